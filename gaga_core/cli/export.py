@@ -165,7 +165,7 @@ class ExportCommand:
     def _solid(self) -> "MeshExport | None":
         """What stands for an object in place of its splats, when that is asked for."""
         from gaga_core.export.export import MeshExport, MeshForm
-        from gaga_core.export.proxy_mesh import MeshConfig
+        from gaga_core.export.solids import MeshConfig
         from gaga_core.io.meshes import MeshFile
 
         if self.form not in list(MeshForm):

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.export.export import exported_indices
 from gaga_core.export.options import ExportOptions
@@ -63,7 +62,10 @@ def export_cameras(project: Project, path: Path, options: ExportOptions | None =
     elif form is CameraForm.TRANSFORMS_JSON:
         write_transforms_json(path, cameras, folder.image_paths)
     else:
-        points, colors = _points(folder, world @ scene.frame.world)
+        points, colors = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+        if (sparse := find_sparse(folder.root)) is not None:
+            model, moved = read_colmap(sparse), world @ scene.frame.world
+            points, colors = model.points @ moved[:3, :3].T + moved[:3, 3], model.point_colors
         write_colmap(path, cameras, points, colors, _note(folder))
     return len(cameras)
 
@@ -76,25 +78,15 @@ def estimated_camera_bytes(folder: SceneFolder, form: CameraForm) -> int:
 
 
 def _note(folder: SceneFolder) -> str:
-    """What an exported model says of where it is from, in a line: a folder, and its cameras."""
+    """What an exported model says of where it is from, in a line: a folder, and a digest of its
+    cameras, which is the same wherever the folder lies."""
     place = json.dumps(str(folder.root.resolve()))
-    return f"Exported by gaga-studio from {place}, cameras {_identity(folder)}"
-
-
-def _identity(folder: SceneFolder) -> str:
-    """A digest of the scene's cameras: the same wherever its folder lies."""
     cameras = [
         (camera.name, camera.K.round(3).tolist(), (camera.cam_from_world.round(6) + 0).tolist())
         for camera in folder.cameras
     ]
-    return hashlib.sha256(json.dumps(cameras).encode()).hexdigest()[:16]
-
-
-def _is_of(folder: SceneFolder, note: str) -> bool:
-    """Whether a model with this note was exported from the scene: from its folder, or from one
-    with the same cameras, as when it has moved since."""
-    place, _, cameras = _note(folder).partition(", cameras ")
-    return note.partition(", cameras ")[0] == place or note.endswith(f", cameras {cameras}")
+    digest = hashlib.sha256(json.dumps(cameras).encode()).hexdigest()[:16]
+    return f"Exported by gaga-studio from {place}, cameras {digest}"
 
 
 def _check_target(folder: SceneFolder, path: Path, form: CameraForm) -> None:
@@ -108,15 +100,11 @@ def _check_target(folder: SceneFolder, path: Path, form: CameraForm) -> None:
     own = list(sparse_folders(folder.root))
     if find_sparse(folder.root) is None:
         own.append(folder.root / "cameras.json")
-    is_other = form is CameraForm.COLMAP and has_colmap(path) and not _is_of(folder, note_of(path))
+    is_other = form is CameraForm.COLMAP and has_colmap(path)
+    if is_other:  # exported neither from this folder nor from one with the same cameras?
+        place, _, cameras = _note(folder).partition(", cameras ")
+        note = note_of(path)
+        is_ours = note.partition(", cameras ")[0] == place
+        is_other = not is_ours and not note.endswith(f", cameras {cameras}")
     if is_other or path.resolve() in [place.resolve() for place in own]:
         raise GagaError(f"{path} holds cameras that a scene is read from. Choose another place.")
-
-
-def _points(folder: SceneFolder, world: DoubleArray) -> tuple[DoubleArray, UInt8Array]:
-    """Points (P, 3) and colors (P, 3) of the folder's COLMAP model, carried by ``world`` (4, 4)."""
-    sparse = find_sparse(folder.root)
-    if sparse is None:
-        return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
-    model = read_colmap(sparse)
-    return model.points @ world[:3, :3].T + world[:3, 3], model.point_colors

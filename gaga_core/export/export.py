@@ -1,41 +1,45 @@
 """Export: what is written is what is visible, with edits applied."""
 
-import json
 import re
 import unicodedata
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from itertools import count
 from pathlib import Path
 from typing import Literal, TypeVar
 
 import numpy as np
+from msgspec.structs import replace as changed
 
-from gaga_core.arrays import AnyArray, IntArray, LongArray
+from gaga_core.arrays import IntArray, LongArray
 from gaga_core.errors import GagaError
-from gaga_core.export.colliders import box_mesh, convex_collider
 from gaga_core.export.options import ExportOptions, PageContent
 from gaga_core.export.page import write_scene_page_stage
-from gaga_core.export.proxy_mesh import MeshConfig, proxy_mesh_stage
+from gaga_core.export.solids import MeshConfig, box_mesh, convex_collider, proxy_mesh_stage
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.meshes import MeshFile, TriangleMesh, write_mesh
 from gaga_core.io.splats.splat_files import SplatFormat, form_of, losses, write_splats_stage
 from gaga_core.io.splats.web_page import check_room
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.raster import choose
 from gaga_core.scene.bake import bake_stage, with_groups
-from gaga_core.scene.export_manifest import MANIFEST, MANIFEST_VERSION, read_manifest
+from gaga_core.scene.export_manifest import (
+    MANIFEST,
+    MANIFEST_VERSION,
+    BoxEntry,
+    Manifest,
+    ManifestEntry,
+    read_manifest,
+    write_manifest,
+)
 from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.reduce import decimate_stage, picture_loss_stage
-from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.scene import Scene, State, of_scene_now
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.bounds import oriented_box
 from gaga_core.scene.selection.click import loss_views
-
-# --- Which solid stands for an object in an export, and making it.
-
 
 MESH_LOSS = (
     "A mesh is a solid of one color a vertex: transparency, fine detail and reflections are left "
@@ -91,9 +95,6 @@ def object_mesh_stage(
     return convex_collider(mesh.vertices.astype(np.float64))
 
 
-# --- Export: what is written is what is visible, with edits applied.
-
-
 T = TypeVar("T")
 ExportWhat = Literal["visible", "selected"]
 _AS_IS = ExportOptions()
@@ -108,6 +109,7 @@ class Exported:
     psnr: float | None = None  # dB, see `picture_loss_stage`; None: nothing was decimated
 
 
+@of_scene_now
 def export_scene_stage(
     scene: Scene,
     path: Path,
@@ -122,13 +124,32 @@ def export_scene_stage(
     ``form`` is what the name of the file asks for by default. Hidden and deleted splats are never
     written. In a .ply splats without an edit keep their exact bytes, and unknown columns survive;
     `export_losses` says what other forms do not keep; ``options`` change what is written.
-    ``groups`` adds a column ``group`` (int32, 0 = none). A cancel, a full disk or a folder
-    without permission leaves nothing behind. Works on
-    the scene as it is at the call, whatever is edited meanwhile. Raises ``GagaError`` when nothing
-    is visible, or no such form is written.
+    ``groups`` adds a column ``group`` (int32, 0 = none). A cancel, a full disk or a folder without
+    permission leaves nothing behind. Works on the scene as it is at the call, whatever is edited
+    meanwhile. Raises ``GagaError`` when nothing is visible, or no such form is written.
     """
     form = form_of(path) if form is None else form
-    return _export_scene(replace(scene), path, (what, groups, form), options)
+    splats = options.inside(scene, exported_indices(scene, what))
+    if len(splats) == 0:
+        state = "selected" if what == "selected" else "visible"
+        state += " in the box of the crop" if options.crop is not None else ""
+        raise GagaError(f"Nothing is {state}, so there is nothing to export to {path.name}.")
+    if form is SplatFormat.HTML:  # before anything is computed
+        check_room(len(np.setdiff1d(scene.labels[splats], 0)))
+    gaussians = yield from bake_stage(scene, indices=splats)
+    origin = options.origin(gaussians.means)
+    gaussians, rows, psnr = yield from _decimated(
+        gaussians, scene.labels[splats], options, alone=what == "selected"
+    )
+    splats = splats[rows]
+    if form is SplatFormat.HTML:
+        yield from write_scene_page_stage(scene, splats, gaussians, path, options, origin)
+        return Exported(len(splats), psnr)
+    gaussians = options.applied(gaussians, origin)
+    if groups:
+        gaussians = with_groups(gaussians, scene.labels[splats])
+    yield from write_splats_stage(path, gaussians, form)
+    return Exported(len(gaussians), psnr)
 
 
 def export_losses(
@@ -168,42 +189,11 @@ def objects_indices(
     """Splats (K,) that an export of these groups (default: all) writes."""
     shown = options.inside(scene, exported_indices(scene))
     labels = scene.labels[shown]
-    chosen: IntArray = shown[labels > 0 if groups is None else np.isin(labels, list(groups))]
-    return chosen
+    return shown[labels > 0 if groups is None else np.isin(labels, list(groups))]
 
 
 def _taken(scene: Scene, splats: IntArray) -> Gaussians:
     return scene.gaussians if len(splats) == len(scene) else scene.gaussians.take(splats)
-
-
-def _export_scene(
-    scene: Scene,
-    path: Path,
-    how: tuple[ExportWhat, bool, SplatFormat],
-    options: ExportOptions,
-) -> Stage[Exported]:
-    what, groups, form = how
-    splats = options.inside(scene, exported_indices(scene, what))
-    if len(splats) == 0:
-        state = "selected" if what == "selected" else "visible"
-        state += " in the box of the crop" if options.crop is not None else ""
-        raise GagaError(f"Nothing is {state}, so there is nothing to export to {path.name}.")
-    if form is SplatFormat.HTML:  # before anything is computed
-        check_room(len(np.setdiff1d(scene.labels[splats], 0)))
-    gaussians = yield from bake_stage(scene, indices=splats)
-    origin = options.origin(gaussians.means)
-    gaussians, rows, psnr = yield from _decimated(
-        gaussians, scene.labels[splats], options, alone=what == "selected"
-    )
-    splats = splats[rows]
-    if form is SplatFormat.HTML:
-        yield from write_scene_page_stage(scene, splats, gaussians, path, options, origin)
-        return Exported(len(splats), psnr)
-    gaussians = options.applied(gaussians, origin)
-    if groups:
-        gaussians = with_groups(gaussians, scene.labels[splats])
-    yield from write_splats_stage(path, gaussians, form)
-    return Exported(len(gaussians), psnr)
 
 
 def _decimated(
@@ -230,16 +220,7 @@ def exported_indices(scene: Scene, what: ExportWhat = "visible") -> IntArray:
     return np.flatnonzero(shown).astype(np.int32)
 
 
-@dataclass(frozen=True, eq=False)
-class _Object:
-    group: int
-    name: str
-    color: list[float]
-    file: str
-    folder: str
-    splats: AnyArray  # (K,)
-
-
+@of_scene_now
 def export_objects_stage(
     scene: Scene,
     folder: Path,
@@ -253,109 +234,90 @@ def export_objects_stage(
 
     ``groups`` are all that are visible by default; a group without a visible splat gets no file.
     A `MeshExport` writes a solid in place of the splats; an object without one is left out.
-    The manifest: ``{version, source, groups: [{id, name, color, count, bbox, file, folder,
-    parent}]}``, colors 0..1, boxes ``[[x, y, z], [x, y, z]]`` of centres in the world of the files.
+    The manifest is a `gaga_core.scene.export_manifest.Manifest`.
     Files appear all together at the end; a cancel or a full disk leaves nothing. ``options`` change
     what is written, with one origin for all files. Raises ``GagaError`` when none of the groups is
     visible.
     """
-    return _export_objects(replace(scene), folder, groups, (source, form, options))
-
-
-def _export_objects(
-    scene: Scene,
-    folder: Path,
-    groups: Sequence[int] | None,
-    how: tuple[str, SplatFormat | MeshExport, ExportOptions],
-) -> Stage[Path]:
-    source, form, options = how
     objects = _objects(scene, groups, form.suffix, options)
     if not objects:
         raise GagaError("None of these objects is visible, so there is nothing to export.")
-    manifest: list[dict[str, object]] = []
+    written: list[ManifestEntry] = []
     left_out: list[str] = []
-    written = np.concatenate([item.splats for item in objects])
-    origin = options.origin(world_means(scene, written))
+    origin = options.origin(world_means(scene, np.concatenate([rows for _, rows in objects])))
     with staging_folder(folder) as staging:
-        for i, item in enumerate(objects):
-            step = Progress("Export objects", i, len(objects), item.name)
-            gaussians = yield from _as_step(step, bake_stage(scene, indices=item.splats))
+        for i, (entry, splats) in enumerate(objects):
+            step = Progress("Export objects", i, len(objects), entry.name)
+            gaussians = yield from _as_step(step, bake_stage(scene, indices=splats))
+            psnr = None
             if isinstance(form, MeshExport):
                 try:
                     mesh = yield from _as_step(step, object_mesh_stage(gaussians, form, options.up))
                 except GagaError:  # it has no such solid: the others are written
-                    left_out.append(item.name)
+                    left_out.append(entry.name)
                     continue
                 mesh = mesh.moved(origin, options.scale)
-                write_mesh(staging / item.file, mesh, form.file, item.name)
-                described = _described(item, options.applied(gaussians, origin))
+                write_mesh(staging / entry.file, mesh, form.file, entry.name)
             else:
-                labels = scene.labels[item.splats]
-                fewer = _decimated(gaussians, labels, options, alone=True)
+                fewer = _decimated(gaussians, scene.labels[splats], options, alone=True)
                 gaussians, rows, psnr = yield from _as_step(step, fewer)
-                written_as = options.applied(gaussians, origin)
-                stage = write_splats_stage(staging / item.file, written_as, form)
-                if form is SplatFormat.HTML:
-                    page = staging / item.file, _alone(options, item), origin
-                    stage = write_scene_page_stage(scene, item.splats[rows], gaussians, *page)
+                if form is SplatFormat.HTML:  # the page of one object begins with all of it
+                    alone = replace(options, page=PageContent(title=entry.name))
+                    page = gaussians, staging / entry.file, alone, origin
+                    stage = write_scene_page_stage(scene, splats[rows], *page)
+                else:
+                    placed = options.applied(gaussians, origin)
+                    stage = write_splats_stage(staging / entry.file, placed, form)
                 yield from _as_step(step, stage)
-                described = _described(item, written_as) | {"psnr": psnr}
-            manifest.append(described)
-        if not manifest:
+            written.append(_described(entry, options.applied(gaussians, origin), psnr))
+        if not written:
             raise GagaError("None of these objects has a surface, so there is nothing to export.")
-        ids = {row["id"] for row in manifest}
-        for row in manifest:  # the nearest object above it that is written, too
-            row["parent"] = scene.folders.nearest(int(str(row["id"])), ids)
-        content = {
-            "version": MANIFEST_VERSION,
-            "source": source,
-            "form": str(form.form) if isinstance(form, MeshExport) else str(form),
-            "up": list(options.up),
-            "units": options.scale,
-            "left_out": left_out,
-            "groups": manifest,
-        }
-        text = json.dumps(content, indent=1, ensure_ascii=False)
-        (staging / MANIFEST).write_text(text + "\n", encoding="utf-8")
-        publish_all(staging, [*(str(row["file"]) for row in manifest), MANIFEST], folder)
+        ids = {entry.id for entry in written}
+        # The parent: the nearest object above it that is written, too.
+        parents = [scene.folders.nearest(entry.id, ids) for entry in written]
+        content = Manifest(
+            version=MANIFEST_VERSION,
+            source=source,
+            form=str(form.form) if isinstance(form, MeshExport) else str(form),
+            up=options.up,
+            units=options.scale,
+            left_out=left_out,
+            groups=[changed(e, parent=p) for e, p in zip(written, parents, strict=True)],
+        )
+        write_manifest(content, staging)
+        publish_all(staging, [*(entry.file for entry in written), MANIFEST], folder)
     return folder / MANIFEST
-
-
-def _alone(options: ExportOptions, item: _Object) -> ExportOptions:
-    """``options`` for the page of one object, which begins with all of it."""
-    return replace(options, page=PageContent(title=item.name))
 
 
 def _as_step(step: Progress, stage: Stage[T]) -> Stage[T]:
     """Run ``stage`` as a part of ``step``: it can be cancelled, and the bar moves by objects."""
-    with closing(stage):
-        while True:
-            yield step
-            try:
-                next(stage)
-            except StopIteration as end:
-                value: T = end.value
-                return value
+    yield step
+    return (yield from mapped(stage, lambda _: step))
 
 
 def _objects(
     scene: Scene, groups: Sequence[int] | None, suffix: str, options: ExportOptions
-) -> list[_Object]:
-    """The groups to write, by id, each with a file name of its own."""
+) -> list[tuple[ManifestEntry, IntArray]]:
+    """The groups to write, by id, each with a file name of its own, and their splats (K,)."""
     shown = options.inside(scene, exported_indices(scene))
     order = np.argsort(scene.labels[shown], kind="stable")
     ids, starts = np.unique(scene.labels[shown][order], return_index=True)
     wanted = set(ids[ids > 0].tolist()) if groups is None else {int(g) for g in groups}
     used: set[str] = set()
     objects = []
-    for group, splats in zip(ids, np.split(shown[order], starts[1:]), strict=len(ids) > 0):
-        if int(group) not in wanted:
+    for group, splats in zip(ids.tolist(), np.split(shown[order], starts[1:]), strict=len(ids) > 0):
+        if group not in wanted:
             continue
-        name = group_name(scene, int(group))
-        color = [round(float(c), 4) for c in group_colors(np.array([group]), scene.colors)[0]]
-        file = _unique(slug(name) or f"group-{group}", used) + suffix
-        folder = scene.folders.places.get(int(group), "")
-        objects.append(_Object(int(group), name, color, file, folder, splats))
+        name = group_name(scene, group)
+        red, green, blue = group_colors(np.array([group]), scene.colors)[0].tolist()
+        color = round(red, 4), round(green, 4), round(blue, 4)
+        stem = slug(name) or f"group-{group}"
+        stem = next(n for i in count(1) if (n := f"{stem}-{i}" if i > 1 else stem) not in used)
+        used.add(stem)
+        folder = scene.folders.places.get(group, "")
+        objects.append(
+            (ManifestEntry(group, name, color, 0, [], stem + suffix, folder=folder), splats)
+        )
     return objects
 
 
@@ -368,24 +330,13 @@ def least_psnr(manifest: Path) -> float | None:
     return min(known, default=None)
 
 
-def _described(item: _Object, gaussians: Gaussians) -> dict[str, object]:
+def _described(entry: ManifestEntry, gaussians: Gaussians, psnr: float | None) -> ManifestEntry:
+    """``entry`` with what can be told of ``gaussians``, which are written for it."""
     means = gaussians.means[np.isfinite(gaussians.means).all(axis=1)]
-    box = [means.min(axis=0), means.max(axis=0)] if len(means) else []
-    turned = oriented_box(means)
-    oriented = None
-    if turned is not None:
-        centre, axes, size = turned.centre.tolist(), turned.axes.T.tolist(), turned.size.tolist()
-        oriented = {"centre": centre, "axes": axes, "size": size}
-    return {
-        "id": item.group,
-        "name": item.name,
-        "color": item.color,
-        "count": len(gaussians),
-        "bbox": [[float(x) for x in corner] for corner in box],
-        "file": item.file,
-        "oriented_box": oriented,
-        "folder": item.folder,
-    }
+    corners = [means.min(axis=0).tolist(), means.max(axis=0).tolist()] if len(means) else []
+    box = oriented_box(means)
+    oriented = box and BoxEntry(box.centre.tolist(), box.axes.T.tolist(), box.size.tolist())
+    return changed(entry, count=len(gaussians), bbox=corners, oriented_box=oriented, psnr=psnr)
 
 
 def slug(name: str) -> str:
@@ -393,12 +344,3 @@ def slug(name: str) -> str:
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     short = re.sub(r"[^a-z0-9]+", "-", plain)[:60].strip("-")
     return f"{short}-object" if short in _RESERVED else short
-
-
-def _unique(stem: str, used: set[str]) -> str:
-    free, i = stem, 1
-    while free in used:
-        i += 1
-        free = f"{stem}-{i}"
-    used.add(free)
-    return free

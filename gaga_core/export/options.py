@@ -72,8 +72,7 @@ class ExportOptions:
             return splats
         means = world_means(scene, splats)
         lo, hi = (np.array(corner) for corner in self.crop)
-        kept: IntArray = splats[((means >= lo) & (means <= hi)).all(axis=1)]
-        return kept
+        return splats[((means >= lo) & (means <= hi)).all(axis=1)]
 
     def count(self, n: int) -> int:
         """About how many of ``n`` splats are left."""
@@ -120,7 +119,7 @@ def estimated_bytes(
     if form is SplatFormat.COMPRESSED_PLY:
         return _HEADER + n * (16 + n_rest) + -(-n // 256) * 72
     if form is SplatFormat.PLY:
-        extra = sum(_width(column) for column in gaussians.extra.values())
+        extra = sum(c.nbytes // max(len(c), 1) for c in gaussians.extra.values())
         return _HEADER + n * (4 * (14 + n_rest) + extra)
     if form is SplatFormat.GLB:
         return _HEADER + 4 * n * (11 + 3 + n_rest)
@@ -131,11 +130,6 @@ def estimated_bytes(
         sh = 5_500 + 1.5 * n + _SOG_SH * n_rest * min(n, PALETTE) if n_rest else 0
         return round(_SOG_HEAD + _SOG * n + sh)
     return round(_SPZ * n * (9 + 1 + 3 + 3 + 4 + n_rest))
-
-
-def _width(column: np.ndarray) -> int:
-    """Bytes of a splat's value of an extra column."""
-    return int(column.dtype.itemsize * np.prod(column.shape[1:], dtype=np.int64))
 
 
 def box_of(corners: Sequence[float]) -> tuple[Point, Point]:

@@ -1,15 +1,14 @@
 """The page of a scene: its objects with names and pictures, its bookmarks and its camera path."""
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import DoubleArray, IntArray, UInt8Array
-from gaga_core.camera import Camera
+from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.export.options import ExportOptions, PageContent
 from gaga_core.gaussians import Gaussians
@@ -25,7 +24,6 @@ from gaga_core.io.splats.web_page import (
 )
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.camera_path import (
-    CameraPath,
     Shot,
     carried_bookmarks,
     carried_path,
@@ -48,16 +46,11 @@ def content_of(project: Project) -> PageContent:
     """What a page shows of a project besides its splats."""
     folder = project.placed_folder
     return PageContent(
-        title=_title(project),
+        title=folder.root.resolve().name if folder is not None else project.model_path.stem,
         bookmarks=carried_bookmarks(project.bookmarks, project.scene.frame.world),
         path=project.placed_film,
         cameras=folder.cameras if folder is not None else (),
     )
-
-
-def _title(project: Project) -> str:
-    root = project.folder.root if project.folder is not None else None
-    return root.resolve().name if root is not None else project.model_path.stem
 
 
 def write_scene_page_stage(
@@ -78,23 +71,33 @@ def write_scene_page_stage(
     ids, places = np.unique(np.append(scene.labels[splats], 0), return_inverse=True)
     groups = ids.astype(np.int32), places[:-1].astype(np.int32)
     objects: list[PageObject] = []
-    locked = _locked(scene, splats, ids)
+    # Groups all of whose splats are locked.
+    free = scene.labels[splats[~scene.has(State.LOCKED)[splats]]]
+    locked = set(np.setdiff1d(ids, free).tolist()) - {0}
     for entry in _objects(scene, gaussians, groups, options):
         yield Progress("Draw objects", len(objects), len(ids), entry.name)
         objects.append(replace(entry, is_locked=entry.id in locked))
     world = np.diag([options.scale] * 3 + [1.0])
     world[:3, 3] = -options.scale * origin
+    for k, entry in enumerate(objects):
+        x, y, z = (world[:3, :3] @ np.array(entry.centre) + world[:3, 3]).tolist()
+        objects[k] = replace(entry, centre=(x, y, z), radius=entry.radius * options.scale)
     marks = carried_bookmarks(options.page.bookmarks, world)
+    film, path_shown = carried_path(options.page.path, world), None
+    if len(film.keyframes) > 1:
+        n = int(np.clip(round(film.seconds * _FPS), 2, _MOST_SHOTS)) + 1
+        shots = tuple(_row(film.shot(t)) for t in np.linspace(0, film.seconds, n).tolist())
+        path_shown = PagePath(shots, film.seconds, film.is_closed)
     page = Page(
         title=options.page.title or path.stem,
         gaussians=options.applied(gaussians, origin),
         labels=groups[1],
-        objects=tuple(_moved(entry, world) for entry in objects),
+        objects=tuple(objects),
         up=options.up,
         radius=radius * options.scale,
         start=_row(carried_shot(start, world)),
         bookmarks=tuple((mark.name, mark.key, _row(mark.shot)) for mark in marks),
-        path=_path(carried_path(options.page.path, world)),
+        path=path_shown,
     )
     yield from write_page_stage(path, page)
 
@@ -119,6 +122,9 @@ def _objects(
         centre, radius = _ball(means, splat_reach(gaussians.take(rows)))
         thin = gaussians.take(rows[:: max(-(-len(rows) // MOST_DRAWN), 1)])
         view = object_view(centre, radius, options.page.cameras, up)
+        picture = io.BytesIO()
+        pixels = Image.fromarray(object_picture(thin, view, PICTURE))
+        pixels.save(picture, "WEBP", quality=_QUALITY, method=4)
         r, g, b = (float(part) for part in colors[k])
         parent = listed.get(scene.folders.nearest(int(ids[k]), listed), 0)
         x, y, z = (float(part) for part in centre)
@@ -129,17 +135,11 @@ def _objects(
             count=len(rows),
             centre=(x, y, z),
             radius=radius,
-            picture=_webp(object_picture(thin, view, PICTURE)),
+            picture=picture.getvalue(),
             folder="" if parent else scene.folders.places.get(int(ids[k]), ""),
             parent=parent,
             is_background=int(ids[k]) in options.page.background,
         )
-
-
-def _locked(scene: Scene, splats: IntArray, ids: IntArray) -> frozenset[int]:
-    """Groups all of whose ``splats`` (K,) are locked."""
-    free = scene.labels[splats[~scene.has(State.LOCKED)[splats]]]
-    return frozenset(np.setdiff1d(ids, free).tolist()) - {0}
 
 
 def _ball(means: DoubleArray, least: float) -> tuple[DoubleArray, float]:
@@ -153,20 +153,6 @@ def _ball(means: DoubleArray, least: float) -> tuple[DoubleArray, float]:
     return centre, max(min(spread, extent), least, 1e-6)
 
 
-def _webp(pixels: UInt8Array) -> bytes:
-    out = io.BytesIO()
-    Image.fromarray(pixels).save(out, "WEBP", quality=_QUALITY, method=4)
-    return out.getvalue()
-
-
-def _moved(entry: PageObject, world: DoubleArray) -> PageObject:
-    x, y, z = (float(v) for v in world[:3, :3] @ np.array(entry.centre) + world[:3, 3])
-    return replace(entry, centre=(x, y, z), radius=entry.radius * float(world[0, 0]))
-
-
-# --- shots
-
-
 def _start(options: ExportOptions, gaussians: Gaussians) -> tuple[Shot, float]:
     """The first view, and the radius of the scene: what is wished, else a bookmark, a photo."""
     row, radius = first_view(gaussians, options.up)
@@ -176,25 +162,13 @@ def _start(options: ExportOptions, gaussians: Gaussians) -> tuple[Shot, float]:
     if page.bookmarks:
         return page.bookmarks[0].shot, radius
     if page.cameras:
-        return _photo(page.cameras, radius), radius
+        # The first photo; it looks at what all cameras look at.
+        camera, target = page.cameras[0], common_target(page.cameras)
+        depth = radius if target is None else float((target - camera.position) @ camera.forward)
+        return Shot.of_camera(camera, depth if depth > _NEAREST * radius else radius), radius
     eye, quat = row[:3], row[3:7]
     return Shot(tuple(eye), tuple(quat), row[7], row[8], row[9]), radius  # type: ignore[arg-type]
 
 
-def _photo(cameras: Sequence[Camera], radius: float) -> Shot:
-    """The first photo; it looks at what all cameras look at."""
-    camera, target = cameras[0], common_target(cameras)
-    depth = radius if target is None else float((target - camera.position) @ camera.forward)
-    return Shot.of_camera(camera, depth if depth > _NEAREST * radius else radius)
-
-
 def _row(shot: Shot) -> ShotRow:
     return (*shot.eye, *shot.quat, shot.fov_x, shot.fov_y, shot.distance)
-
-
-def _path(path: CameraPath) -> PagePath | None:
-    if len(path.keyframes) < 2:
-        return None
-    n = int(np.clip(round(path.seconds * _FPS), 2, _MOST_SHOTS)) + 1
-    shots = tuple(_row(path.shot(t)) for t in np.linspace(0, path.seconds, n).tolist())
-    return PagePath(shots, path.seconds, path.is_closed)

@@ -69,14 +69,9 @@ def _shifted(values: AnyArray, axis: int, step: int) -> AnyArray:
 
 def blurred(values: DoubleArray, weights: DoubleArray, sigma: float) -> DoubleArray:
     """Mean of ``values`` (H, W, C) around each cell, weighted by ``weights`` (H, W)."""
-    below = ndimage.gaussian_filter(weights, sigma)
-    return np.stack(
-        [
-            ndimage.gaussian_filter(values[:, :, c] * weights, sigma) / np.maximum(below, 1e-9)
-            for c in range(values.shape[2])
-        ],
-        axis=2,
-    )
+    below = np.maximum(ndimage.gaussian_filter(weights, sigma), 1e-9)
+    channels = (values[:, :, c] * weights for c in range(values.shape[2]))
+    return np.stack([ndimage.gaussian_filter(c, sigma) / below for c in channels], axis=2)
 
 
 def smooth_base(color: DoubleArray, known: BoolArray, hole: BoolArray, sigma: float) -> DoubleArray:
@@ -89,14 +84,8 @@ def smooth_base(color: DoubleArray, known: BoolArray, hole: BoolArray, sigma: fl
     distance = ndimage.distance_transform_edt(~hole) if hole.any() else np.ones(known.shape)
     reach = 2 + np.sqrt(hole.sum())
     weight = known * np.exp(-((distance / reach) ** 2))
-    terms = np.stack(
-        [
-            np.ones(known.shape),
-            (rows - rows.mean()) / rows.max(),
-            (columns - columns.mean()) / columns.max(),
-        ],
-        axis=2,
-    )
+    slopes = ((places - places.mean()) / places.max() for places in (rows, columns))
+    terms = np.stack([np.ones(known.shape), *slopes], axis=2)
     root = np.sqrt(weight[known])[:, None]
     trend_weights = np.linalg.lstsq(root * terms[known], root * color[known], rcond=None)[0]
     trend = terms @ trend_weights
@@ -168,8 +157,7 @@ class Chart:
             ndimage.map_coordinates(planes[:, :, c], [row, column], order=1, mode="nearest")
             for c in range(planes.shape[2])
         ]
-        result: DoubleArray = np.stack(found, axis=1).reshape(len(local), *values.shape[2:])
-        return result
+        return np.stack(found, axis=1).reshape(len(local), *values.shape[2:])
 
 
 def chart_of(
@@ -293,8 +281,7 @@ def darker(color: DoubleArray, known: BoolArray, asked: BoolArray) -> BoolArray:
     luma = (color @ LUMA)[:, :, None]
     usual = continued(blurred(luma, sure.astype(float), _WIDE), sure, asked)
     own = blurred(luma, known.astype(float), _NARROW)
-    result: BoolArray = asked & (own < (1 - _GAP) * usual)[:, :, 0]
-    return result
+    return asked & (own < (1 - _GAP) * usual)[:, :, 0]
 
 
 def _whole(hole: BoolArray, known: BoolArray, gap: BoolArray) -> BoolArray:
@@ -311,8 +298,7 @@ def _whole(hole: BoolArray, known: BoolArray, gap: BoolArray) -> BoolArray:
     # Cells between it and the known surface, of which no view could tell.
     gaps = ndimage.binary_closing(np.pad(result | known, _RIM), iterations=_RIM)
     gaps = gaps[_RIM:-_RIM, _RIM:-_RIM] & ~known
-    whole: BoolArray = result | (gaps & ndimage.binary_dilation(result, iterations=_RIM))
-    return whole
+    return result | (gaps & ndimage.binary_dilation(result, iterations=_RIM))
 
 
 def _enclosed(hole: BoolArray, known: BoolArray) -> BoolArray:
@@ -384,16 +370,13 @@ def continued_color(color: DoubleArray, known: BoolArray, hole: BoolArray) -> Do
     Styles are compared on smaller holes that are cut into the known part.
     """
     trials = _trials(known, hole)
-    errors = [
-        sum(_error(style, color, known & ~trial, trial) for trial in trials) for style in STYLES
-    ]
+    errors = [0.0] * len(STYLES)
+    for trial in trials:
+        for k, style in enumerate(STYLES):
+            wrong = _in_style(style, color, known & ~trial, trial) - color
+            errors[k] += float((wrong[trial] ** 2).mean())
     errors[0] *= _USUAL
     return _in_style(STYLES[int(np.argmin(errors))], color, known, hole)
-
-
-def _error(style: Style, color: DoubleArray, known: BoolArray, trial: BoolArray) -> float:
-    wrong = _in_style(style, color, known, trial) - color
-    return float((wrong[trial] ** 2).mean())
 
 
 def _in_style(style: Style, color: DoubleArray, known: BoolArray, hole: BoolArray) -> DoubleArray:

@@ -1,6 +1,7 @@
 """Find what a removed object hid, and make the splats and colors that fill it."""
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,12 +19,12 @@ from gaga_core.fill.chart import (
     above_surface,
     chart_of,
     continued_color,
+    drawn,
     smooth_base,
     tolerance_of,
 )
 from gaga_core.fill.inpaint import Inpainter
 from gaga_core.fill.shadows import foot_cells, gains, shadow_of, splat_gains, taken_cells
-from gaga_core.fill.splats import new_splats
 from gaga_core.fill.surfaces import FillConfig, Seen, SeenView, seen_stage, surfaces_around
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress, Stage
@@ -36,11 +37,148 @@ from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.scene import Revision, Scene, State
 
+# --- New splats for a hole: copies of pieces of the surface around it, in the colors of its chart.
+
+
+_PIECE = 5.0  # side of a copied piece, spacings of the splats
+_SMALL, _INWARD = 0.4, 0.5  # largest deviation: in spacings, and in ways to the hole's edge
+_UNDER = 0.5  # spacings under the surface, so that what is there already is drawn over them
+_ROUNDS = 3  # of correcting colors by what is drawn
+_GAP_ROUNDS = 5  # of splats for what the pieces leave open
+_THIN = 0.9  # alpha under which a cell gets a splat more
+_MOST_GAIN = 0.5  # of a color, in a round
+
+
+def new_splats(
+    gaussians: Gaussians,
+    chart: Chart,
+    color: DoubleArray,
+    height: DoubleArray,
+    rasterizer: Rasterizer,
+    seed: int,
+) -> Gaussians:
+    """Splats that show ``color`` (H, W, 3) at ``height`` (H, W) in the chart's hole.
+
+    Density, sizes, opacities, view dependence and extra columns are those of the splats around:
+    the hole is laid out in pieces, each with the splats of a piece of the known surface.
+    """
+    rng = np.random.default_rng(seed)
+    donors, places = _laid_out(gaussians, chart, rng)
+    usable = _usable(gaussians, chart)
+    for _ in range(_GAP_ROUNDS):
+        fresh = _placed(gaussians, chart, height, donors, places)
+        gaps = _gaps(gaussians, fresh, chart, rasterizer)
+        if len(gaps) == 0:
+            break
+        donors = np.concatenate([donors, rng.choice(usable, len(gaps))])
+        places = np.concatenate([places, gaps])
+    return _colored(_placed(gaussians, chart, height, donors, places), chart, color, rasterizer)
+
+
+def _placed(
+    gaussians: Gaussians,
+    chart: Chart,
+    height: DoubleArray,
+    donors: LongArray,
+    places: DoubleArray,
+) -> Gaussians:
+    """Copies of ``donors`` (K,) at ``places`` (K, 2) under the surface, as uneven as there."""
+    local = chart.plane.local(gaussians.means[donors].astype(np.float64))
+    most = 3 * chart.plane.thickness
+    lift = np.clip(local[:, 2] - chart.at(chart.height, local), -most, most)
+    under = _UNDER * chart.plane.spacing
+    target = np.column_stack([places, chart.at(height, places) + lift - under])
+    # Large splats would lie over what is known next to the hole.
+    inward = chart.at(ndimage.distance_transform_edt(chart.hole) * chart.step, places)
+    largest = np.log(np.maximum(_SMALL * chart.plane.spacing, _INWARD * inward))
+    copies = gaussians.take(donors)
+    return replace(
+        copies,
+        means=chart.plane.world(target).astype(np.float32),
+        log_scales=np.minimum(copies.log_scales, largest[:, None]).astype(np.float32),
+    )
+
+
+def _gaps(
+    gaussians: Gaussians, fresh: Gaussians, chart: Chart, rasterizer: Rasterizer
+) -> DoubleArray:
+    """Where on the plane the hole is still seen through (K, 2), a spacing apart."""
+    both = joined(gaussians.take(chart.plane.splats), fresh)
+    _, _, alpha = drawn(both, chart.plane, chart.corner, chart.step, chart.shape, rasterizer)
+    thin = chart.hole & (alpha < _THIN)
+    every = max(1, round(chart.plane.spacing / chart.step))
+    # The thinnest cell of its surroundings; equal ones are told apart by their place.
+    order = np.arange(thin.size).reshape(thin.shape) * 1e-9
+    key = np.where(thin, 1 - alpha + order, 0)
+    peak = thin & (key >= ndimage.maximum_filter(key, size=every))
+    return chart.uv()[peak]
+
+
+def _usable(gaussians: Gaussians, chart: Chart) -> LongArray:
+    """Rows of the splats of the known surface (K,)."""
+    splats = chart.plane.splats
+    row, column, inside = chart.cells(chart.plane.local(gaussians.means[splats].astype(np.float64)))
+    return splats[inside & chart.known[row, column]]
+
+
+def _laid_out(
+    gaussians: Gaussians, chart: Chart, rng: np.random.Generator
+) -> tuple[LongArray, DoubleArray]:
+    """Rows of donors (K,), and where on the plane their copies come (K, 2)."""
+    plane = chart.plane
+    rows = _usable(gaussians, chart)
+    local = plane.local(gaussians.means[rows].astype(np.float64))[:, :2]
+    side = max(3, round(_PIECE * plane.spacing / chart.step))
+    solid = ndimage.minimum_filter(chart.known, size=side)
+    if not solid.any():
+        solid = chart.known
+    middles = np.argwhere(solid)
+    taken, places = [], []
+    piece = side * chart.step
+    for top in range(0, chart.shape[0], side):
+        for left in range(0, chart.shape[1], side):
+            part = chart.hole[top : top + side, left : left + side]
+            if not part.any():
+                continue
+            middle = middles[rng.integers(len(middles))]
+            from_uv, to_uv = (
+                np.array(
+                    [chart.corner[0] + chart.step * column, chart.corner[1] - chart.step * row]
+                )
+                for row, column in (middle + 0.5, (top + side / 2, left + side / 2))
+            )
+            near = (np.abs(local - from_uv) < piece / 2).all(axis=1)
+            moved = local[near] + (to_uv - from_uv)
+            r, c, ok = chart.cells(moved)
+            ok &= chart.hole[r, c]
+            taken.append(rows[near][ok])
+            places.append(moved[ok])
+    return np.concatenate([rows[:0], *taken]), np.concatenate([np.zeros((0, 2)), *places])
+
+
+def _colored(
+    fresh: Gaussians, chart: Chart, color: DoubleArray, rasterizer: Rasterizer
+) -> Gaussians:
+    """The splats in such colors that the chart, drawn from them, is ``color``."""
+    local = chart.plane.local(fresh.means.astype(np.float64))
+    rgb = chart.at(color, local)
+    sh = fresh.sh.copy()
+    for _ in range(_ROUNDS):
+        sh[:, 0] = dc_from_rgb(rgb.astype(np.float32))
+        fresh = replace(fresh, sh=sh.copy())
+        shown, _, alpha = drawn(
+            fresh, chart.plane, chart.corner, chart.step, chart.shape, rasterizer
+        )
+        wrong = np.where((alpha > 0.3)[:, :, None] & chart.hole[:, :, None], color - shown, 0)
+        rgb = rgb + np.clip(chart.at(wrong, local), -_MOST_GAIN, _MOST_GAIN)
+    sh[:, 0] = dc_from_rgb(rgb.astype(np.float32))
+    return replace(fresh, sh=sh)
+
+
 # --- Look at a filled hole: whatever new splats change next to it is taken out again.
 
 
 _VIEWS = 16  # of those that show most of the hole
-_ROUNDS = 3  # of taking splats out
 _CHANGE = 0.03  # of a color (0..1): what changes more outside the hole is wrong
 _FALL = 0.02  # of alpha: what loses more is wrong
 _WRONG = 0.2  # of a splat's weight: it goes when so much is in wrong pixels
@@ -130,14 +268,11 @@ def _looks(
     rest: Gaussians, chart: Chart, views: tuple[SeenView, ...], rasterizer: Rasterizer
 ) -> list[_Look]:
     """The views that show most of the hole, with it open."""
-    found: list[tuple[SeenView, BoolArray, DoubleArray]] = []
-    for view in views:
-        points, hits = _on_plane(view.camera, chart)
-        if hits.any():
-            found.append((view, hits, points))
-    found.sort(key=lambda one: -int(one[1].sum()))
+    found = [(view, *_on_plane(view.camera, chart)) for view in views]
+    found = [one for one in found if one[2].any()]
+    found.sort(key=lambda one: -int(one[2].sum()))
     looks = []
-    for view, hits, points in found[:_VIEWS]:
+    for view, points, hits in found[:_VIEWS]:
         frame = rasterizer.render(rest, view.camera)
         above = above_surface(view.camera, frame.median_depth.ravel(), points, chart.plane)
         shows = above < tolerance_of(chart)  # nothing that stays stands before it
@@ -222,13 +357,6 @@ class Work:
         for chart in charts:  # what lies on a surface is not in the object
             within &= ~_on_surface(chart, self.points)
         self.dropped |= within  # whether there is a hole or not: nothing is in an object's body
-        yield from self._fill_charts(charts, within, own)
-
-    def _fill_charts(self, charts: list[Chart], within: BoolArray, own: DoubleArray) -> Stage[None]:
-        """Fill the holes of charts, without the splats ``within`` (N,), and lighten shadows.
-
-        ``own``: (K, 3) the splats that cast them.
-        """
         hidden = ~self.is_object & ~self.is_known
         n_filled = 0
         for chart in charts:
@@ -239,8 +367,11 @@ class Work:
                 continue
             # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
             small = self.gaussians.scales.max(axis=1) < _RIM_SPLAT * chart.plane.spacing
-            goes = (hidden | (small & ~self.is_object)) & _under(chart, self.points)
-            goes |= within
+            local = chart.plane.local(self.points)
+            row, column, inside = chart.cells(local)
+            low = np.abs(local[:, 2]) < max(chart.step, 4 * chart.plane.thickness)
+            under = inside & low & chart.hole[row, column]
+            goes = ((hidden | (small & ~self.is_object)) & under) | within
             n_filled += yield from self._fill_chart(chart, goes & ~self.locked, shadow)
 
     def _fill_chart(self, chart: Chart, goes: BoolArray, shadow: _Shadow) -> Stage[bool]:
@@ -253,12 +384,15 @@ class Work:
         else:
             color = yield from self.inpainter.painted_stage(*surface)
         color = np.clip(color, 0, 1.5)
-        height = _continued_height(chart)
+        base = smooth_base(chart.height[:, :, None], chart.known, chart.hole, _BASE)[:, :, 0]
+        height = np.where(chart.hole, base, chart.height)
         fresh = new_splats(self.gaussians, bright, color, height, self.rasterizer, self.config.seed)
         # What no photo showed is no surface to compare with.
         left = np.flatnonzero(~self.is_object & ~self.dropped & (self.is_known | ~goes))
         gain = self._lit_by(chart, shadow)
-        rest = _lit(self.gaussians, gain).take(left)
+        sh = self.gaussians.sh * gain[:, None].astype(np.float32)
+        sh[:, 0] = dc_from_rgb((rgb_from_dc(self.gaussians.sh[:, 0]) * gain).astype(np.float32))
+        rest = replace(self.gaussians, sh=sh).take(left)
         kept = accepted(rest, fresh, goes[left], chart, self.seen.views, self.rasterizer)
         if not kept.any():
             self.is_refused = True
@@ -307,59 +441,35 @@ def _sizes(points: DoubleArray, labels: IntArray) -> DoubleArray:
     return result
 
 
-def _lit(gaussians: Gaussians, gain: DoubleArray) -> Gaussians:
-    """The splats with their colors times ``gain`` (N, 3)."""
-    sh = gaussians.sh * gain[:, None].astype(np.float32)
-    sh[:, 0] = dc_from_rgb((rgb_from_dc(gaussians.sh[:, 0]) * gain).astype(np.float32))
-    return replace(gaussians, sh=sh)
-
-
-def _continued_height(chart: Chart) -> DoubleArray:
-    """Height (H, W) with the hole filled."""
-    height = smooth_base(chart.height[:, :, None], chart.known, chart.hole, _BASE)[:, :, 0]
-    result: DoubleArray = np.where(chart.hole, height, chart.height)
-    return result
-
-
-def _under(chart: Chart, points: DoubleArray) -> BoolArray:
-    """Splats at ``points`` (N, 3) that lie in the hole's place (N,)."""
-    local = chart.plane.local(points)
-    row, column, inside = chart.cells(local)
-    near = np.abs(local[:, 2]) < max(chart.step, 4 * chart.plane.thickness)
-    result: BoolArray = inside & near & chart.hole[row, column]
-    return result
-
-
 def _on_surface(chart: Chart, points: DoubleArray) -> BoolArray:
     """Which of ``points`` (N, 3) lie on the chart's surface, whether photos showed it or not."""
     local = chart.plane.local(points)
     row, column, inside = chart.cells(local)
     surface = ndimage.binary_fill_holes(chart.known | chart.hole)
     near = np.abs(local[:, 2] - chart.height[row, column]) < tolerance_of(chart)
-    result: BoolArray = inside & near & surface[row, column]
-    return result
+    return inside & near & surface[row, column]
 
 
 def _inside(own: DoubleArray, points: DoubleArray) -> BoolArray:
     """Points (N,) in the convex hull of the object's splats ``own`` (K, 3)."""
     lo, hi = np.percentile(own, 1, axis=0), np.percentile(own, 99, axis=0)
-    result: BoolArray = np.all((points > lo) & (points < hi), axis=1)
+    within: BoolArray = np.all((points > lo) & (points < hi), axis=1)
     own = own[((own >= lo) & (own <= hi)).all(axis=1)]
-    if len(own) < 5 or not result.any():
-        return np.zeros(len(points), np.bool_)
+    result = np.zeros(len(points), np.bool_)
+    if len(own) < 5 or not within.any():
+        return result
     try:
         planes = ConvexHull(own[:: max(1, len(own) // 3000)]).equations
     except QhullError:  # flat: nothing is inside
-        return np.zeros(len(points), np.bool_)
-    near, slack = np.flatnonzero(result), 1e-9 * float((hi - lo).max())
+        return result
+    near, slack = np.flatnonzero(within), 1e-9 * float((hi - lo).max())
     for plane in planes:  # normals look outwards
         near = near[points[near] @ plane[:3] + plane[3] <= slack]
-    result[:] = False
     result[near] = True
     return result
 
 
-# --- Find what a removed object hid, and make the splats and colors that fill it.
+# --- The stage.
 
 
 _STAGE = "Fill the hole"
@@ -420,22 +530,21 @@ def fill_stage(
     when an inpainting model is asked for that cannot be used.
     """
     settings = FillConfig() if config is None else config
-    if not settings.model:
-        return (yield from _filled(scene, indices, cameras, rasterizer, settings, None))
-    with Inpainter(Path(settings.model), settings.model_sha256) as model:
-        yield from model.loaded_stage()
-        return (yield from _filled(scene, indices, cameras, rasterizer, settings, model))
+    model = Inpainter(Path(settings.model), settings.model_sha256) if settings.model else None
+    with model or nullcontext():
+        if model is not None:
+            yield from model.loaded_stage()
+        return (yield from _filled(scene, indices, (cameras, rasterizer, settings), model))
 
 
 def _filled(
     scene: Scene,
     indices: AnyArray,
-    cameras: Sequence[Camera],
-    rasterizer: Rasterizer,
-    settings: FillConfig,
+    how: tuple[Sequence[Camera], Rasterizer, FillConfig],
     inpainter: Inpainter | None,
 ) -> Stage[Filling]:
     """`fill_stage`; ``inpainter`` colors what is filled, None: the surroundings do."""
+    cameras, rasterizer, settings = how
     chosen = np.zeros(len(scene), np.bool_)
     chosen[sorted_indices(indices, len(scene))] = True
     # What has no place in space is never drawn: it hides nothing.
@@ -444,9 +553,17 @@ def _filled(
     labels = scene.labels[rows]
     gaussians = yield from bake_stage(scene, indices=rows)
     is_object = chosen[rows]
-    if not is_object.any():
-        return _nothing(np.flatnonzero(chosen), gaussians, settings)
-    made = _made(scene)[rows] & ~is_object
+    splats = gaussians.take(np.zeros(0, np.int64))
+    if not is_object.any():  # the removal alone
+        none, gains = np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
+        found = splats, np.zeros(0, np.int32), none, gains, settings.lighten
+        return Filling(np.flatnonzero(chosen), none, *found, is_refused=False)
+    made = np.zeros(len(rows), np.bool_)  # by an edit: an earlier filling for example
+    for item in scene.added:
+        if item.is_made:
+            source = scene.source[rows]
+            made |= (source >= item.first) & (source < item.first + item.n)
+    made &= ~is_object
     seen = yield from seen_stage(gaussians, is_object, cameras, rasterizer, settings, made)
     work = Work(gaussians, labels, is_object, seen, rasterizer, settings)
     work.inpainter = inpainter
@@ -456,7 +573,6 @@ def _filled(
         yield Progress(_STAGE, i, len(parts))
         yield from work.fill(part)
     stained = np.flatnonzero((work.gain > _VISIBLE).any(axis=1) & ~work.dropped)
-    splats = gaussians.take(np.zeros(0, np.int64))
     for piece in work.made:
         splats = joined(splats, piece)
     return Filling(
@@ -470,23 +586,6 @@ def _filled(
         is_refused=work.is_refused,
         model=inpainter.name if inpainter is not None and len(splats) else "",
     )
-
-
-def _nothing(removed: LongArray, gaussians: Gaussians, config: FillConfig) -> Filling:
-    """The removal alone, of rows (R,)."""
-    none = np.zeros(0, np.int64)
-    splats, labels = gaussians.take(none), np.zeros(0, np.int32)
-    gain = np.zeros((0, 3), np.float32)
-    return Filling(removed, none, splats, labels, none, gain, config.lighten, is_refused=False)
-
-
-def _made(scene: Scene) -> BoolArray:
-    """Splats (N,) of the scene that an edit made, an earlier filling for example."""
-    result = np.zeros(len(scene), np.bool_)
-    for item in scene.added:
-        if item.is_made:
-            result |= (scene.source >= item.first) & (scene.source < item.first + item.n)
-    return result
 
 
 def _apart(
@@ -533,19 +632,13 @@ def filled_edit(scene: Scene, found: Filling, title: str) -> Edit | None:
             parts.append(edit)
 
     add(delete(scratch, np.concatenate([found.removed, found.unseen]), title))
-    for splats, factors in _levels(found):
-        affine = np.column_stack([np.diag(factors), np.zeros(3)])
-        add(recolor(scratch, splats, affine, title="Lighten the shadow"))
+    if len(found.stained):  # splats that are lightened alike
+        gains = found.gains.astype(np.float64)
+        key = np.log(gains @ LUMA)
+        level = np.digitize(key, np.linspace(key.min(), key.max() + 1e-9, _LEVELS + 1))
+        for k in np.unique(level):
+            factors = np.diag(gains[level == k].mean(axis=0))
+            affine = np.column_stack([factors, np.zeros(3)])
+            add(recolor(scratch, found.stained[level == k], affine, title="Lighten the shadow"))
     add(append_made(scratch, found.splats, found.labels, title, State(0)))
     return together(title, parts)
-
-
-def _levels(found: Filling) -> list[tuple[LongArray, DoubleArray]]:
-    """Splats that are lightened alike, and by which factors of red, green and blue."""
-    if len(found.stained) == 0:
-        return []
-    gains = found.gains.astype(np.float64)
-    key = np.log(gains @ LUMA)
-    edges = np.linspace(key.min(), key.max() + 1e-9, _LEVELS + 1)
-    level = np.digitize(key, edges)
-    return [(found.stained[level == k], gains[level == k].mean(axis=0)) for k in np.unique(level)]

@@ -27,23 +27,21 @@ if TYPE_CHECKING:
     from torch.jit import ScriptModule
 
 _STAGE = "Inpainting model"
-_MULTIPLE, _LEAST = 8, 64  # of the sides that a model gets, cells
+_SIDE_MULTIPLE, _LEAST_SIDE = 8, 64  # of the sides that a model gets, cells
 _SLACK = 0.5  # beyond 0..1: a result farther out has another range
 _TRIAL = 64  # side of the picture that a model is tried on
 _SECONDS = 0.1  # between two looks whether the model is done
 
 
+@cache
 def why_no_model() -> str:
-    """Why no inpainting model can be used here; "" when one can."""
-    if not _has_torch():
+    """Why no inpainting model can be used here; "" when one can.
+
+    Looked up once: the window asks in every frame that shows the menu.
+    """
+    if find_spec("torch") is None:
         return "An inpainting model needs PyTorch, which is not installed here."
     return ""
-
-
-@cache
-def _has_torch() -> bool:
-    """Looked up once: the window asks in every frame that shows the menu."""
-    return find_spec("torch") is not None
 
 
 class Inpainter:
@@ -102,7 +100,8 @@ class Inpainter:
         Raises ``GagaError`` when the model fails, or returns anything but such a picture.
         """
         rows, columns = known.shape
-        pad = ((0, _padding(rows)), (0, _padding(columns)))
+        sides = [-(-side // _SIDE_MULTIPLE) * _SIDE_MULTIPLE for side in known.shape]
+        pad = tuple((0, max(_LEAST_SIDE, s) - n) for s, n in zip(sides, known.shape, strict=True))
         image = np.clip(np.where(known[:, :, None], color, 0), 0, 1)
         image = np.pad(image, (*pad, (0, 0)), mode="symmetric")
         mask = np.pad(~known | hole, pad, mode="symmetric")
@@ -174,7 +173,10 @@ def _run(name: str, model: "ScriptModule", image: DoubleArray, mask: BoolArray) 
         with torch.inference_mode():
             made = model(planes, wanted)
     except RuntimeError as error:  # of torch, whatever is wrong with the model
-        raise GagaError(f"The inpainting model {name} failed: {_last_line(error)}") from error
+        # The sentence of an error of TorchScript, without the code that it quotes.
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        said = lines[-1] if lines else type(error).__name__
+        raise GagaError(f"The inpainting model {name} failed: {said}") from error
     if not isinstance(made, torch.Tensor) or made.shape != planes.shape:
         got = tuple(made.shape) if isinstance(made, torch.Tensor) else type(made).__name__
         raise GagaError(
@@ -190,14 +192,3 @@ def _run(name: str, model: "ScriptModule", image: DoubleArray, mask: BoolArray) 
             f"{result.max():.3g}: 0 to 1 was expected."
         )
     return result
-
-
-def _padding(side: int) -> int:
-    """Cells to add so that a model takes this side."""
-    return max(_LEAST, -(-side // _MULTIPLE) * _MULTIPLE) - side
-
-
-def _last_line(error: Exception) -> str:
-    """The sentence of an error of TorchScript, without the code that it quotes."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[-1] if lines else type(error).__name__

@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.color import LUMA
 from gaga_core.fill.chart import Chart, blurred, tolerance_of
 
-# --- Find the shadow that an object casts on the surface on which it stands.
-# Its outline is known but for the light: it is that of the object's own splats, moved along the
-# surface by so much for each unit of height. The light whose shadow explains the brightness of the
-# surface best is taken (between-class variance over all variance, Otsu 1979), and it is none when
-# that explains little: dark wood, stripes and the shadows of other things have other outlines.
+# --- The shadow that an object casts on the surface on which it stands. Its outline is known but
+# for the light: it is that of the object's own splats, moved along the surface by so much for each
+# unit of height. The light whose shadow explains the brightness of the surface best is taken
+# (between-class variance over all variance, Otsu 1979), and it is none when that explains little:
+# dark wood, stripes and the shadows of other things have other outlines.
 
 
 _TURNS = 24  # of the light around the object
@@ -27,6 +27,7 @@ _TURN = 2 * np.pi / _TURNS
 _LENGTHS = (0.25, 0.4, 0.6, 0.9, 1.3, 1.9)  # of a shadow, in heights of what casts it
 _MOST_POINTS = 1500  # of the object
 _CLOSE = 3  # cells between its splats
+_MARGIN = _CLOSE + 1  # cells
 _RING, _LEAST_RING = 0.15, 4  # around a shadow: in sizes of the hole, and cells
 _LEAST_CELLS, _LEAST_SHARE = 20, 0.05  # of a shadow: cells, and areas of the hole
 _NEXT, _EVERYWHERE = 0.3, 0.17  # share of variance that a shadow explains: next to it, and of all
@@ -81,10 +82,20 @@ def _outline(chart: Chart, points: DoubleArray, turn: float, length: float) -> B
     """Where the shadow (H, W) of ``points`` (K, 3), plane coordinates, falls."""
     moved = points[:, :2] + length * points[:, 2:] * [np.cos(turn), np.sin(turn)]
     row, column, inside = chart.cells(moved)
+    mask = _marked(chart, row[inside], column[inside])
+    return _closed(mask)[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN] | mask
+
+
+def _marked(chart: Chart, row: LongArray, column: LongArray) -> BoolArray:
+    """Cells (H, W) of these rows and columns."""
     mask = np.zeros(chart.shape, np.bool_)
-    mask[row[inside], column[inside]] = True
-    padded = ndimage.binary_closing(np.pad(mask, _CLOSE + 1), iterations=_CLOSE)
-    return padded[_CLOSE + 1 : -_CLOSE - 1, _CLOSE + 1 : -_CLOSE - 1] | mask
+    mask[row, column] = True
+    return mask
+
+
+def _closed(mask: BoolArray) -> BoolArray:
+    """``mask`` without gaps of some cells, `_MARGIN` cells larger on each side."""
+    return ndimage.binary_closing(np.pad(mask, _MARGIN), iterations=_CLOSE)
 
 
 def _explained(dark: DoubleArray, bright: DoubleArray) -> tuple[float, float]:
@@ -97,31 +108,26 @@ def _explained(dark: DoubleArray, bright: DoubleArray) -> tuple[float, float]:
     return depth, between / max(float(both.var()), 1e-9)
 
 
-# --- Take the shadow of a removed object off the surface that it stood on.
-# How much light a place lacks is the factor by which its colors, made brighter, are those that the
-# rest of the surface has: a maximum-likelihood estimate over factors, with the colors of the
-# surroundings as distribution. So a dark square of a chessboard is no shadow, and a shadow over
-# several squares is one.
+# --- By how much light each place lacks.
 
 
 _DARK = 0.02  # color that counts as black
 _BRIGHTEST = 1.3  # color at the upper end of the distribution
 _BINS = 48  # of it, a channel
 _UNLIKELY = 2e-6  # share of a color that the surroundings do not have
-_MOST = 5.0  # factor
+_MOST_LIGHT = 5.0  # factor: nothing is made brighter by more
 _N_LEVELS = 25  # factors that are tried
 _PRICE = 0.5  # log likelihood that a factor e costs: without evidence nothing is made brighter
 _SPREAD = 0.2  # log by which a shadow's depth varies
 _BLUR = 2.0  # cells over which the factor is the same
 _TILTS = (0.0, 0.15, 0.3, 0.45, -0.15)  # how much more red a shadow lacks than blue, in its log
-_LEAST = (0.03, 0.15)  # log of a factor that is a stain: at the hole, and from its size on
+_STAIN_LOGS = (0.03, 0.15)  # of a factor that is a stain: at the hole, and from its size on
 _FAR = 0.5  # sizes of the hole: what is farther away is its surroundings
 _RIM = 0.25  # sizes of the hole, where its shadow begins
 _AT_FOOT = 3.0  # cells from the hole
 _ONE_PIECE = 0.6  # share of the outline that lacks light without a break
 _LEAST_FOOT = 20  # cells on which a thing stands
 _BELOW = 0.03  # share of a thing's splats that are under what it stands on
-_JOIN = 3  # cells between splats of a foot
 _PENUMBRA = 0.1  # sizes of the foot over which a shadow's edge is soft
 _NEAR = 0.12  # sizes of the hole: so near to it a shadow is darkest
 _SHADOW = 0.05  # mean log factor there under which nothing is a shadow
@@ -193,8 +199,7 @@ def gains(
     stained = _touching(stained & (lacking > least), foot)
     shift = _pulled(log, lacking[:, :, None] * found.channels, stained, place.around)
     soft = ndimage.gaussian_filter(shift * (place.fade * stained)[:, :, None], (_SOFT, _SOFT, 0))
-    factors: DoubleArray = np.clip(np.exp(soft), 1.0, _MOST)
-    return factors
+    return np.clip(np.exp(soft), 1.0, _MOST_LIGHT)
 
 
 def shadow_of(chart: Chart, foot: BoolArray, own: DoubleArray, taken: BoolArray) -> Cast | None:
@@ -230,7 +235,7 @@ def _in_shadow(chart: Chart, foot: BoolArray, taken: BoolArray, cast: Cast) -> _
         log=_even(chart, around),
         may=may,
         around=around,
-        least=np.full(chart.shape, _LEAST[0]),
+        least=np.full(chart.shape, _STAIN_LOGS[0]),
         fade=np.ones(chart.shape),
         sure=ndimage.gaussian_filter(cast.mask.astype(float), width / 2),
         depth=cast.depth,
@@ -252,11 +257,14 @@ def _next_to(chart: Chart, foot: BoolArray, taken: BoolArray) -> _Place | None:
     place = _anywhere(log, far)
     found = _levels(log, chart.known, place, 0.0)
     free = far & own if (far & own).any() else far
-    if not _lacks_light(found.lacking, rim, free) and not _is_dark(log, chart.known, rim, far):
+    # The rim lacks clearly more light (log) than other places do, or is clearly darker.
+    least_lacking = max(_SHADOW, _EVIDENCE * float(found.lacking[free].mean()))
+    lacks_light = found.lacking[rim].mean() >= least_lacking
+    if not lacks_light and not _is_dark(log, chart.known, rim, far):
         return None
     if not _is_one_piece(found.lacking, chart.known & (distance <= _AT_FOOT)):
         return None
-    least = np.interp(distance / size, (_RIM, 1.0), _LEAST)
+    least = np.interp(distance / size, (_RIM, 1.0), _STAIN_LOGS)
     # What the shadow itself covers is no surroundings.
     around = far & ~_touching(own & (found.lacking > least), foot)
     fade = np.interp(distance / size, _WIDE, (1.0, 0.0))
@@ -266,8 +274,7 @@ def _next_to(chart: Chart, foot: BoolArray, taken: BoolArray) -> _Place | None:
 def _even(chart: Chart, far: BoolArray) -> DoubleArray:
     """Log colors (H, W, 3) without the fall-off of light over the cells ``far`` (H, W)."""
     log = np.log(np.maximum(chart.color, _DARK))
-    result: DoubleArray = log - _falloff(log @ LUMA, far)[:, :, None]
-    return result
+    return log - _falloff(log @ LUMA, far)[:, :, None]
 
 
 def _falloff(log: DoubleArray, far: BoolArray) -> DoubleArray:
@@ -312,10 +319,8 @@ def taken_cells(chart: Chart, points: DoubleArray, height: float) -> BoolArray:
     local = chart.plane.local(points)
     row, column, inside = chart.cells(local)
     over = inside & (local[:, 2] > tolerance_of(chart)) & (local[:, 2] < height)
-    found = np.zeros(chart.shape, np.bool_)
-    found[row[over], column[over]] = True
-    result: BoolArray = ndimage.binary_opening(ndimage.binary_closing(found), iterations=2)
-    return result
+    found = _marked(chart, row[over], column[over])
+    return ndimage.binary_opening(ndimage.binary_closing(found), iterations=2)
 
 
 def foot_cells(chart: Chart, own: DoubleArray) -> BoolArray:
@@ -325,19 +330,8 @@ def foot_cells(chart: Chart, own: DoubleArray) -> BoolArray:
     if (local[:, 2] < -tolerance_of(chart)).mean() > _BELOW:  # the plane goes through it
         return np.zeros(chart.shape, np.bool_)
     low = inside & (np.abs(local[:, 2] - chart.height[row, column]) < tolerance_of(chart))
-    found = np.zeros(chart.shape, np.bool_)
-    found[row[low], column[low]] = True
-    padded = ndimage.binary_closing(np.pad(found, _JOIN + 1), iterations=_JOIN)
-    result: BoolArray = ndimage.binary_fill_holes(padded)[
-        _JOIN + 1 : -_JOIN - 1, _JOIN + 1 : -_JOIN - 1
-    ]
-    return result
-
-
-def _lacks_light(lacking: DoubleArray, rim: BoolArray, far: BoolArray) -> bool:
-    """Whether the rim lacks clearly more light (log) than other places do."""
-    least = max(_SHADOW, _EVIDENCE * float(lacking[far].mean()))
-    return bool(lacking[rim].mean() >= least)
+    padded = ndimage.binary_fill_holes(_closed(_marked(chart, row[low], column[low])))
+    return padded[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
 
 
 def _is_one_piece(lacking: DoubleArray, foot: BoolArray) -> bool:
@@ -346,7 +340,7 @@ def _is_one_piece(lacking: DoubleArray, foot: BoolArray) -> bool:
     A shadow begins where the object stands; dark parts of a pattern touch the outline here and
     there.
     """
-    parts, n = ndimage.label(foot & (lacking > _LEAST[0]), structure=np.ones((3, 3)))
+    parts, n = ndimage.label(foot & (lacking > _STAIN_LOGS[0]), structure=np.ones((3, 3)))
     largest = int(np.bincount(parts[foot], minlength=n + 1)[1:].max(initial=0))
     return bool(largest >= _ONE_PIECE * foot.sum())
 
@@ -378,7 +372,7 @@ def _levels(log: DoubleArray, known: BoolArray, place: _Place, tilt: float) -> _
     table = np.log(share + _UNLIKELY)
     below = np.maximum(ndimage.gaussian_filter(known.astype(float), _BLUR), 1e-6)
     best, lacking = np.full(known.shape, -np.inf), np.zeros(known.shape)
-    for level in np.linspace(0, np.log(_MOST), _N_LEVELS):
+    for level in np.linspace(0, np.log(_MOST_LIGHT), _N_LEVELS):
         at = ((log + level * channels - box[0][0]) / width - 0.5).transpose(2, 0, 1)
         likelihood = ndimage.map_coordinates(table, at, order=1, mode="nearest")
         mean = ndimage.gaussian_filter(np.where(known, likelihood, 0.0), _BLUR) / below
@@ -442,5 +436,4 @@ def _falling_off(lacking: DoubleArray, foot: BoolArray) -> DoubleArray:
 def _touching(stained: BoolArray, hole: BoolArray) -> BoolArray:
     """What of ``stained`` (H, W) hangs together with the hole."""
     parts, _ = ndimage.label(stained | hole)
-    result: BoolArray = stained & np.isin(parts, np.unique(parts[hole]))
-    return result
+    return stained & np.isin(parts, np.unique(parts[hole]))

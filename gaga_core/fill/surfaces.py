@@ -13,8 +13,6 @@ from gaga_core.geometry import look_at, quats_to_matrices
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 
-# --- Settings of `gaga_core.fill`.
-
 
 @dataclass(frozen=True)
 class FillConfig:
@@ -45,7 +43,7 @@ class FillConfig:
 
 
 _TRIES = 300  # planes that are tried for each surface
-_LEAST = 30  # splats of a surface
+_N_SURFACE = 30  # splats: fewer are no surface
 _WIDE = 2.5  # reaches: so far around the object a surface that begins next to it is followed
 _FLAT = 0.5  # a splat has a normal when it is thinner than this share of its second axis
 _ALIGNED = 0.8  # cosine between its normal and the plane's
@@ -67,16 +65,14 @@ class Plane:
 
     def local(self, points: DoubleArray) -> DoubleArray:
         """Coordinates (N, 3) along u, v and the normal of world points (N, 3)."""
-        result: DoubleArray = (points - self.origin) @ self.axes
-        return result
+        return (points - self.origin) @ self.axes
 
     def world(self, points: DoubleArray) -> DoubleArray:
         """World points (N, 3) of coordinates (N, 3)."""
-        result: DoubleArray = points @ self.axes.T + self.origin
-        return result
+        return points @ self.axes.T + self.origin
 
 
-def normals_of(gaussians: Gaussians) -> tuple[DoubleArray, BoolArray]:
+def _normals_of(gaussians: Gaussians) -> tuple[DoubleArray, BoolArray]:
     """Shortest axis (N, 3) of each splat, and whether it is a normal: the splat is flat."""
     order = np.argsort(gaussians.log_scales, axis=1)
     turns = quats_to_matrices(gaussians.quats)
@@ -108,7 +104,7 @@ def surfaces_around(
     candidates = candidates[((points[candidates] > lo) & (points[candidates] < hi)).all(axis=1)]
     distance = np.asarray(tree.query(points[candidates])[0])
     candidates, distance = candidates[distance < reach], distance[distance < reach]
-    normals, flat = normals_of(gaussians.take(candidates))
+    normals, flat = _normals_of(gaussians.take(candidates))
     solid = gaussians.opacities[candidates] > _SOLID
     rng = np.random.default_rng(config.seed)
     found: list[Plane] = []
@@ -117,11 +113,11 @@ def surfaces_around(
         while len(found) < 4 * config.most_surfaces:
             firm = rows[solid[rows]]
             near = distance[firm] < config.reach * size
-            if near.sum() < _LEAST:
+            if near.sum() < _N_SURFACE:
                 break
             cloud = points[candidates[firm]]
             fit, inliers = _ransac(cloud, normals[firm], flat[firm], near, size, rng)
-            if fit is None or inliers.sum() < _LEAST:
+            if fit is None or inliers.sum() < _N_SURFACE:
                 break
             plane = _plane(cloud[inliers], fit, own.mean(axis=0), int(label))
             # With it go all splats in its layer: faint and round ones are part of what is seen.
@@ -262,16 +258,8 @@ def seen_stage(
         yield Progress("Look behind the object", 2 * n + i, 3 * n, camera.name)
         after = rasterizer.render(rest, camera)
         share = frame.image[:, :, 0]
-        views.append(
-            SeenView(
-                camera=camera,
-                depth=frame.median_depth,
-                is_object=share > 0.5,
-                is_clear=share < _CLEAR,
-                after=after.median_depth,
-                after_alpha=after.alpha,
-            )
-        )
+        shown = camera, frame.median_depth, share > 0.5, share < _CLEAR
+        views.append(SeenView(*shown, after.median_depth, after.alpha))
     return Seen(tuple(views), known)
 
 
@@ -295,7 +283,7 @@ def _views_of(
     if len(found) > config.most_views:
         places = np.linspace(0, len(found) - 1, config.most_views).round().astype(int)
         found = [found[i] for i in places]
-    return tuple(_small(camera, config.view_pixels) for camera in found)
+    return tuple(camera.at_most(config.view_pixels) for camera in found)
 
 
 def _around(points: DoubleArray, config: FillConfig) -> tuple[Camera, ...]:
@@ -311,9 +299,3 @@ def _around(points: DoubleArray, config: FillConfig) -> tuple[Camera, ...]:
     return tuple(
         Camera(K, look_at(middle + _FROM * radius * d, middle, _UP), side, side) for d in towards
     )
-
-
-def _small(camera: Camera, most: int) -> Camera:
-    factor = min(1.0, most / max(camera.width, camera.height))
-    width, height = (max(1, round(side * factor)) for side in (camera.width, camera.height))
-    return camera.resized(width, height)

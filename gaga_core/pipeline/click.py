@@ -22,6 +22,7 @@ from gaga_core.scene.orientation import estimate_up
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
+from gaga_core.scene.selection.by_screen import pick
 from gaga_core.scene.selection.click import (
     Answer,
     Click,
@@ -32,7 +33,6 @@ from gaga_core.scene.selection.click import (
     clicked,
     nothing_yet,
 )
-from gaga_core.scene.selection.picking import pick
 from gaga_core.segmentation.sam import Candidates, Prompter
 
 if TYPE_CHECKING:

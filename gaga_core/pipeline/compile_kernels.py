@@ -31,8 +31,8 @@ from gaga_core.scene.lod.cut import choose_cut, covers_of, hidden_nodes
 from gaga_core.scene.lod.edited import node_facts
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection.by_screen import pick
 from gaga_core.scene.selection.click import click_graph_stage
-from gaga_core.scene.selection.picking import pick
 
 STAGE = "Prepare kernels"
 _SIDE = 48  # pixels: several tiles

@@ -1,6 +1,5 @@
 """Placements turned into plain splat parameters: what other tools read."""
 
-from collections.abc import Generator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -12,7 +11,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, multiply_quats, quats_to_matrices
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene.index_set import sorted_indices
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, of_scene_now
 
 _CHUNK = 1 << 17  # splats worked on at once: bounds the float64 temporaries to some 100 MB
 _RIGID = 1e-6  # how far from rotation times scale a matrix may be, relative
@@ -49,6 +48,7 @@ def bake(scene: Scene, *, indices: AnyArray | None = None) -> Gaussians:
     return run_stage(bake_stage(scene, indices=indices))
 
 
+@of_scene_now
 def bake_stage(scene: Scene, *, indices: AnyArray | None = None) -> Stage[Gaussians]:
     """Splats of ``indices`` (K,) (default: the visible ones) as they are seen, in row order.
 
@@ -58,12 +58,7 @@ def bake_stage(scene: Scene, *, indices: AnyArray | None = None) -> Stage[Gaussi
     it leaves alone, keep their exact bits. Of the extra columns the normals turn along (as
     directions; zeros stay zeros); all others pass through.
     """
-    frozen = replace(scene)  # columns are never written in place: a snapshot
-    chosen = frozen.visible if indices is None else indices
-    return _bake(frozen, sorted_indices(chosen, len(frozen)))
-
-
-def _bake(scene: Scene, splats: LongArray) -> Stage[Gaussians]:
+    splats = sorted_indices(scene.visible if indices is None else indices, len(scene))
     yield Progress("Apply edits", 0, len(splats))
     if len(splats) == len(scene) and not scene.placement.any():
         return scene.gaussians
@@ -71,20 +66,15 @@ def _bake(scene: Scene, splats: LongArray) -> Stage[Gaussians]:
     index = scene.placement[splats]
     order = np.argsort(index, kind="stable")
     rows, starts = np.unique(index[order], return_index=True)
-    pieces = np.split(order, starts[1:]) if len(rows) else []
     done = 0
-    for row, piece in zip(rows, pieces, strict=True):
-        for chunk in _chunks(piece):
+    for row, piece in zip(rows, np.split(order, starts[1:]), strict=len(rows) > 0):
+        for start in range(0, len(piece), _CHUNK):
+            chunk = piece[start : start + _CHUNK]
             if row != 0:
                 _bake_row(scene, int(row), out, chunk)
             done += len(chunk)
             yield Progress("Apply edits", done, len(splats))
     return out
-
-
-def _chunks(piece: LongArray) -> Generator[LongArray, None, None]:
-    for start in range(0, len(piece), _CHUNK):
-        yield piece[start : start + _CHUNK]
 
 
 def _bake_row(scene: Scene, row: int, out: Gaussians, at: LongArray) -> None:
@@ -95,7 +85,9 @@ def _bake_row(scene: Scene, row: int, out: Gaussians, at: LongArray) -> None:
     if not np.array_equal(table.color[row], np.eye(3, 4)):
         out.sh[at] = baked_color(out.sh[at], table.color[row])
     if table.opacity[row] != 1.0:
-        out.logit_opacities[at] = _baked_opacity(out.logit_opacities[at], table.opacity[row])
+        logits = np.clip(out.logit_opacities[at].astype(np.float64), -700, 700)
+        opacity = np.clip(table.opacity[row] / (1 + np.exp(-logits)), _OPACITY, 1 - _OPACITY)
+        out.logit_opacities[at] = np.log(opacity / (1 - opacity))
 
 
 def _move(motion: Motion, out: Gaussians, at: LongArray) -> None:
@@ -115,7 +107,12 @@ def _move(motion: Motion, out: Gaussians, at: LongArray) -> None:
     if motion.turns:
         if out.sh_degree > 0:
             out.sh[at] = sh_rotation(motion.turn, out.sh_degree).astype(np.float32) @ out.sh[at]
-        _turn_normals(motion.turn, out.extra, at)
+        normals = [out.extra[name] for name in ("nx", "ny", "nz") if name in out.extra]
+        if len(normals) == 3 and all(column.dtype.kind == "f" for column in normals):
+            before = np.stack([column[at] for column in normals], axis=1)
+            if before.any():  # zeros keep their sign
+                for column, values in zip(normals, (before @ motion.turn.T).T, strict=True):
+                    column[at] = values
 
 
 def stretched(
@@ -143,27 +140,7 @@ def baked_color(sh: FloatArray, affine: DoubleArray) -> FloatArray:
     scale, offset = affine[:, :3], affine[:, 3]
     result = sh @ scale.T
     result[:, 0] += (scale @ np.full(3, 0.5) + offset - 0.5) / SH_C0
-    colors: FloatArray = result.astype(np.float32)
-    return colors
-
-
-def _baked_opacity(logits: FloatArray, factor: float) -> FloatArray:
-    opacity = factor / (1 + np.exp(-np.clip(logits.astype(np.float64), -700, 700)))
-    opacity = np.clip(opacity, _OPACITY, 1 - _OPACITY)
-    result: FloatArray = np.log(opacity / (1 - opacity)).astype(np.float32)
-    return result
-
-
-def _turn_normals(turn: DoubleArray, extra: Mapping[str, AnyArray], at: LongArray) -> None:
-    names = ("nx", "ny", "nz")
-    columns = [extra[name] for name in names if name in extra]
-    if len(columns) != len(names) or any(c.dtype.kind != "f" for c in columns):
-        return
-    normals = np.stack([column[at] for column in columns], axis=1)
-    if not normals.any():
-        return
-    for column, values in zip(columns, (normals @ turn.T).T, strict=True):
-        column[at] = values
+    return result.astype(np.float32)
 
 
 def with_groups(gaussians: Gaussians, labels: IntArray) -> Gaussians:

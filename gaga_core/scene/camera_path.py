@@ -24,17 +24,10 @@ from gaga_core.io.files import atomic_write
 from gaga_core.io.json_file import explain_json_error, read_json
 from gaga_core.scene.frame import scale_of
 
-# --- Ways of the camera: shots that a person keeps, and a smooth path through some of them.
-# The path is a cubic Hermite curve through the keyframes with the tangents of Catmull and Rom
-# (1974) for unequal times: it passes through every keyframe and its speed has no jumps. Positions,
-# logs of the fields of view and rotations (as quaternions of one sign, then made unit; Shoemake
-# 1985 calls for no more where neighbours are less than half a turn apart) all go by the same
-# curve.
-
-
-TURNTABLE_KEYS = 16  # the curve stays within 0.06 % of the circle
+_TURNTABLE_KEYS = 16  # the curve stays within 0.06 % of the circle
 _PIECES = 64  # of a segment, when its length is measured
 _STILL = 1e-6  # share of the whole way below which a segment stands still
+_WIDEST = math.radians(175)  # field of view between keyframes
 
 
 @dataclass(frozen=True)
@@ -57,22 +50,26 @@ class Shot:
         if not 0.9 < math.hypot(*self.quat) < 1.1:
             raise ValueError("shot: the quaternion is not of unit length")
 
+    @property
+    def turn(self) -> DoubleArray:
+        """The rotation (3, 3) cam_from_world."""
+        return quats_to_matrices(np.array([self.quat])).reshape(3, 3)
+
     def camera(self, width: int, height: int, name: str = "") -> Camera:
         """The view at this picture size: both fields of view are inside."""
         focal = min(width / 2 / math.tan(self.fov_x / 2), height / 2 / math.tan(self.fov_y / 2))
         K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
         matrix = np.eye(4)
-        matrix[:3, :3] = quats_to_matrices(np.array([self.quat]))[0]
+        matrix[:3, :3] = self.turn
         matrix[:3, 3] = -matrix[:3, :3] @ np.array(self.eye)
         return Camera(K, matrix, width, height, name)
 
     @staticmethod
     def of_camera(camera: Camera, distance: float, *, is_orthographic: bool = False) -> "Shot":
         """What ``camera`` shows; ``distance`` to what it looks at."""
-        quat = matrices_to_quats(camera.cam_from_world[None, :3, :3])[0]
         return Shot(
             _three(camera.position),
-            (float(quat[0]), float(quat[1]), float(quat[2]), float(quat[3])),
+            _quat_of(camera.cam_from_world[:3, :3]),
             2 * math.atan(camera.width / 2 / float(camera.K[0, 0])),
             2 * math.atan(camera.height / 2 / float(camera.K[1, 1])),
             distance,
@@ -133,9 +130,13 @@ class CameraPath:
         if len(self.keyframes) == 1:
             return self.keyframes[0].shot
         time = self._curve_time(min(max(seconds, 0.0), self.seconds))
-        values = _hermite(self._knots(), self._values(), np.array([time]), self.is_closed)[0]
-        flat = self._nearest(time).is_orthographic
-        return _shot_of(values, flat)
+        knots, keys = self._knots(), self._closed_keys()
+        row = _hermite(knots, self._values(), np.array([time]), self.is_closed)[0]
+        before = keys[max(int(np.searchsorted(knots, time, "right")) - 1, 0)].shot
+        w, x, y, z = (row[3:7] / np.linalg.norm(row[3:7])).tolist()
+        fov_x, fov_y = (min(math.exp(value), _WIDEST) for value in row[7:9])
+        distance = math.exp(row[9])
+        return Shot(_three(row[:3]), (w, x, y, z), fov_x, fov_y, distance, before.is_orthographic)
 
     def frame_times(self, fps: float) -> DoubleArray:
         """Moments (F,) of the frames of a film, at least one; a closed path does not show its
@@ -157,15 +158,14 @@ class CameraPath:
 
     def _values(self) -> DoubleArray:
         """Eye, quaternion, log fields of view, log distance (K, 10); quaternions of one sign."""
-        rows = np.array([_row(key.shot) for key in self._closed_keys()])
+        shots = [key.shot for key in self._closed_keys()]
+        lengths = [[shot.fov_x, shot.fov_y, shot.distance] for shot in shots]
+        logs = [[math.log(value) for value in row] for row in lengths]
+        rows = np.array([[*s.eye, *s.quat, *log] for s, log in zip(shots, logs, strict=True)])
         for i in range(1, len(rows)):
             if rows[i, 3:7] @ rows[i - 1, 3:7] < 0:
                 rows[i, 3:7] *= -1
         return rows
-
-    def _nearest(self, time: float) -> Shot:
-        index = int(np.searchsorted(self._knots(), time, "right")) - 1
-        return self._closed_keys()[max(index, 0)].shot
 
     def _lengths(self) -> tuple[DoubleArray, DoubleArray]:
         """Moments (P,) of the curve and the way (P,) until there, scene units."""
@@ -215,17 +215,15 @@ def turntable(
     clock unless ``clockwise``.
     """
     axis = np.asarray(up, np.float64) / np.linalg.norm(up)
-    matrix = quats_to_matrices(np.array([shot.quat]))[0]
     eye = np.array(shot.eye)
-    pivot = eye + shot.distance * matrix[2]
+    pivot = eye + shot.distance * shot.turn[2]
     keys = []
-    for k in range(TURNTABLE_KEYS):
-        angle = (-1 if clockwise else 1) * 2 * np.pi * k / TURNTABLE_KEYS
-        turn = _about(axis, angle)
-        quat = matrices_to_quats((matrix @ turn.T)[None])[0]
+    for k in range(_TURNTABLE_KEYS):
+        half = (-1 if clockwise else 1) * 2 * np.pi * k / _TURNTABLE_KEYS / 2
+        turn = quats_to_matrices(np.array([[math.cos(half), *(math.sin(half) * axis)]]))[0]
         at = _three(pivot + turn @ (eye - pivot))
-        turned = replace(shot, eye=at, quat=(quat[0], quat[1], quat[2], quat[3]))
-        keys.append(Keyframe(turned, seconds / TURNTABLE_KEYS))
+        turned = replace(shot, eye=at, quat=_quat_of(shot.turn @ turn.T))
+        keys.append(Keyframe(turned, seconds / _TURNTABLE_KEYS))
     return CameraPath(tuple(keys), is_closed=True)
 
 
@@ -270,35 +268,14 @@ def _tangent(
     return (before * h_after + after * h_before) / (h_before + h_after)
 
 
-def _row(shot: Shot) -> list[float]:
-    logs = (math.log(shot.fov_x), math.log(shot.fov_y), math.log(shot.distance))
-    return [*shot.eye, *shot.quat, *logs]
-
-
-def _shot_of(row: DoubleArray, is_orthographic: bool) -> Shot:
-    w, x, y, z = (float(v) for v in row[3:7] / np.linalg.norm(row[3:7]))
-    most = math.radians(175)
-    return Shot(
-        _three(row[:3]),
-        (w, x, y, z),
-        min(math.exp(row[7]), most),
-        min(math.exp(row[8]), most),
-        math.exp(row[9]),
-        is_orthographic,
-    )
-
-
-def _about(axis: DoubleArray, angle: float) -> DoubleArray:
-    """Rotation (3, 3) by ``angle`` about the unit ``axis`` (3,)."""
-    half = angle / 2
-    matrix: DoubleArray = quats_to_matrices(np.array([[math.cos(half), *(math.sin(half) * axis)]]))[
-        0
-    ]
-    return matrix
-
-
 def _three(point: DoubleArray) -> tuple[float, float, float]:
-    return float(point[0]), float(point[1]), float(point[2])
+    x, y, z = point.tolist()
+    return x, y, z
+
+
+def _quat_of(turn: DoubleArray) -> tuple[float, float, float, float]:
+    w, x, y, z = matrices_to_quats(turn[None])[0].tolist()
+    return w, x, y, z
 
 
 def carried_shot(shot: Shot, world: DoubleArray) -> Shot:
@@ -306,10 +283,9 @@ def carried_shot(shot: Shot, world: DoubleArray) -> Shot:
     if np.array_equal(world, np.eye(4)):
         return shot
     scale = scale_of(world)
-    turn = quats_to_matrices(np.array([shot.quat]))[0] @ (world[:3, :3] / scale).T
-    x, y, z = (float(v) for v in world[:3, :3] @ np.array(shot.eye) + world[:3, 3])
-    qw, qx, qy, qz = (float(v) for v in matrices_to_quats(turn[None])[0])
-    return replace(shot, eye=(x, y, z), quat=(qw, qx, qy, qz), distance=shot.distance * scale)
+    quat = _quat_of(shot.turn @ (world[:3, :3] / scale).T)
+    eye = _three(world[:3, :3] @ np.array(shot.eye) + world[:3, 3])
+    return replace(shot, eye=eye, quat=quat, distance=shot.distance * scale)
 
 
 def carried_bookmarks(marks: Iterable[Bookmark], world: DoubleArray) -> tuple[Bookmark, ...]:

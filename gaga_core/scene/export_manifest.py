@@ -1,8 +1,10 @@
-"""The file groups.json next to exported objects: its fields, and which files it names."""
+"""The file groups.json next to exported objects: one description writes and reads it."""
 
+import json
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from gaga_core.io.json_file import PathText, read_json
 
@@ -40,11 +42,18 @@ class Manifest(msgspec.Struct, frozen=True):
 
     version: int
     source: str  # the scene
-    groups: list[ManifestEntry]
+    groups: list[ManifestEntry]  # colors 0..1, boxes in the world of the files
     form: str = ""  # of the files: one of splats, "mesh", "collider" or "box"; older files lack it
     up: _Direction = (0.0, 0.0, 0.0)  # unit, in the axes of a .ply; zeros: older files lack it
     units: float = 1.0  # of the files per scene unit
     left_out: list[str] = []  # names of objects without a surface
+
+
+def write_manifest(content: Manifest, folder: Path) -> None:
+    """Write groups.json into ``folder``."""
+    plain = msgspec.to_builtins(content, enc_hook=np.generic.item)
+    text = json.dumps(plain, indent=1, ensure_ascii=False)
+    (folder / MANIFEST).write_text(text + "\n", encoding="utf-8")
 
 
 def read_manifest(manifest: Path) -> Manifest:

@@ -61,8 +61,7 @@ def scale_of(world: DoubleArray) -> float:
 
 def inverse(world: DoubleArray) -> DoubleArray:
     """The map back (4, 4) of a similarity (4, 4)."""
-    result: DoubleArray = np.linalg.inv(world).astype(np.float64)
-    return result
+    return np.linalg.inv(world).astype(np.float64)
 
 
 def carried_camera(camera: Camera, world: DoubleArray) -> Camera:
@@ -97,11 +96,6 @@ def lengths_text(lengths: Sequence[float], *, is_metric: bool) -> str:
 
 def length_text(length: float, *, is_metric: bool) -> str:
     """A length in words: "12.3 cm", "2.40 m", or "0.817 units" while no length is known."""
-    if not is_metric:
-        return f"{length:.3g} units" if 0 < abs(length) < 100 else f"{length:,.1f} units"
-    size = abs(length)
-    if size >= 1000:
-        return f"{length / 1000:.2f} km"
-    if size >= 1:
-        return f"{length:.2f} m"
-    return f"{length * 100:.1f} cm" if size >= 0.01 else f"{length * 1000:.1f} mm"
+    if is_metric:
+        return lengths_text([length], is_metric=True)
+    return f"{length:.3g} units" if 0 < abs(length) < 100 else f"{length:,.1f} units"

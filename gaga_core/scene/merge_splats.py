@@ -5,15 +5,29 @@ splat counts by its opacity times the surface of its ellipsoid, and the merged o
 its surface leaves room for.
 """
 
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
 
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, LongArray, check_shape
 from gaga_core.gaussians import Gaussians
+from gaga_core.raster.cpu.prepare import for_kernel
+from gaga_core.scene.splat_kernels import merge_rows
 from gaga_core.threads import run_chunks
 
 _CHUNK = 1 << 13  # runs that one thread takes at once
+
+
+def kernel_columns(
+    g: Gaussians,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Means, quats, log scales, logit opacities and SH as kernels take them."""
+    m, q, s, o, sh = (
+        for_kernel(column, np.float32)
+        for column in (g.means, g.quats, g.log_scales, g.logit_opacities, g.sh)
+    )
+    return m, q, s, o, sh
 
 
 def merge_splats(gaussians: Gaussians, parents: IntArray | LongArray) -> Gaussians:
@@ -44,67 +58,19 @@ def merge_runs(
     ends = np.r_[starts, n].astype(np.int64)
     if n_runs and (ends[0] != 0 or not (np.diff(ends) > 0).all()):
         raise ValueError("starts: expected ascending rows from 0 on")
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.raster.cpu.prepare import for_kernel
-    from gaga_core.scene.splat_kernels import merge_rows
-
     averaged = [k for k, column in gaussians.extra.items() if column.dtype == np.float32]
-    columns = _stacked([gaussians.extra[name] for name in averaged], n)
-    out = Gaussians(
-        means=np.empty((n_runs, 3), np.float32),
-        quats=np.empty((n_runs, 4), np.float32),
-        log_scales=np.empty((n_runs, 3), np.float32),
-        logit_opacities=np.empty(n_runs, np.float32),
-        sh=np.empty((n_runs, *gaussians.sh.shape[1:]), np.float32),
-        comments=gaussians.comments,
-    )
+    others = np.empty((n, len(averaged)), np.float32)
+    for k, name in enumerate(averaged):
+        others[:, k] = gaussians.extra[name]
+    shapes = (3,), (4,), (3,), (), gaussians.sh.shape[1:]
+    m, q, s, o, sh = (np.empty((n_runs, *shape), np.float32) for shape in shapes)
     merged = np.empty((n_runs, len(averaged)), np.float32)
     heaviest = np.empty(n_runs, np.int64)
-    means = for_kernel(gaussians.means, np.float32)
-    quats = for_kernel(gaussians.quats, np.float32)
-    log_scales = for_kernel(gaussians.log_scales, np.float32)
-    logits = for_kernel(gaussians.logit_opacities, np.float32)
-    sh = for_kernel(gaussians.sh, np.float32)
-
-    def work(first: int, last: int) -> None:
-        merge_rows(
-            means,
-            quats,
-            log_scales,
-            logits,
-            sh,
-            columns,
-            order,
-            ends,
-            out.means,
-            out.quats,
-            out.log_scales,
-            out.logit_opacities,
-            out.sh,
-            merged,
-            heaviest,
-            first,
-            last,
-        )
-
+    given = *kernel_columns(gaussians), others, order, ends
+    work = partial(merge_rows, *(*given, m, q, s, o, sh, merged, heaviest))
     run_chunks(work, n_runs, _CHUNK)
     extra: dict[str, AnyArray] = {
         name: merged[:, averaged.index(name)].copy() if name in averaged else column[heaviest]
         for name, column in gaussians.extra.items()
     }
-    return Gaussians(
-        out.means,
-        out.quats,
-        out.log_scales,
-        out.logit_opacities,
-        out.sh,
-        MappingProxyType(extra),
-        out.comments,
-    )
-
-
-def _stacked(columns: "list[AnyArray]", n: int) -> FloatArray:
-    """Columns (N, E) next to each other for the kernel."""
-    if not columns:
-        return np.empty((n, 0), np.float32)
-    return np.ascontiguousarray(np.stack(columns, axis=1), np.float32)
+    return Gaussians(m, q, s, o, sh, MappingProxyType(extra), gaussians.comments)

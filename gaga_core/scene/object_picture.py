@@ -10,6 +10,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 
 GROUND = 112  # grey behind the object: dark and bright things stand out from it
 MOST_DRAWN = 60_000  # splats
@@ -49,10 +50,6 @@ def object_picture(splats: Gaussians, view: ObjectView, side: int) -> UInt8Array
 
     Raises ``GagaError`` when there are none.
     """
-    from gaga_core.raster.cpu.rasterizer import (
-        CpuRasterizer,  # numba is a good part of the launch time
-    )
-
     if len(splats) == 0:
         raise GagaError("The object has no splats.")
     ground = np.full(3, GROUND / 255, np.float32)

@@ -1,5 +1,6 @@
 """The object list: one row a group."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,14 +11,13 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.color import LUMA, group_palette, shades
 from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.raster.cpu.prepare import for_kernel
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.scene import RGB, Scene, State
-
-# --- The object list: one row a group.
-
+from gaga_core.scene.splat_kernels import tally_groups
 
 UNASSIGNED = "unassigned"
-_SEVERAL = 4  # groups, from which on large ones are muted
+_MUTED_FROM = 4  # groups, from which on large ones are muted
 _SMALL, _LARGE = 0.35, 0.6  # radii, of the scene's: from not muted at all to muted most
 _MUTED = 0.7  # of its color is taken from a large surface
 _LUMA = LUMA.astype(np.float32)
@@ -55,11 +55,12 @@ def object_table(scene: Scene) -> ObjectTable:
 
     Live labels of a running association: ``object_table(replace(scene, labels=..., bank=...))``.
     """
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.raster.cpu.prepare import for_kernel
-    from gaga_core.scene.splat_kernels import tally_groups
-
-    key, ids = _dense_labels(scene.labels)
+    key, top = scene.labels, int(scene.labels.max(initial=0))
+    if top < _DENSE and int(key.min(initial=0)) >= 0:
+        ids = np.arange(top + 1, dtype=np.int64)
+    else:
+        found, places = np.unique(key, return_inverse=True)
+        key, ids = places.astype(np.int32), found.astype(np.int64)
     counts = np.zeros((len(ids), 16), np.int64)
     spread = np.zeros((len(ids), 10))
     spread[:, :3], spread[:, 3:6] = np.inf, -np.inf
@@ -82,11 +83,14 @@ def object_table(scene: Scene) -> ObjectTable:
         return total
 
     n = counts.sum(axis=1)
-    centre, radius = _ball(n, spread)
+    centre = spread[:, 6:9] / n[:, None]
+    variance = spread[:, 9] / n - (centre**2).sum(axis=1)
+    radius = 2 * np.sqrt(np.maximum(variance, 0))
+    views = _views_of_groups(scene.bank)
     return ObjectTable(
         ids=shown,
         counts=n,
-        n_views=_view_counts(scene.bank, shown),
+        n_views=np.array([views[group] for group in shown.tolist()], np.int32),
         n_selected=having(State.SELECTED),
         n_hidden=having(State.HIDDEN),
         n_locked=having(State.LOCKED),
@@ -172,7 +176,7 @@ def _calm(
     of the scene, if there are several groups; colors that a person chose stay as they are.
     """
     n, centre, radius = balls
-    if np.count_nonzero(ids) < _SEVERAL:
+    if np.count_nonzero(ids) < _MUTED_FROM:
         return colors
     middle = (n[:, None] * centre).sum(axis=0) / n.sum()
     squares = radius**2 / 4 + ((centre - middle) ** 2).sum(axis=1)
@@ -189,36 +193,11 @@ def _palette(n_groups: int) -> FloatArray:
     return group_palette(n_groups)
 
 
-def _dense_labels(labels: IntArray) -> tuple[IntArray, LongArray]:
-    """Rows (N,) to count in, and the group id (R,) of each row."""
-    top = int(labels.max(initial=0))
-    if top < _DENSE and int(labels.min(initial=0)) >= 0:
-        return labels, np.arange(top + 1, dtype=np.int64)
-    ids, key = np.unique(labels, return_inverse=True)
-    return key.astype(np.int32), ids.astype(np.int64)
-
-
-def _ball(n: LongArray, spread: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
-    centre = spread[:, 6:9] / n[:, None]
-    variance = spread[:, 9] / n - (centre**2).sum(axis=1)
-    return centre, 2 * np.sqrt(np.maximum(variance, 0))
-
-
-def _view_counts(bank: MemoryBank | None, ids: IntArray) -> IntArray:
-    if bank is None:
-        return np.zeros(len(ids), np.int32)
-    views = _views_of_groups(bank)
-    return np.array([views.get(int(g), 0) for g in ids], np.int32)
-
-
 @lru_cache(maxsize=1)
-def _views_of_groups(bank: MemoryBank) -> dict[int, int]:
+def _views_of_groups(bank: MemoryBank | None) -> Counter[int]:
     """Number of views in the log by group. Banks are frozen and hash by identity."""
-    seen = {(d.group, d.view) for d in bank.log}
-    counts: dict[int, int] = {}
-    for group, _ in seen:
-        counts[group] = counts.get(group, 0) + 1
-    return counts
+    seen = {(d.group, d.view) for d in bank.log} if bank is not None else ()
+    return Counter(group for group, _ in seen)
 
 
 # --- Confidence of the splats' groups: histogram over a selection, and uncertain splats.
@@ -245,8 +224,7 @@ def confidence_of_groups(scene: Scene, ids: IntArray) -> DoubleArray:
     labels, n = scene.labels[live], int(ids.max(initial=0)) + 1
     total = np.bincount(labels, column[live], n)[ids]
     count = np.bincount(labels, minlength=n)[ids]
-    mean: DoubleArray = np.where(count > 0, total / (255.0 * np.maximum(count, 1)), -1.0)
-    return mean
+    return np.where(count > 0, total / (255.0 * np.maximum(count, 1)), -1.0)
 
 
 def uncertain(scene: Scene, splats: IntArray, below: float) -> IntArray:
@@ -258,5 +236,4 @@ def uncertain(scene: Scene, splats: IntArray, below: float) -> IntArray:
     if column is None:
         raise GagaError("How sure the splats are is not known. Use Find objects to learn it.")
     free = ~scene.has(State.LOCKED | State.DELETED)[splats]
-    chosen: IntArray = splats[free & (column[splats] < below * 255)]
-    return chosen
+    return splats[free & (column[splats] < below * 255)]

@@ -5,16 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, check_shape
+from gaga_core.arrays import AnyArray, DoubleArray, IntArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.geometry import quats_to_matrices
+from gaga_core.geometry import look_at, quats_to_matrices
 from gaga_core.scene.frame import scale_of
 from gaga_core.scene.scene import Scene
-
-# --- Which way is up in a scene, by its cameras or by its splats, and what the cameras look at.
-
 
 _SNAP = np.cos(np.radians(3.0))  # an up this near to a world axis is that axis
 _NEARLY = np.cos(np.radians(30.0))  # ups nearer than this are meant to be the same
@@ -104,17 +101,13 @@ def _from_ground(gaussians: Gaussians) -> DoubleArray | None:
     axis = int(total.argmax())
     if total[axis] <= _MORE * np.delete(total, axis).max():
         return None
-    foot, top = (float(across[end, axis].sum() / total[axis]) for end in _ends(at[:, axis]))
+    ends = at[:, axis] < _END, at[:, axis] > 1 - _END
+    foot, top = (float(across[end, axis].sum() / total[axis]) for end in ends)
     if max(foot, top) < _GROUND or min(foot, top) > _TOP:
         return None
     up = np.zeros(3)
     up[axis] = 1.0 if foot > top else -1.0
     return up
-
-
-def _ends(at: DoubleArray) -> tuple[BoolArray, BoolArray]:
-    """Which of the places (K,) in 0..1 lie at either end."""
-    return at < _END, at > 1 - _END
 
 
 def upright_basis(up: DoubleArray) -> DoubleArray:
@@ -124,6 +117,46 @@ def upright_basis(up: DoubleArray) -> DoubleArray:
     x = helper - (helper @ z) * z
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z])
+
+
+def even_directions(n: int) -> DoubleArray:
+    """Unit directions (N, 3), evenly over the sphere: turned by the golden angle one by one."""
+    turn = np.pi * (3 - np.sqrt(5)) * np.arange(n)
+    z = 1 - 2 * (np.arange(n) + 0.5) / n
+    ring = np.sqrt(1 - z * z)
+    return np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+
+
+def views_around(
+    box: tuple[DoubleArray, DoubleArray],
+    up: DoubleArray,
+    rings: Sequence[tuple[float, int]],  # elevation in degrees, views around
+    *,
+    side: int,
+    field: float,
+    room: float,
+    phase: float = 0.0,
+    name: str = "view",
+) -> tuple[Camera, ...]:
+    """Square views of ``side`` pixels on rings around a box lo, hi (3,), towards its middle.
+
+    ``field``: of view, radians; ``room``: times the distance at which the box's ball fills a view;
+    ``phase``: share of a step by which each ring is turned.
+    """
+    lo, hi = box
+    middle, radius = (lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2
+    distance = room * max(radius, 1e-12) / np.sin(field / 2)
+    world_from_upright = upright_basis(up).T
+    focal = 0.5 * side / np.tan(field / 2)
+    K = np.array([[focal, 0, side / 2], [0, focal, side / 2], [0, 0, 1.0]])
+    views: list[Camera] = []
+    for elevation, n in rings:
+        e = np.radians(elevation)
+        for turn in 2 * np.pi * (np.arange(n) + phase) / n:
+            way = np.array([np.cos(e) * np.cos(turn), np.cos(e) * np.sin(turn), np.sin(e)])
+            pose = look_at(middle + distance * (world_from_upright @ way), middle, up)
+            views.append(Camera(K, pose, side, side, f"{name} {len(views)}"))
+    return tuple(views)
 
 
 def common_target(cameras: Sequence[Camera]) -> DoubleArray | None:
@@ -142,7 +175,7 @@ def common_target(cameras: Sequence[Camera]) -> DoubleArray | None:
     return point if n_before > len(cameras) / 2 else None
 
 
-# --- Maps (3, 4) of the world that arrange things: mirror, align to the ground.
+# --- Maps (3, 4) of the world that arrange things.
 
 
 _FLAT = 0.02  # height of a triangle over its longest side, below which it counts as a line
@@ -270,8 +303,7 @@ def degrees_of(pose: Pose, *, local: bool) -> DoubleArray:
     else:  # x and z are about one axis: all of it is x
         x, z = np.arctan2(turn[2, 1], turn[1, 1]), 0.0
     angles = np.degrees([x, y, z])
-    result: DoubleArray = (angles if local else -angles) + 0.0
-    return result
+    return (angles if local else -angles) + 0.0
 
 
 def _about(axis: int, angle: float) -> DoubleArray:

@@ -13,21 +13,23 @@ does not know.
 
 import json
 import re
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 from uuid import uuid4
 
 import msgspec
 import numpy as np
 
 from gaga_core import __version__
-from gaga_core.arrays import IntArray, UInt8Array, check_shape
+from gaga_core.arrays import AnyArray, IntArray, UInt8Array, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.bank_file import bank_digest, load_bank
+from gaga_core.grouping.bank_file import bank_arrays, bank_digest, bank_of, load_bank
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.identity.classifier_io import CLASSIFIER_FILE, field_of_model
 from gaga_core.identity.field import FILE as IDENTITY_FILE
@@ -36,6 +38,7 @@ from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write, fingerprint
 from gaga_core.io.folder.lock import lock_folder
 from gaga_core.io.folder.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
+from gaga_core.io.json_file import PathText, read_json
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.io.splats.sog import META, is_sog_meta
 from gaga_core.io.splats.splat_files import is_same_model, model_fingerprint, read_splats_stage
@@ -54,23 +57,205 @@ from gaga_core.scene.camera_path import (
 from gaga_core.scene.edits.objects import as_bytes
 from gaga_core.scene.edits.splats import with_added_stage
 from gaga_core.scene.edits.values import joined, read_added_stage
-from gaga_core.scene.export_manifest import MANIFEST, ManifestEntry, read_manifest
+from gaga_core.scene.export_manifest import MANIFEST, read_manifest
 from gaga_core.scene.folders import Folders
-from gaga_core.scene.frame import carried_cameras
+from gaga_core.scene.frame import Frame, carried_cameras
+from gaga_core.scene.index_set import IndexSet
+from gaga_core.scene.named_arrays import columns_of, identities_of, identity_arrays, splats_of
 from gaga_core.scene.objects import group_colors
-from gaga_core.scene.project_file import (
-    CURE,
-    FORMAT,
-    PROJECT_FILE,
-    FileEntry,
-    ProjectFile,
-    made_of,
-    read_project_file,
-    saved_scene,
-    scene_arrays,
-    scene_of,
-)
-from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Scene
+from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Placements, Scene
+
+# --- The file project.json: its fields, and reading it while another program may replace it.
+
+
+FORMAT = 1
+PROJECT_FILE = "project.json"
+CURE = "Move project.json away to open the scene from the start."
+_TRIES, _PAUSE_S = 50, 0.02  # a writer removes the former scene file right after the new note
+_SCENE_FILE = r"^scene-[0-9a-f]{12}\.npz$"
+_PATIENCE_S = 10.0  # for another program that is saving
+
+Group = Annotated[str, msgspec.Meta(pattern="^[0-9]{1,10}$")]
+Rows = Annotated[int, msgspec.Meta(ge=0, lt=1 << 31)]
+
+
+class FileEntry(msgspec.Struct, frozen=True):
+    """A file of splats that the project needs."""
+
+    path: PathText  # relative to the project's folder, or absolute; "": splats that an edit made
+    fingerprint: str
+    gaussians: Rows = 0
+    # As which an .spz is read that does not say its axes; projects without this took RUB.
+    axes: SilentAxes = "RUB"
+    # Of added splats: how the scene had been moved by then, rows of (4, 4); none: not at all.
+    frame: tuple[tuple[float, float, float, float], ...] = ()
+    merged: bool = False  # splats that an edit made of others, which it deleted
+
+
+class ProjectFile(msgspec.Struct, frozen=True):
+    """Content of project.json. ``bookmarks``, ``path`` and ``colors`` are checked entry by entry:
+    what is damaged there is left out, it is no edit of the scene."""
+
+    format: int
+    model: FileEntry
+    scene: Annotated[str, msgspec.Meta(pattern=_SCENE_FILE)]
+    names: dict[Group, str]
+    gaga_studio: str = ""
+    added: list[FileEntry] = []
+    folder: PathText | None = ".."
+    colors: object = None
+    folders: list[str] = []  # of the object list
+    in_folder: dict[Group, str] = {}
+    parents: dict[Group, Annotated[int, msgspec.Meta(gt=0, lt=1 << 31)]] = {}
+    sets: list[str] = []
+    bookmarks: object = None
+    path: object = None
+
+
+class _Head(msgspec.Struct, frozen=True):
+    format: int
+
+
+class _SceneName(msgspec.Struct, frozen=True):
+    scene: str
+
+
+def read_project_file(file: Path) -> tuple[ProjectFile, dict[str, AnyArray]]:
+    """Read project.json and the columns and tables of its scene file, which belong together.
+
+    Reads again when another program saved in between. Raises ``GagaError`` with one sentence.
+    """
+    document = _document(file)
+    for _ in range(_TRIES):
+        scene = file.parent / document.scene
+        try:
+            return document, read_arrays(scene, CURE)
+        except GagaError:
+            if scene.is_file():
+                raise
+        time.sleep(_PAUSE_S)
+        document = _document(file)
+        if file.parent / document.scene == scene and not scene.is_file():
+            break
+    raise GagaError(f"{file.parent / document.scene} of the saved project is gone. {CURE}")
+
+
+def saved_scene(folder: Path) -> str:
+    """Name of the scene file that the project saved in ``folder`` has now; "" when there is none.
+
+    A project.json that cannot be read counts as none of ours: "?".
+    """
+    file = folder / PROJECT_FILE
+    if not file.exists():
+        return ""
+    try:
+        return read_json(file, _SceneName, "").scene
+    except GagaError:
+        return "?"
+
+
+def _document(file: Path) -> ProjectFile:
+    if read_json(file, _Head, CURE).format > FORMAT:
+        raise GagaError(f"{file} was saved by a newer gaga-studio. Update it to open the project.")
+    return read_json(file, ProjectFile, CURE)
+
+
+# --- Columns and tables of a scene as named arrays: the file scene-<id>.npz of a project.
+
+
+def scene_arrays(scene: Scene) -> dict[str, AnyArray]:
+    """All that a project keeps of a scene in arrays. No pickles."""
+    arrays: dict[str, AnyArray] = {
+        "labels": scene.labels,
+        "state": scene.state,
+        "placement": scene.placement,
+        "source": scene.source,
+        "matrix": scene.placements.matrix,
+        "color": scene.placements.color,
+        "opacity": scene.placements.opacity,
+    }
+    if scene.bank is not None:
+        arrays |= {f"bank_{name}": array for name, array in bank_arrays(scene.bank).items()}
+    if scene.confidence is not None:
+        arrays["confidence"] = scene.confidence
+    arrays |= identity_arrays(scene.identities)
+    if not scene.frame.is_identity:
+        arrays["world"] = scene.frame.world
+        arrays["is_metric"] = np.array(scene.frame.is_metric)
+    for i, kept in enumerate(scene.named_selections.values()):
+        arrays[f"set_{i}"] = np.packbits(kept.mask())
+        arrays[f"length_{i}"] = np.array(kept.n)
+    # No file has the splats that edits made, so their columns are kept.
+    made = [item for item in scene.added if item.is_made]
+    sources, places = np.unique(scene.source, return_index=True) if made else (scene.source,) * 2
+    for i, item in enumerate(made):
+        first, end = np.searchsorted(sources, (item.first, item.first + item.n))
+        columns = columns_of(scene.gaussians.take(places[first:end]))
+        arrays |= {f"made_{i}:{name}": column for name, column in columns.items()}
+    return arrays
+
+
+def made_of(file: Path, arrays: dict[str, AnyArray], n: int) -> list[Gaussians]:
+    """The ``n`` sets of splats that edits made. Raises ``GagaError`` that names ``file``."""
+    found = []
+    try:
+        for i in range(n):
+            head = f"made_{i}:"
+            columns = {k.removeprefix(head): v for k, v in arrays.items() if k.startswith(head)}
+            found.append(splats_of(columns))
+    except (ValueError, KeyError) as error:
+        raise GagaError(f"{file} is damaged. {CURE}") from error
+    return found
+
+
+def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_opened: int) -> Scene:
+    """The scene of `scene_arrays`, on the splats (M,) of all its files.
+
+    ``n_opened`` splats are of the opened file. Raises ``GagaError`` that names ``file`` when the
+    arrays do not fit each other or the splats.
+    """
+    try:
+        source = arrays["source"].astype(np.int64)
+        n = len(source)
+        for name in ("labels", "state", "placement"):
+            check_shape(name, arrays[name], (n,))
+        rows = len(arrays["opacity"])
+        check_shape("matrix", arrays["matrix"], (rows, 3, 4))
+        check_shape("color", arrays["color"], (rows, 3, 4))
+        if source.min() < 0 or source.max() >= len(gaussians):
+            raise ValueError("source row outside the model")
+        if arrays["placement"].min() < 0 or arrays["placement"].max() >= rows:
+            raise ValueError("placement row outside the table")
+        bank = {k.removeprefix("bank_"): v for k, v in arrays.items() if k.startswith("bank_")}
+        confidence = arrays.get("confidence")
+        if confidence is not None:
+            check_shape("confidence", confidence, (n_opened,), np.uint8)
+        frame = Frame()
+        if "world" in arrays:
+            check_shape("world", arrays["world"], (4, 4), np.float64)
+            frame = Frame(arrays["world"], bool(arrays["is_metric"]))
+        sets: dict[str, IndexSet] = {}  # named selections, by number
+        while f"set_{len(sets)}" in arrays:
+            i = len(sets)
+            kept = np.unpackbits(arrays[f"set_{i}"], count=int(arrays[f"length_{i}"]))
+            sets[f"{i}"] = IndexSet.of(np.flatnonzero(kept), len(kept))
+        untouched = n == len(gaussians) and np.array_equal(source, np.arange(n))
+        return Scene(
+            gaussians=gaussians if untouched else gaussians.take(source),
+            labels=arrays["labels"].astype(np.int32),
+            state=arrays["state"].astype(np.uint8),
+            placement=arrays["placement"].astype(np.int32),
+            source=source,
+            placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
+            bank=bank_of(bank) if bank else None,
+            confidence=confidence,
+            identities=identities_of(arrays, n_opened),
+            named_selections=sets,
+            frame=frame,
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise GagaError(f"{file} is damaged. {CURE}") from error
+
 
 # --- Files of splats that other programs change: noticed at every save, and replaced by a copy.
 
@@ -161,7 +346,7 @@ def read_labels(path: Path, n_gaussians: int) -> tuple[IntArray, UInt8Array | No
 
 @dataclass(frozen=True, eq=False)
 class OpenedGroups:
-    """What a scene begins with."""
+    """What a scene begins with; fields of `Scene`."""
 
     labels: IntArray  # (N,)
     confidence: UInt8Array | None  # (N,) 0..255
@@ -237,13 +422,6 @@ def groups_of_file(gaussians: Gaussians, path: Path) -> OpenedGroups:
     return OpenedGroups(labels, as_bytes(confidence), None, identities)
 
 
-def with_groups(scene: Scene, opened: OpenedGroups) -> Scene:
-    """``scene``, just read, with what it begins with; the same object."""
-    scene.labels, scene.confidence = opened.labels, opened.confidence
-    scene.bank, scene.identities = opened.bank, opened.identities
-    return scene
-
-
 # --- Open exported objects again: the files that groups.json names, with names, colors and order.
 
 
@@ -289,19 +467,10 @@ def open_objects_stage(manifest: Path) -> Stage[tuple[Scene, Path, str]]:
     ids = np.array([entry.id for entry in entries], np.int32)
     scene = Scene.of(_all_joined(parts), np.repeat(ids, counts))
     starts = np.cumsum([0, *counts[:-1]]).tolist()
-    scene.added = tuple(
-        Added(str(file), digest, first, n)
-        for file, digest, first, n in zip(files, digests, starts, counts, strict=True)
-    )[1:]
-    _take_order(scene, entries)
-    return scene, files[0], digests[0]
-
-
-def _take_order(scene: Scene, entries: Sequence[ManifestEntry]) -> None:
-    """Names, colors, folders and parents of the export."""
-    plain = group_colors(np.array([entry.id for entry in entries], np.int32))
-    colors: dict[int, RGB] = {}
-    for entry, usual in zip(entries, plain, strict=True):
+    origins = zip(map(str, files), digests, starts, counts, strict=True)
+    scene.added = tuple(Added(*origin) for origin in origins)[1:]
+    colors: dict[int, RGB] = {}  # that are not the usual ones
+    for entry, usual in zip(entries, group_colors(ids), strict=True):
         red, green, blue = (min(max(value, 0.0), 1.0) for value in entry.color)
         if np.abs(np.array((red, green, blue)) - usual).max() > 1e-3:
             colors[entry.id] = (red, green, blue)
@@ -313,33 +482,15 @@ def _take_order(scene: Scene, entries: Sequence[ManifestEntry]) -> None:
         scene.folders = Folders.of((), {entry.id: entry.folder for entry in entries}, parents)
     except ValueError as error:
         raise GagaError(f"{MANIFEST} is damaged ({error}). Export the objects again.") from error
+    return scene, files[0], digests[0]
 
 
 def _all_joined(parts: Sequence[Gaussians]) -> Gaussians:
     """All splats as one set, in order: pairs first, so that none is copied often."""
-    while len(parts) > 1:
-        pairs = [
-            joined(parts[i], parts[i + 1]) if i + 1 < len(parts) else parts[i]
-            for i in range(0, len(parts), 2)
-        ]
-        parts = pairs
-    return parts[0]
-
-
-# --- One document: a scene that was opened, its edits, and where they are saved.
-# A project is a folder (``SCENE/gaga``, or ``NAME.gaga`` next to a single NAME.ply) with
-#
-#     project.json      which model (with a fingerprint), names of groups, folders, which scene file
-#     scene-<id>.npz    the columns and tables of the scene, and the memory bank with its log
-#
-# The model itself is not copied, unless it changed since it was opened and the caller asks for it.
-# A save writes a new scene file first and then replaces project.json in one step, so a failure at
-# any moment leaves the former save whole. Only one program writes at a time, and none over a save
-# that it does not know.
-
-
-_SCENE_FILE = re.compile(r"scene-[0-9a-f]{12}\.npz")
-_PATIENCE_S = 10.0  # for another program that is saving
+    if len(parts) == 1:
+        return parts[0]
+    middle = len(parts) // 2
+    return joined(_all_joined(parts[:middle]), _all_joined(parts[middle:]))
 
 
 class SavedElsewhereError(GagaError):
@@ -366,10 +517,10 @@ class Project:
     @property
     def placed_folder(self) -> SceneFolder | None:
         """The scene folder with its cameras where they stand around the edited splats."""
-        world = self.scene.frame.world
         if self.folder is None:
             return None
-        return replace(self.folder, cameras=carried_cameras(self.folder.cameras, world))
+        cameras = carried_cameras(self.folder.cameras, self.scene.frame.world)
+        return replace(self.folder, cameras=cameras)
 
     @property
     def training_views(self) -> tuple[Camera, ...]:
@@ -395,9 +546,8 @@ class Project:
         if self.folder is not None:
             return self.folder.work
         path, n = self.model_path.with_suffix(".gaga"), 1
-        while (
-            path / PROJECT_FILE
-        ).exists():  # a single .ply opens without edits: keep a former save
+        # A single .ply opens without edits: keep a former save.
+        while (path / PROJECT_FILE).exists():
             n += 1
             path = self.model_path.with_suffix(f".{n}.gaga")
         return path
@@ -413,9 +563,9 @@ def open_path_stage(path: Path) -> Stage[Project]:
     path = Path(path)
     if not path.exists():
         raise GagaError(f"{path} does not exist. Check the path.")
-    saved = _saved_project(path)
-    if saved is not None:
-        return (yield from _open_saved(saved))
+    for saved in (path, path / PROJECT_FILE, path / "gaga" / PROJECT_FILE):
+        if saved.name == PROJECT_FILE and saved.is_file():
+            return (yield from _open_saved(saved))
     path = path / META if is_sog_meta(path / META) else path
     path = path / LOD_META if is_streamed_sog(path / LOD_META) else path
     manifest = None if is_scene_folder(path) else manifest_in(path)
@@ -423,8 +573,7 @@ def open_path_stage(path: Path) -> Stage[Project]:
         scene, first, digest = yield from open_objects_stage(manifest)
         return Project(scene, first, model_fingerprint=digest)
     if path.is_dir():
-        yield Progress("Look at the folder", 0, 1, path.name)
-        return (yield from _open_folder(open_scene_folder(path)))
+        return (yield from _open_folder(path))
     if path.suffix.lower() == ".json" and not (is_sog_meta(path) or is_streamed_sog(path)):
         raise GagaError(
             f"{path.name} is not a saved project. Choose a project.json of gaga-studio."
@@ -432,18 +581,21 @@ def open_path_stage(path: Path) -> Stage[Project]:
     return (yield from _open_model(path))
 
 
-def _open_model(path: Path) -> Stage[Project]:
+def _open_model(path: Path, folder: SceneFolder | None = None) -> Stage[Project]:
     digest = model_fingerprint(path)
     gaussians = yield from read_splats_stage(path)
-    scene = with_groups(Scene.of(gaussians), groups_of_file(gaussians, path))
-    return Project(scene, path, model_fingerprint=digest)
+    if folder is not None and (folder.work / "labels.npz").is_file():
+        groups = groups_of_folder(folder.work, len(gaussians))
+    else:
+        groups = groups_of_file(gaussians, path)
+    scene = replace(Scene.of(gaussians), **vars(groups))
+    return Project(scene, path, folder, model_fingerprint=digest)
 
 
 def reopen_stage(project: Project) -> Stage[Project]:
     """Open the model of ``project`` as it is on disk now, without saved edits."""
     if project.folder is not None:
-        yield Progress("Look at the folder", 0, 1, project.folder.root.name)
-        return (yield from _open_folder(open_scene_folder(project.folder.root)))
+        return (yield from _open_folder(project.folder.root))
     return (yield from _open_model(project.model_path))
 
 
@@ -468,80 +620,63 @@ def save_project(
     target = target.parent if target.name == PROJECT_FILE else target
     entries = None if copies_model else _entries(project, target, False)  # before a folder is made
     with lock_folder(target, patience_s=_PATIENCE_S):
-        if not overwrites and target == own:
-            _check_known(project, target)
+        found = saved_scene(target)
+        if found and found not in project.known_saves and not overwrites and target == own:
+            raise SavedElsewhereError(
+                f"Another program saved a project in {target} since this one was opened. Save "
+                "elsewhere to keep both."
+            )
         _write_project(project, target, entries or _entries(project, target, True))
     project.path = target
     return target
 
 
-def _check_known(project: Project, target: Path) -> None:
-    found = saved_scene(target)
-    if found and found not in project.known_saves:
-        raise SavedElsewhereError(
-            f"Another program saved a project in {target} since this one was opened. Save "
-            "elsewhere to keep both."
-        )
-
-
-def _write_project(project: Project, target: Path, entries: Sequence[FileEntry]) -> None:
+def _write_project(project: Project, target: Path, entries: list[FileEntry]) -> None:
     """Write the scene file, then project.json. ``entries``: the model's, then of added files."""
     scene = project.scene
     name = f"scene-{uuid4().hex[:12]}.npz"
-    document = {
-        "format": FORMAT,
-        "gaga_studio": __version__,
-        "model": msgspec.to_builtins(entries[0]),
-        "added": msgspec.to_builtins(entries[1:]),
-        "folder": _shown(project.folder.root, target) if project.folder else None,
-        "scene": name,
-        "names": {str(group): text for group, text in sorted(scene.names.items())},
-        "colors": {str(group): list(rgb) for group, rgb in sorted(scene.colors.items())},
-        "folders": list(scene.folders.paths),
-        "in_folder": {str(group): path for group, path in scene.folders.home.items()},
-        "parents": {str(group): above for group, above in scene.folders.parent.items()},
-        "sets": list(scene.named_selections),
-        "bookmarks": bookmarks_entry(project.bookmarks),
-        "path": path_entry(project.film),
-    }
+    document = ProjectFile(
+        format=FORMAT,
+        gaga_studio=__version__,
+        model=entries[0],
+        added=entries[1:],
+        folder=_shown(project.folder.root, target) if project.folder else None,
+        scene=name,
+        names={str(group): text for group, text in sorted(scene.names.items())},
+        colors={str(group): list(rgb) for group, rgb in sorted(scene.colors.items())},
+        folders=list(scene.folders.paths),
+        in_folder={str(group): path for group, path in scene.folders.home.items()},
+        parents={str(group): above for group, above in scene.folders.parent.items()},
+        sets=list(scene.named_selections),
+        bookmarks=bookmarks_entry(project.bookmarks),
+        path=path_entry(project.film),
+    )
     with atomic_write(target / name) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **scene_arrays(scene))  # type: ignore[arg-type]
     try:
         with atomic_write(target / PROJECT_FILE) as temporary:
-            temporary.write_text(json.dumps(document, indent=2), encoding="utf-8")
+            content = msgspec.to_builtins(document, enc_hook=np.generic.item)
+            text = json.dumps(content, indent=2)
+            temporary.write_text(text, encoding="utf-8")
     except GagaError:
         (target / name).unlink(missing_ok=True)
         raise
     project.known_saves.add(name)
     for stale in target.glob("scene-*.npz"):
-        if _SCENE_FILE.fullmatch(stale.name) and stale.name != name:
+        if re.match(_SCENE_FILE, stale.name) and stale.name != name:
             with suppress(OSError):  # in use elsewhere: the next save removes it
                 stale.unlink()
 
 
-def _saved_project(path: Path) -> Path | None:
-    """The project.json that ``path`` means, if any."""
-    candidates = (path, path / PROJECT_FILE, path / "gaga" / PROJECT_FILE)
-    for file in candidates:
-        if file.name == PROJECT_FILE and file.is_file():
-            return file
-    return None
-
-
-def _open_folder(folder: SceneFolder) -> Stage[Project]:
+def _open_folder(root: Path) -> Stage[Project]:
+    yield Progress("Look at the folder", 0, 1, root.name)
+    folder = open_scene_folder(root)
     if folder.model_path is None:
         raise GagaError(
             f"{folder.root} has photos but no splats (point_cloud.ply). Train a 3D Gaussian "
             "Splatting model of it first, or open its .ply file."
         )
-    digest = model_fingerprint(folder.model_path)
-    gaussians = yield from read_splats_stage(folder.model_path)
-    if (folder.work / "labels.npz").is_file():
-        groups = groups_of_folder(folder.work, len(gaussians))
-    else:
-        groups = groups_of_file(gaussians, folder.model_path)
-    scene = with_groups(Scene.of(gaussians), groups)
-    return Project(scene, folder.model_path, folder, model_fingerprint=digest)
+    return (yield from _open_model(folder.model_path, folder))
 
 
 def _open_saved(file: Path) -> Stage[Project]:
@@ -572,38 +707,28 @@ def _open_saved(file: Path) -> Stage[Project]:
     scene.added = added
     scene.names = {int(group): text for group, text in document.names.items()}
     scene.colors = _colors_of(document.colors)
-    scene.folders = _folders_of(file, document)
-    kept = [scene.named_selections[f"{i}"] for i in range(len(scene.named_selections))]
-    scene.named_selections = dict(zip(document.sets, kept, strict=False))
-    return Project(
-        scene,
-        model_path,
-        folder,
-        file.parent,
-        model_fingerprint(model_path),
-        entry.axes,
-        bookmarks_of(document.bookmarks),
-        _film_of(document.path),
-        {document.scene},
-    )
-
-
-def _film_of(content: object) -> CameraPath:
-    """The camera's path; none when the project is older, or its entry is damaged."""
-    try:
-        return path_of(content)
-    except ValueError:
-        return CameraPath()
-
-
-def _folders_of(file: Path, document: ProjectFile) -> Folders:
-    """The order among objects. Raises ``GagaError`` when an object lies under itself."""
     homes = {int(group): path for group, path in document.in_folder.items()}
     parents = {int(group): above for group, above in document.parents.items()}
     try:
-        return Folders.of(document.folders, homes, parents)
-    except ValueError as error:
+        scene.folders = Folders.of(document.folders, homes, parents)
+    except ValueError as error:  # an object lies under itself
         raise GagaError(f"{file} is damaged ({error}). {CURE}") from error
+    kept = [scene.named_selections[f"{i}"] for i in range(len(scene.named_selections))]
+    scene.named_selections = dict(zip(document.sets, kept, strict=False))
+    film = CameraPath()
+    with suppress(ValueError):  # the project is older, or its entry is damaged
+        film = path_of(document.path)
+    return Project(
+        scene=scene,
+        model_path=model_path,
+        folder=folder,
+        path=file.parent,
+        model_fingerprint=model_fingerprint(model_path),
+        model_axes=entry.axes,
+        bookmarks=bookmarks_of(document.bookmarks),
+        film=film,
+        known_saves={document.scene},
+    )
 
 
 def _colors_of(content: object) -> dict[int, RGB]:
@@ -643,10 +768,9 @@ def _added_of(entries: Sequence[FileEntry], base: Path, n_opened: int) -> tuple[
         path = str(_resolve(base, item.path)) if item.path else ""  # "": see `Added`
         try:
             origin = path, item.fingerprint, first, item.gaussians, item.axes
-            entry = Added(*origin, item.frame, item.merged)
+            added.append(Added(*origin, item.frame, item.merged))
         except ValueError as error:
             raise GagaError(f"{base / PROJECT_FILE} is damaged ({error}). {CURE}") from error
-        added.append(entry)
         first += item.gaussians
     return tuple(added)
 

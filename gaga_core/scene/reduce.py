@@ -6,6 +6,7 @@ scripts know it as any other edit. What no pair was found for stays as it is, bi
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from gaga_core.arrays import (
     AnyArray,
     BoolArray,
     DoubleArray,
-    FloatArray,
     IntArray,
     LongArray,
     check_shape,
@@ -26,6 +26,7 @@ from gaga_core.geometry import quats_to_matrices
 from gaga_core.io.splats.packing import morton_order
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
+from gaga_core.raster.cpu.prepare import for_kernel
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.edits.splats import append_made, delete
 from gaga_core.scene.edits.values import Edit, together
@@ -34,11 +35,12 @@ from gaga_core.scene.merge_splats import merge_splats
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.scene import Revision, Scene, State
 from gaga_core.scene.selection.click import loss_views
+from gaga_core.scene.splat_kernels import match_pairs, pair_costs
+from gaga_core.threads import n_threads, run_chunks
 
-# --- Fewer splats for the same look: neighbours that are alike become one, and what that loses.
-# Pairs of neighbours are merged with their moments kept (`merge_splats`), those first whose merged
-# splat is nearest to the two: the scheme of Hierarchical 3D Gaussians (Kerbl 2024) without its
-# tree.
+# --- Fewer splats for the same look. Pairs of neighbours are merged with their moments kept
+# (`merge_splats`), those first whose merged splat is nearest to the two: the scheme of Hierarchical
+# 3D Gaussians (Kerbl 2024) without its tree.
 
 
 STEP = "Merge splats"
@@ -109,10 +111,6 @@ def _pairs(
     """For each splat the row that it is merged into (N,), and how many pairs there are."""
     from scipy.spatial import cKDTree
 
-    from gaga_core.raster.cpu.prepare import for_kernel
-    from gaga_core.scene.splat_kernels import match_pairs, pair_costs
-    from gaga_core.threads import n_threads, run_chunks
-
     n = len(gaussians)
     parents = np.arange(n, dtype=np.int64)
     good = np.flatnonzero(
@@ -121,8 +119,8 @@ def _pairs(
     if len(good) < 2:
         return parents, 0
     k = min(_NEIGHBOURS + 1, len(good))
-    means = gaussians.means[good]
-    _, near = cKDTree(means).query(means, k=k, workers=n_threads())
+    finite = gaussians.means[good]
+    _, near = cKDTree(finite).query(finite, k=k, workers=n_threads())
     yield Progress(STEP, 0, 0, f"{n:,} left")
     ones = np.repeat(np.arange(len(good)), k)
     others = near.ravel()
@@ -136,20 +134,9 @@ def _pairs(
     costs = np.empty(len(first))
     colors = for_kernel(np.float32(SH_C0) * gaussians.sh[:, 0], np.float32)
 
-    def work(start: int, stop: int) -> None:
-        pair_costs(
-            for_kernel(gaussians.means, np.float32),
-            covariances,
-            weights,
-            colors,
-            first,
-            second,
-            _COLOR_WEIGHT,
-            costs,
-            start,
-            stop,
-        )
-
+    means = for_kernel(gaussians.means, np.float32)
+    splats = means, covariances, weights, colors
+    work = partial(pair_costs, *splats, first, second, _COLOR_WEIGHT, costs)
     run_chunks(work, len(first), _CHUNK)
     yield Progress(STEP, 0, 0, f"{n:,} left")
     order = np.argsort(costs, kind="stable")
@@ -167,16 +154,14 @@ def _moments(gaussians: Gaussians) -> tuple[DoubleArray, DoubleArray]:
     return np.stack(rows, axis=1), np.nan_to_num(weights, posinf=0.0)
 
 
-# --- Fewer splats of a selection, of objects or of the scene, as an edit: `decimate` in place.
-# What is merged is deleted, and what it became is added with its group, so that undo, projects and
-# scripts know it as any other edit. What no pair was found for stays as it is, bit for bit.
+# --- The edit.
 
 
 SHARES = (0.75, 0.5, 0.25, 0.1, 0.05)  # at which a loss is estimated
-_MOST = 100_000  # splats that an estimate merges; of more, some blocks are taken
-_BLOCKS = 8
-_FEW_VIEWS = 3  # of an estimate
-_MOST_MOTIONS = 64  # that are told apart: each is an addition of its own
+_N_ESTIMATED = 100_000  # splats that an estimate merges; of more, some blocks are taken
+_N_BLOCKS = 8
+_N_VIEWS = 3  # of an estimate
+_N_MOTIONS = 64  # that are told apart: each is an addition of its own
 _OPAQUE = 0.5  # a pixel shows splats where they hide more than this
 _ESTIMATE = "Estimate the loss"
 
@@ -292,7 +277,7 @@ def _by_motion(scene: Scene, origins: LongArray) -> Iterator[tuple[Frame, LongAr
     for row, place in zip(rows.tolist(), first.tolist(), strict=True):
         motion = _motion(scene, int(origins[place]))
         alike.setdefault(motion.rows, (motion, []))[1].append(row)
-    if len(alike) > _MOST_MOTIONS:
+    if len(alike) > _N_MOTIONS:
         alike = {(): (scene.frame, rows.tolist())}
     for motion, members in alike.values():
         yield motion, np.flatnonzero(np.isin(placed, members))
@@ -332,9 +317,9 @@ def estimate_stage(
     if len(rows) < 2:
         return LossCurve(())
     views = _views(scene, rows, gaussians, cameras)
-    views = views[:: -(-len(views) // _FEW_VIEWS)]
+    views = views[:: -(-len(views) // _N_VIEWS)]
     labels, filled = scene.labels[rows], 1.0
-    is_part = len(rows) > _MOST
+    is_part = len(rows) > _N_ESTIMATED
     if is_part:  # judged where it is opaque; the whole fills so much of the pictures
         whole = [rasterizer.render(gaussians, view).alpha > _OPAQUE for view in views]
         filled = float(np.concatenate([drawn.ravel() for drawn in whole]).mean())
@@ -353,22 +338,13 @@ def estimate_stage(
         if target < 1:
             fewer, places = yield from decimate_stage(fewer, target, labels)
             labels = labels[places]
-        error = _error(fewer, before, rasterizer)
+        errors = [
+            (np.clip(rasterizer.render(fewer, view).image, 0, 1) - picture)[where].ravel()
+            for view, picture, where in before
+        ]
+        error = np.concatenate(errors).astype(np.float64)
         points.append((share, psnr_of(filled * float((error**2).sum()), error.size)))
     return LossCurve(tuple(points))
-
-
-def _error(
-    fewer: Gaussians,
-    before: Sequence[tuple[Camera, FloatArray, BoolArray]],
-    rasterizer: Rasterizer,
-) -> DoubleArray:
-    """Differences to the pictures (H, W, 3) of before, where their masks (H, W) are set."""
-    parts = [
-        (np.clip(rasterizer.render(fewer, view).image, 0, 1) - picture)[where].ravel()
-        for view, picture, where in before
-    ]
-    return np.concatenate(parts).astype(np.float64)
 
 
 def _views(
@@ -399,7 +375,6 @@ def _same(fewer: Gaussians, gaussians: Gaussians, places: LongArray) -> BoolArra
 
 def _blocks(gaussians: Gaussians) -> LongArray:
     """Some splats in blocks of neighbours, evenly over the scene."""
-    order = morton_order(gaussians.means)
-    starts = np.linspace(0, len(order) - _MOST // _BLOCKS, _BLOCKS).astype(np.int64)
-    chosen = [order[start : start + _MOST // _BLOCKS] for start in starts]
-    return np.unique(np.concatenate(chosen)).astype(np.int64)
+    order, size = morton_order(gaussians.means), _N_ESTIMATED // _N_BLOCKS
+    starts = np.linspace(0, len(order) - size, _N_BLOCKS).astype(np.int64)
+    return np.unique(np.concatenate([order[start : start + size] for start in starts]))

@@ -4,9 +4,11 @@ Indices never move while editing: delete is a bit, duplicate appends, compaction
 Only an Edit changes a Scene, and only History applies one.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from enum import IntFlag
-from typing import Literal
+from functools import wraps
+from typing import Concatenate, Literal, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -18,7 +20,9 @@ from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import Frame
 from gaga_core.scene.index_set import IndexSet
 
-_MOST_KEPT = 16  # changes of the Gaussians that mirrors can catch up with
+_CATCH_UP = 16  # changes of the Gaussians that mirrors can catch up with
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
 
 RGB = tuple[float, float, float]  # 0..1
 LabelSource = Literal["votes", "identities"]  # of the masks; of the classifier on the encodings
@@ -141,7 +145,7 @@ class Revision:
     def splats_changed(self, kept: int) -> None:
         """Count a change of the Gaussians that left the first ``kept`` rows as they were."""
         self.splats += 1
-        self.kept = (*self.kept, (self.splats, kept))[-_MOST_KEPT:]
+        self.kept = (*self.kept, (self.splats, kept))[-_CATCH_UP:]
 
     def rows_kept_since(self, splats: int) -> int:
         """Leading rows of the Gaussians that are what they were at this count of ``splats``."""
@@ -207,25 +211,23 @@ class Scene:
 
         Splats of an added file are in no doubt: 255.
         """
-        if self.confidence is None:
-            return None
-        if not self.added:
-            return self.confidence[self.source]
-        rows = np.minimum(self.source, len(self.confidence))
-        return np.append(self.confidence, np.uint8(255))[rows]
+        return self._by_splat(self.confidence, 255)
 
     def identity_colors_of(self) -> UInt8Array | None:
         """RGB (N, 3) of each splat's identity encoding; gray where splats were added.
 
         None without encodings. A duplicate has its original's.
         """
-        colors = self.identities.colors
-        if colors is None:
+        return self._by_splat(self.identities.colors, 128)
+
+    def _by_splat(self, column: UInt8Array | None, added: int) -> UInt8Array | None:
+        """A column (M, ...) of the opened file for each splat (N, ...); others get ``added``."""
+        if column is None:
             return None
         if not self.added:
-            return colors[self.source]
-        gray = np.full((1, 3), 128, np.uint8)
-        return np.concatenate([colors, gray])[np.minimum(self.source, len(colors))]
+            return column[self.source]
+        filled = np.concatenate([column, np.full((1, *column.shape[1:]), added, np.uint8)])
+        return filled[np.minimum(self.source, len(column))]
 
     def motion_of(self, source: int) -> DoubleArray:
         """Motion (4, 4) of the scene as a whole since a splat came into it; ``source``: its row."""
@@ -248,3 +250,18 @@ class Scene:
     def visible(self) -> BoolArray:
         """Splats (N,) that are drawn, picked and exported: neither hidden nor deleted."""
         return ~self.has(State.HIDDEN | State.DELETED)
+
+
+def of_scene_now(
+    work: Callable[Concatenate[Scene, _P], _T],
+) -> Callable[Concatenate[Scene, _P], _T]:
+    """Let a stage see the scene as it is at the call, not at the first step.
+
+    Columns are never written in place, so this copies nothing.
+    """
+
+    @wraps(work)
+    def started(scene: Scene, /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        return work(replace(scene, revision=Revision()), *args, **kwargs)
+
+    return started

@@ -7,9 +7,6 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
 from gaga_core.kernels import kernel
 
-# --- What it costs to merge two splats, and which pairs are merged.
-
-
 _TINY = 1e-300
 
 

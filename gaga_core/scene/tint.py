@@ -1,7 +1,7 @@
 """Affine colors that recolor an object and keep its shading."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -9,9 +9,6 @@ from gaga_core.arrays import AnyArray, DoubleArray, check_shape
 from gaga_core.color import LUMA, rgb_from_dc
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.scene import Scene
-
-# --- Affine colors that recolor an object and keep its shading.
-
 
 _DARK = 0.15  # an object darker than this is not brightened by more than target / 0.15
 _BLACK = 0.02  # shading left in an object painted black, so that the next recolor still has some
@@ -57,8 +54,7 @@ def mean_color(scene: Scene, indices: AnyArray) -> DoubleArray:
         rgb[at] = rgb[at] @ affine[:, :3].T + affine[:, 3]
     logits = scene.gaussians.logit_opacities[splats].astype(np.float64)
     weights = 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
-    mean: DoubleArray = np.clip(np.average(rgb, axis=0, weights=weights), 0, 1)
-    return mean
+    return np.clip(np.average(rgb, axis=0, weights=weights), 0, 1)
 
 
 # --- Color grading as one affine map of RGB, so that SH stay right and grades compose.
@@ -72,33 +68,28 @@ _GREEN = np.array([-0.1, 0.2, -0.1])  # gain at green-magenta 1
 _NARROWEST = 0.01  # white stays this far above black
 
 
+def _within(default: float, low: float, high: float) -> float:
+    limited: float = field(default=default, metadata={"limits": (low, high)})
+    return limited
+
+
 @dataclass(frozen=True)
 class Grade:
     """How colors change; the defaults change nothing."""
 
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0)  # gain of red, green, blue, 0..4
-    temperature: float = 0.0  # -1 (cold) .. 1 (warm)
-    green: float = 0.0  # -1 (magenta) .. 1 (green)
-    saturation: float = 1.0  # 0 (grey) .. 4
-    brightness: float = 0.0  # added, -1..1
-    black: float = 0.0  # the level that becomes 0, -1..1
-    white: float = 1.0  # the level that becomes 1, 0..2
-    opacity: float = 1.0  # factor, 0..1; independent of the colors
+    temperature: float = _within(0.0, -1, 1)  # cold .. warm
+    green: float = _within(0.0, -1, 1)  # magenta .. green
+    saturation: float = _within(1.0, 0, 4)  # 0: grey
+    brightness: float = _within(0.0, -1, 1)  # added
+    black: float = _within(0.0, -1, 1)  # the level that becomes 0
+    white: float = _within(1.0, 0, 2)  # the level that becomes 1
+    opacity: float = _within(1.0, 0, 1)  # factor; independent of the colors
 
     def __post_init__(self) -> None:
-        limits = {
-            "temperature": (-1, 1),
-            "green": (-1, 1),
-            "saturation": (0, 4),
-            "brightness": (-1, 1),
-            "black": (-1, 1),
-            "white": (0, 2),
-            "opacity": (0, 1),
-        }
-        for name, (low, high) in limits.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ValueError(f"{name}: expected {low}..{high}, got {value}")
+        for name, (low, high) in ((f.name, f.metadata["limits"]) for f in fields(self)[1:]):
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f"{name}: expected {low}..{high}, got {getattr(self, name)}")
         if len(self.tint) != 3 or not all(0 <= gain <= 4 for gain in self.tint):
             raise ValueError(f"tint: expected three gains 0..4, got {self.tint}")
         if self.white - self.black < _NARROWEST:

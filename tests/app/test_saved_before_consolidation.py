@@ -14,16 +14,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gaga_studio.actions import autosave, history
-from gaga_studio.session.history_copy import FILE, read_history
 
 from gaga_core.arrays import AnyArray
 from gaga_core.edit_script import OPERATIONS, run_script
 from gaga_core.progress import run_stage
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.project import open_path_stage
-from gaga_core.scene.project_file import saved_scene, scene_arrays
+from gaga_core.scene.project import open_path_stage, saved_scene, scene_arrays
 from gaga_core.scene.scene import Revision, Scene
+from gaga_studio.features import autosave
+from gaga_studio.features.autosave import FILE, read_history
 from gaga_studio.session.session import Session
 
 SAVED = Path(__file__).resolve().parents[1] / "fixtures" / "before_consolidation"
@@ -120,7 +119,7 @@ def test_a_crash_is_recovered_with_its_history(
     assert session.jobs.wait()
     assert session.scene is not None, session.notices
     assert digest(session.scene) == expected["states"][expected["cursor"]]
-    history.undo(session)
+    session.undo()
     assert digest(session.scene) == expected["states"][expected["cursor"] - 1]
 
 

@@ -32,6 +32,7 @@ from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection.by_screen import pick
 from gaga_core.scene.selection.click import (
     Answer,
     Click,
@@ -41,7 +42,6 @@ from gaga_core.scene.selection.click import (
     clicked,
     nothing_yet,
 )
-from gaga_core.scene.selection.picking import pick
 from tests.bench.figures import Figure, cpu_median
 
 _GOOD = 0.9  # IoU

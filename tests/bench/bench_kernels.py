@@ -13,7 +13,7 @@ _WARM = """
 import time
 import numpy as np
 from gaga_core.raster import choose
-from gaga_core.scene.selection.picking import pick
+from gaga_core.scene.selection.by_screen import pick
 from gaga_core.scene.scene import Scene
 from tests.scenes import objects_scene
 scene = objects_scene(4, 200)

@@ -15,7 +15,7 @@ from gaga_core.raster.cpu.prepare import prepare
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer, _blend, _colors
 from gaga_core.raster.reference import ReferenceRasterizer
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.picking import pick
+from gaga_core.scene.selection.by_screen import pick
 from tests.bench.figures import Figure, cpu_median, one_thread
 from tests.bench.torch_tiles import torch_tile_loop
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians

@@ -17,7 +17,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.picking import pick
+from gaga_core.scene.selection.by_screen import pick
 from gaga_studio.gpu.buffers import SceneBuffers
 from gaga_studio.gpu.context import is_software
 from gaga_studio.gpu.sorter import SortColumns, SortJob

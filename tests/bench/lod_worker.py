@@ -27,7 +27,7 @@ from gaga_core.progress import run_stage
 from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.picking import pick
+from gaga_core.scene.selection.by_screen import pick
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.view import ViewState
 

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
-from gaga_core.scene.selection.picking import pick
+from gaga_core.scene.selection.by_screen import pick
 from gaga_core.training.losses import psnr
 from tests.display import xvfb
 from tests.web.conftest import DARK, Exported

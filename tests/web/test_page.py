@@ -13,7 +13,7 @@ from PIL import Image
 from gaga_core.arrays import BoolArray, FloatArray
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.scene import State
-from gaga_core.scene.selection.picking import pick
+from gaga_core.scene.selection.by_screen import pick
 from gaga_core.training.losses import psnr
 from tests.web.conftest import DARK, HOSTILE, Exported
 

@@ -29,8 +29,14 @@ from gaga_core.io.json_file import PathText, read_json
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.edits.history import History, HistoryRecord
 from gaga_core.scene.edits.history_file import history_arrays, history_of
-from gaga_core.scene.project import Project, open_path_stage, save_project
-from gaga_core.scene.project_file import PROJECT_FILE, saved_scene, scene_arrays
+from gaga_core.scene.project import (
+    PROJECT_FILE,
+    Project,
+    open_path_stage,
+    save_project,
+    saved_scene,
+    scene_arrays,
+)
 from gaga_core.scene.scene import Revision, Scene
 from gaga_studio.features.find.memory_bank import ObjectQuality
 from gaga_studio.session import level_of_detail

@@ -314,7 +314,7 @@ class Region:
         if not self._whole:
             return splats, f"{verb} {len(splats):,} splats"
         groups = algebra.groups_inside(self._scene, splats)
-        rows = algebra.group_indices(self._scene, groups)
+        rows = group_indices(self._scene, groups)
         if len(groups) == 1:
             return rows, f"{verb} {self._document.name_of(int(groups[0]))}"
         return rows, f"{verb} {len(groups)} objects"

@@ -24,7 +24,7 @@ from gaga_core.scene.orientation import guess_up
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import RGB, Scene
 from gaga_core.scene.selection.bounds import splat_box, whole_box
-from gaga_core.scene.selection.picking import Pick, pick
+from gaga_core.scene.selection.by_screen import Pick, pick
 from gaga_studio.session import level_of_detail, saving, stages, upright
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document

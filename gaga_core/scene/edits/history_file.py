@@ -19,7 +19,7 @@ from gaga_core.io.json_file import decode_json
 from gaga_core.scene.edits.history import HistoryRecord
 from gaga_core.scene.edits.values import Edit, Row
 from gaga_core.scene.edits.wire import EditJson, of_json, script_form, to_json
-from gaga_core.scene.project_file import identities_of, identity_arrays
+from gaga_core.scene.named_arrays import identities_of, identity_arrays
 from gaga_core.scene.scene import Identities
 
 _LOG = logging.getLogger(__name__)

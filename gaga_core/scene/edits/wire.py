@@ -28,7 +28,7 @@ from gaga_core.scene.edits.values import (
     parts_of,
 )
 from gaga_core.scene.index_set import IndexSet, PackedInts, Storage
-from gaga_core.scene.project_file import columns_of, splats_of
+from gaga_core.scene.named_arrays import columns_of, splats_of
 
 EditJson = dict[str, Any]
 _ONLY_HISTORY = ("bank", "confidence", "identities", "selection")  # kinds that change no splat

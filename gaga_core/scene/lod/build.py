@@ -1,6 +1,8 @@
 """Building the tree: one pass from the opened splats up, a chunk at a time."""
 
+import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -10,6 +12,7 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.progress import Progress, Stage
+from gaga_core.scene.lod.build_kernels import cluster_windows, hilbert_keys
 from gaga_core.scene.lod.tree import (
     CHUNK,
     FAN,
@@ -29,7 +32,7 @@ from gaga_core.scene.lod.tree import (
     row_type,
     union_of_children,
 )
-from gaga_core.scene.merge_splats import merge_runs
+from gaga_core.scene.merge_splats import kernel_columns, merge_runs
 from gaga_core.threads import run_chunks
 
 STAGE = "Build level of detail"
@@ -49,6 +52,7 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
     a splat more than the splats themselves. Raises ``GagaError`` when it cannot be written.
     """
     folder, sizes = Path(folder), level_sizes(len(gaussians))
+    n_sh = gaussians.sh.shape[1]
     total = sum(sizes)
     yield Progress(STAGE, 0, total, "order")
     order = curve_order(gaussians.means)
@@ -61,14 +65,26 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
         target.mkdir()
         order.astype("<i4").tofile(target / ORDER)
         for level, size in enumerate(sizes):
-            with (target / level_file(level)).open("wb") if level else _Nothing() as file:
+            # Level 0 has no file: the model is there.
+            with (target / level_file(level) if level else Path(os.devnull)).open("wb") as file:
                 for first in range(0, size, CHUNK):
                     end = min(first + CHUNK, size)
                     if level == 0:
                         splats = gaussians.bare(order[first:end])
                     else:
-                        splats, rows = _merged(gaussians, order, target, level, first, end, sizes)
-                        file.write(_packed(splats, rows))
+                        start, stop = first * FAN, min(end * FAN, sizes[level - 1])
+                        rows = order[start:stop]
+                        if level == 1:
+                            below = gaussians.bare(rows)
+                        else:
+                            below, rows = read_rows(target, level - 1, start, stop, n_sh)
+                        splats, rows = merged_level(below, rows)
+                        packed = np.empty(len(splats), row_type(n_sh))
+                        packed["means"], packed["quats"] = splats.means, splats.quats
+                        packed["log_scales"] = splats.log_scales
+                        packed["logit"], packed["sh"] = splats.logit_opacities, splats.sh
+                        packed["row"] = rows
+                        file.write(packed.tobytes())
                     nodes.append(_nodes(splats, is_merged=level > 0))
                     finite = splats.log_scales[np.isfinite(splats.log_scales)]
                     low = min(low, float(finite.min(initial=np.inf)))
@@ -78,7 +94,6 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
         table = np.concatenate(nodes)
         union_of_children(table, first_nodes(sizes))
         np.save(target / NODES, table)
-        n_sh = gaussians.sh.shape[1]
         sizes_range = (low, high) if low <= high else (0.0, 0.0)  # no splat has a finite size
         stored = LodFile(FORMAT, digest, sizes, n_sh, sizes_range)
         (target / FILE).write_bytes(msgspec.json.encode(stored))
@@ -88,54 +103,16 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
     return tree
 
 
-class _Nothing:
-    """Level 0 has no file: the model is there."""
-
-    def __enter__(self) -> "_Nothing":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        return
-
-    def write(self, _: bytes) -> int:
-        raise ValueError("level 0 is not written")
-
-
 def curve_order(means: FloatArray) -> IntArray:
     """Rows (N,) of ``means`` (N, 3) along a Hilbert curve through the scene."""
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.scene.lod.build_kernels import hilbert_keys
-
     sample = means[:: -(-len(means) // _SAMPLE)].astype(np.float64)
     low, middle, high = np.percentile(sample, [2, 50, 98], axis=0)
     half = max(float((high - low).max()) / 2, 1e-12)
     keys = np.empty(len(means), np.uint64)
     centre = middle.astype(np.float32)
 
-    def work(start: int, stop: int) -> None:
-        hilbert_keys(means, centre, half, keys, start, stop)
-
-    run_chunks(work, len(means), _KEY_CHUNK)
+    run_chunks(partial(hilbert_keys, means, centre, half, keys), len(means), _KEY_CHUNK)
     return np.argsort(keys, kind="stable").astype(np.int32)
-
-
-def _merged(
-    gaussians: Gaussians,
-    order: IntArray,
-    folder: Path,
-    level: int,
-    first: int,
-    end: int,
-    sizes: list[int],
-) -> tuple[Gaussians, IntArray]:
-    """Splats ``first`` to ``end`` of a level, from those of the level below."""
-    start, stop = first * FAN, min(end * FAN, sizes[level - 1])
-    if level == 1:
-        rows = order[start:stop]
-        below = gaussians.bare(rows)
-    else:
-        below, rows = read_rows(folder, level - 1, start, stop, gaussians.sh.shape[1])
-    return merged_level(below, rows)
 
 
 def merged_level(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]:
@@ -145,14 +122,7 @@ def merged_level(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]
     one splat cannot be as opaque as they are together, it is larger than their moments say: a dense
     surface would let through what lies behind it.
     """
-    named = Gaussians(
-        below.means,
-        below.quats,
-        below.log_scales,
-        below.logit_opacities,
-        below.sh,
-        {"row": rows},
-    )
+    named = replace(below, extra={"row": rows})
     order, starts = alike_runs(below)
     merged = merge_runs(named, starts, order)
     covered = (below.opacities * _faces(below.log_scales))[order]
@@ -166,23 +136,9 @@ def merged_level(below: Gaussians, rows: IntArray) -> tuple[Gaussians, IntArray]
 
 def alike_runs(splats: Gaussians) -> tuple[LongArray, LongArray]:
     """Rows (K,) of splats, those that become one next to each other, and where runs begin (P,)."""
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.raster.cpu.prepare import for_kernel
-    from gaga_core.scene.lod.build_kernels import cluster_windows
-
     n = len(splats)
     order, starts = np.empty(n, np.int64), np.empty(-(-n // FAN), np.int64)
-    means = for_kernel(splats.means, np.float32)
-    quats = for_kernel(splats.quats, np.float32)
-    log_scales = for_kernel(splats.log_scales, np.float32)
-    logits = for_kernel(splats.logit_opacities, np.float32)
-    sh = for_kernel(splats.sh, np.float32)
-
-    def work(first: int, last: int) -> None:
-        cluster_windows(
-            means, quats, log_scales, logits, sh, WINDOW, FAN, order, starts, first, last
-        )
-
+    work = partial(cluster_windows, *kernel_columns(splats), WINDOW, FAN, order, starts)
     run_chunks(work, -(-n // WINDOW), _WINDOWS)
     return order, starts
 
@@ -192,14 +148,6 @@ def _faces(log_scales: FloatArray) -> DoubleArray:
     a, b, c = np.exp(np.minimum(log_scales, np.float32(30)).astype(np.float64).T)
     faces: DoubleArray = a * b + b * c + c * a
     return faces
-
-
-def _packed(splats: Gaussians, rows: IntArray) -> bytes:
-    packed = np.empty(len(splats), row_type(splats.sh.shape[1]))
-    packed["means"], packed["quats"] = splats.means, splats.quats
-    packed["log_scales"], packed["logit"] = splats.log_scales, splats.logit_opacities
-    packed["sh"], packed["row"] = splats.sh, rows
-    return packed.tobytes()
 
 
 def _nodes(splats: Gaussians, *, is_merged: bool) -> FloatArray:
@@ -218,5 +166,4 @@ def _nodes(splats: Gaussians, *, is_merged: bool) -> FloatArray:
 def box_of(means: FloatArray, longest: FloatArray) -> DoubleArray | FloatArray:
     """Box (6,) lo, hi of splats with these largest standard deviations (K,)."""
     reach = np.float32(_REACH) * longest[:, None]
-    box: FloatArray = np.concatenate([(means - reach).min(axis=0), (means + reach).max(axis=0)])
-    return box
+    return np.concatenate([(means - reach).min(axis=0), (means + reach).max(axis=0)])

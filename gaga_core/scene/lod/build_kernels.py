@@ -8,9 +8,6 @@ from gaga_core.arrays import DoubleArray, FloatArray, LongArray
 from gaga_core.kernels import exact_kernel, kernel
 from gaga_core.scene.splat_kernels import turn_of
 
-# --- Which splats of a window become one: those that are most alike are merged first.
-
-
 _SH_C0 = 0.28209479177387814
 # What a squared distance counts, in units of the two splats' own extent, against a squared
 # difference of colors. 0.01 to 0.1 are within 0.1 dB of each other.

@@ -11,20 +11,15 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import NEAR, Camera
+from gaga_core.scene.lod.cut_kernels import behind, cover_cells, divide, end_depths, node_errors
 from gaga_core.scene.lod.tree import FAN, LodTree
-
-# --- The cut of a tree: for every part of the scene the one node that is drawn.
-# A node is divided while what it cannot show is larger than some pixels in the picture; how many
-# pixels follows from the budget of splats (view-dependent refinement: Hoppe 1997, Rusinkiewicz
-# 2000).
-
 
 LEAST_ERROR = 0.7  # pixels: finer than this nothing is divided
 MARGIN = 0.12  # share of the picture's size around it that counts as seen, as in the depth sort
 _OUTSIDE = 0.2  # share of the error that counts of what is not in the picture
 _HIDDEN = 0.1  # the same of what lies behind others
 _KEPT = 1.3  # factor of the error of nodes that are divided already: no flicker between two cuts
-_MOST = 1e6  # pixels
+_DIVIDED = 1e6  # pixels: the error of what is divided whatever its size
 _COVERED = 0.25  # of its squared error is what a splat covers
 _STEPS = 24  # of the search for the error that fits the budget
 _ROOM = 1.5  # splats of a cut, also out of the picture, times the budget
@@ -59,9 +54,6 @@ def choose_cut(
     ``exact`` (M,) that are seen are divided whatever their size, as far as the budget allows. Those
     of ``hidden`` (M,) lie behind others: they are drawn coarser.
     """
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.scene.lod.cut_kernels import divide, node_errors
-
     n = tree.n_nodes
     errors, seen = np.empty(n, np.float32), np.empty(n, np.bool_)
     K, width, height = camera.K, camera.width, camera.height
@@ -75,7 +67,7 @@ def choose_cut(
     if before is not None:
         errors[before] *= np.float32(_KEPT)
     if exact is not None:
-        errors[exact & seen] += np.float32(_MOST)
+        errors[exact & seen] += np.float32(_DIVIDED)
     divided = np.empty(n, np.bool_)
 
     def count(values: FloatArray, least: float) -> tuple[int, int]:
@@ -92,9 +84,9 @@ def choose_cut(
     # First what is in the picture, then what there is room for besides.
     least = LEAST_ERROR
     if not fits(least):
-        least = _least_that(fits, LEAST_ERROR, 4 * _MOST)
+        least = _least_that(fits, LEAST_ERROR, 4 * _DIVIDED)
     if not leaves_room(1.0):
-        coarser = _least_that(lambda factor: leaves_room(1 / factor), 1.0, _MOST)
+        coarser = _least_that(lambda factor: leaves_room(1 / factor), 1.0, _DIVIDED)
         errors = np.where(seen, errors, errors / np.float32(coarser))
     found = count(errors, least)
     return Cut(divided, seen, errors, least, *found)
@@ -119,10 +111,9 @@ def picture_shares(counts: IntArray, errors: FloatArray, camera: Camera) -> Doub
     largest ones in pixels.
     """
     # Those that are divided whatever their size have their own error on top.
-    pixels = np.where(errors >= _MOST, errors - _MOST, errors).astype(np.float64)
+    pixels = np.where(errors >= _DIVIDED, errors - _DIVIDED, errors).astype(np.float64)
     covered = _COVERED * counts * pixels**2
-    shares: DoubleArray = np.minimum(covered / (camera.width * camera.height), 1.0)
-    return shares
+    return np.minimum(covered / (camera.width * camera.height), 1.0)
 
 
 def drawn_nodes(tree: LodTree, divided: BoolArray) -> IntArray:
@@ -174,9 +165,6 @@ def hidden_nodes(
     ``means`` (K, 3) and ``covers`` (K,) are samples of the splats that are drawn, opaque as they
     are: of n splats each counts for n / K of them. What lies out of the picture is never hidden.
     """
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.scene.lod.cut_kernels import behind, cover_cells, end_depths
-
     share = _CELLS / max(camera.width, camera.height)
     width = max(round(camera.width * share), 1)
     height = max(round(camera.height * share), 1)

@@ -7,8 +7,6 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.kernels import kernel
 
-# --- Choosing a cut: which nodes are divided, so that no more splats than a budget are drawn.
-
 
 @kernel
 def node_errors(

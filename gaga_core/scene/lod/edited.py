@@ -7,6 +7,7 @@ others is mixed, and is drawn from its children, or is merged again.
 
 import threading
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -15,20 +16,16 @@ from gaga_core.camera import NEAR, Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene.bake import bake
 from gaga_core.scene.lod.build import merged_level
+from gaga_core.scene.lod.cut_kernels import leaf_facts, node_errors
 from gaga_core.scene.lod.tree import FAN, NODE, LodTree, union_of_children
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_core.threads import run_chunks
-
-# --- A tree under a scene that was edited: where its nodes stand, and which stand for too much.
-# Merged splats know nothing of edits: a node's splats take state, placement and group of the splat
-# that counts most in each. That is right as long as all splats below it were treated alike; a node
-# of others is mixed, and is drawn from its children, or is merged again.
-
 
 _BITS = int(State.SELECTED | State.HIDDEN | State.DELETED)
 _UNSEEN = int(State.HIDDEN | State.DELETED)
 _MOST_PLACEMENTS = 8  # of a node that are told apart
 _LEAVES = 256  # nodes that one thread looks at at once
+_EMPTY = np.array([np.inf] * 3 + [-np.inf] * 3, np.float32)  # box
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,31 +47,13 @@ def node_facts(tree: LodTree, scene: Scene) -> NodeFacts:
     if not (state & np.uint8(_BITS)).any() and not placement.any():
         none, few = np.zeros(tree.n_nodes, np.bool_), np.zeros(n_leaves, np.bool_)
         return NodeFacts(none, none, none, None, few)
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.scene.lod.cut_kernels import leaf_facts
-
     leaf_mixed, leaf_torn = np.empty(n_leaves, np.bool_), np.empty(n_leaves, np.bool_)
     states = np.empty(n_leaves, np.uint8)
     found = np.full((n_leaves, _MOST_PLACEMENTS), -1, np.int32)
     n_found = np.empty(n_leaves, np.int32)
 
-    def work(start: int, stop: int) -> None:
-        leaf_facts(
-            tree.order,
-            state,
-            placement,
-            _BITS,
-            _UNSEEN,
-            NODE,
-            leaf_mixed,
-            leaf_torn,
-            states,
-            found,
-            n_found,
-            start,
-            stop,
-        )
-
+    given = tree.order, state, placement, _BITS, _UNSEEN, NODE
+    work = partial(leaf_facts, *given, leaf_mixed, leaf_torn, states, found, n_found)
     run_chunks(work, n_leaves, _LEAVES)
     keys = np.where(leaf_mixed, -1, states.astype(np.int64) << 32 | found[:, 0])
     mixed, gone = _upwards(tree, keys)
@@ -124,8 +103,7 @@ def placed_boxes(tree: LodTree, facts: NodeFacts, placements: Placements) -> Flo
     boxes = tree.boxes.copy()
     n_leaves = int(tree.first_nodes[1])
     opened = tree.boxes[:n_leaves]
-    placed = np.full((n_leaves, 6), np.inf, np.float32)
-    placed[:, 3:] = -np.inf
+    placed = np.tile(_EMPTY, (n_leaves, 1))
     for column in facts.leaf_placements.T:
         has = np.flatnonzero(column >= 0)
         if len(has):
@@ -135,9 +113,7 @@ def placed_boxes(tree: LodTree, facts: NodeFacts, placements: Placements) -> Flo
         for matrix in placements.matrix:
             moved = _moved(opened[many], np.broadcast_to(matrix, (len(many), 3, 4)))
             _unite(placed, many, moved)
-    boxes[:n_leaves] = placed
-    above = boxes[n_leaves:]
-    above[:, :3], above[:, 3:] = np.inf, -np.inf
+    boxes[:n_leaves], boxes[n_leaves:] = placed, _EMPTY
     union_of_children(boxes, tree.first_nodes)
     return boxes
 
@@ -152,8 +128,7 @@ def _moved(boxes: FloatArray, matrices: DoubleArray) -> FloatArray:
     middle, half = (boxes[:, :3] + boxes[:, 3:]) / 2, (boxes[:, 3:] - boxes[:, :3]) / 2
     centre = np.einsum("kij,kj->ki", matrices[:, :, :3], middle) + matrices[:, :, 3]
     reach = np.einsum("kij,kj->ki", np.abs(matrices[:, :, :3]), half)
-    moved: FloatArray = np.concatenate([centre - reach, centre + reach], axis=1).astype(np.float32)
-    return moved
+    return np.concatenate([centre - reach, centre + reach], axis=1).astype(np.float32)
 
 
 # --- Which splats a pixel may show: what a click in a large scene looks at.
@@ -193,9 +168,6 @@ class PickBoxes:
 
         Splats that were added behind those of the tree are all among them.
         """
-        # Imported when first needed: importing numba takes a large part of the launch time.
-        from gaga_core.scene.lod.cut_kernels import node_errors
-
         tree, K = self.tree, camera.K
         n_leaves = int(tree.first_nodes[1])
         errors, seen = np.empty(n_leaves, np.float32), np.empty(n_leaves, np.bool_)

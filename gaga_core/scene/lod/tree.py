@@ -176,14 +176,9 @@ def read_rows(
         raise GagaError(explain_os_error(error, path)) from error
     if n_read != rows.nbytes:
         raise GagaError(f"{path} is truncated or damaged. {CURE}")
-    merged = Gaussians(
-        np.ascontiguousarray(rows["means"]),
-        np.ascontiguousarray(rows["quats"]),
-        np.ascontiguousarray(rows["log_scales"]),
-        np.ascontiguousarray(rows["logit"]),
-        np.ascontiguousarray(rows["sh"]),
-    )
-    return merged, np.ascontiguousarray(rows["row"])
+    *columns, row = (np.ascontiguousarray(rows[name]) for name in kind.names or ())
+    m, q, s, o, sh = columns
+    return Gaussians(m, q, s, o, sh), row
 
 
 def open_lod(folder: Path, digest: str, n: int, n_sh: int) -> LodTree | None:
@@ -198,7 +193,12 @@ def open_lod(folder: Path, digest: str, n: int, n_sh: int) -> LodTree | None:
     same = stored.format == FORMAT and stored.digest == digest and stored.sh == n_sh
     if not same or stored.sizes != level_sizes(n):
         return None
-    order = _read_order(folder / ORDER, n)
+    try:
+        order = np.fromfile(folder / ORDER, "<i4")
+    except OSError as error:
+        raise GagaError(explain_os_error(error, folder / ORDER)) from error
+    if len(order) != n or order.min(initial=0) < 0 or order.max(initial=0) >= n:
+        raise GagaError(f"{folder / ORDER} is truncated or damaged. {CURE}")
     nodes = read_array(folder / NODES, CURE)
     n_nodes = sum(-(-size // NODE) for size in stored.sizes)
     if nodes.shape != (n_nodes, 7) or nodes.dtype != np.float32:
@@ -207,23 +207,6 @@ def open_lod(folder: Path, digest: str, n: int, n_sh: int) -> LodTree | None:
         path = folder / level_file(level)
         if not path.is_file() or path.stat().st_size != size * row_type(n_sh).itemsize:
             raise GagaError(f"{path} is truncated or damaged. {CURE}")
-    return LodTree(
-        folder,
-        digest,
-        tuple(stored.sizes),
-        n_sh,
-        stored.log_scales,
-        order,
-        np.ascontiguousarray(nodes[:, :6]),
-        np.ascontiguousarray(nodes[:, 6]),
-    )
-
-
-def _read_order(path: Path, n: int) -> IntArray:
-    try:
-        order = np.fromfile(path, "<i4")
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
-    if len(order) != n or order.min(initial=0) < 0 or order.max(initial=0) >= n:
-        raise GagaError(f"{path} is truncated or damaged. {CURE}")
-    return order.astype(np.int32, copy=False)
+    boxes, details = (np.ascontiguousarray(part) for part in (nodes[:, :6], nodes[:, 6]))
+    model = folder, digest, tuple(stored.sizes), n_sh, stored.log_scales
+    return LodTree(*model, order.astype(np.int32, copy=False), boxes, details)

@@ -1,4 +1,4 @@
-"""Which splats: by group, by a region of the picture, and the algebra of selections.
+"""Which splats: all, none, whole groups, and where they are.
 
 Every function returns sorted rows (K,) int32; `gaga_core.scene.edits.select` makes them the
 selection.
@@ -7,29 +7,8 @@ selection.
 import numpy as np
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray
-from gaga_core.camera import Camera
-from gaga_core.scene.objects import group_indices, selected_groups, selected_indices
+from gaga_core.scene.objects import selected_groups
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.selection.by_screen import rectangle
-
-# --- Which splats: by group, by a region of the picture, and the algebra of selections.
-# Every function returns sorted rows (K,) int32; `gaga_core.scene.edits.select` makes them the
-# selection.
-
-
-__all__ = [
-    "everything",
-    "group_indices",
-    "groups_inside",
-    "in_mask",
-    "in_rectangle",
-    "inverted",
-    "nothing",
-    "selectable",
-    "selected_indices",
-    "whole",
-    "world_means",
-]
 
 
 def selectable(scene: Scene) -> BoolArray:
@@ -39,7 +18,7 @@ def selectable(scene: Scene) -> BoolArray:
 
 def everything(scene: Scene) -> IntArray:
     """All splats that can be selected."""
-    return _rows(selectable(scene))
+    return rows_of(selectable(scene))
 
 
 def whole(scene: Scene) -> IntArray:
@@ -54,39 +33,7 @@ def nothing() -> IntArray:
 
 def inverted(scene: Scene) -> IntArray:
     """Those that can be selected and are not."""
-    return _rows(selectable(scene) & ~scene.has(State.SELECTED))
-
-
-def in_rectangle(
-    scene: Scene,
-    camera: Camera,
-    corners: tuple[float, float, float, float],
-    surface_depth: FloatArray | None = None,
-) -> IntArray:
-    """Splats whose centre is drawn inside the rectangle (u0, v0, u1, v1), pixels, any corner order.
-
-    With ``surface_depth`` (H, W), a picture's median depth at the camera's size, only the visible
-    surface; without it, through everything.
-    """
-    mask = rectangle(corners, camera.width, camera.height)
-    return in_mask(scene, camera, mask, surface_depth)
-
-
-def in_mask(
-    scene: Scene,
-    camera: Camera,
-    mask: BoolArray,
-    surface_depth: FloatArray | None = None,
-) -> IntArray:
-    """Splats whose centre is drawn on a set pixel of ``mask`` (H, W): any lasso, polygon, brush.
-
-    ``surface_depth`` as in `in_rectangle`. Raises ``ValueError`` when a size is not the camera's.
-    A gesture that asks again and again keeps the `gaga_core.scene.selection.by_screen.Screen`.
-    """
-    # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.scene.selection.by_screen import screen
-
-    return screen(scene, camera, surface_depth).inside(mask)
+    return rows_of(selectable(scene) & ~scene.has(State.SELECTED))
 
 
 def groups_inside(scene: Scene, splats: IntArray, share: float = 0.5) -> IntArray:
@@ -95,7 +42,7 @@ def groups_inside(scene: Scene, splats: IntArray, share: float = 0.5) -> IntArra
     n_labels = int(scene.labels.max(initial=0)) + 1
     total = np.bincount(scene.labels[selectable(scene)], minlength=n_labels)
     inside = np.bincount(scene.labels[splats], minlength=n_labels)
-    groups = _rows((inside > 0) & (inside >= share * total))
+    groups = rows_of((inside > 0) & (inside >= share * total))
     return groups[groups > 0]
 
 
@@ -113,7 +60,8 @@ def world_means(scene: Scene, splats: IntArray | None = None) -> FloatArray:
     return result
 
 
-def _rows(mask: BoolArray) -> IntArray:
+def rows_of(mask: BoolArray) -> IntArray:
+    """Rows (K,) of a mask (N,)."""
     return np.flatnonzero(mask).astype(np.int32)
 
 
@@ -145,4 +93,4 @@ def splats_under_selection(scene: Scene, *, with_locked: bool = False) -> IntArr
     taken = np.isin(scene.labels, np.array(groups, np.int32))
     left_out = State.SELECTED | State.DELETED
     taken &= ~scene.has(left_out if with_locked else left_out | State.LOCKED)
-    return np.flatnonzero(taken).astype(np.int32)
+    return rows_of(taken)

@@ -8,12 +8,10 @@ from gaga_core.arrays import AnyArray, DoubleArray, IntArray, check_shape
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
 
-# --- Where splats are: boxes that a few stray splats do not blow up.
-
-
 _BOUNDS_SAMPLE = 200_000  # splats looked at: percentiles of more would not differ
 
-_WHOLE, _MUCH_LARGER = 0.996, 2.0
+_WHOLE = 0.996  # share of the splats of a whole scene, along each axis
+_MUCH_LARGER = 2.0  # times the box of the middle: then the rest is far background
 
 
 def robust_box(points: AnyArray, share: float = 0.9) -> tuple[DoubleArray, DoubleArray]:
@@ -27,8 +25,13 @@ def robust_box(points: AnyArray, share: float = 0.9) -> tuple[DoubleArray, Doubl
     sample = sample[np.isfinite(sample).all(axis=1)]
     if len(sample) == 0:
         return np.full(3, -0.5), np.full(3, 0.5)
+    return _middle(sample, share)
+
+
+def _middle(points: DoubleArray, share: float) -> tuple[DoubleArray, DoubleArray]:
+    """Ends lo, hi (3,) of the middle ``share`` of points (N, 3) along each axis."""
     tail = (1 - share) / 2 * 100
-    lo, hi = np.percentile(sample, [tail, 100 - tail], axis=0)
+    lo, hi = np.percentile(points, [tail, 100 - tail], axis=0)
     return lo, hi
 
 
@@ -53,7 +56,7 @@ def whole_box(scene: Scene) -> tuple[DoubleArray, DoubleArray]:
 
 
 _ORIENTED_BOX_SAMPLE = 20_000  # points looked at
-_LEAST = 4  # points of a hull
+_N_HULL = 4  # points of a hull
 _FLAT = 1e-9  # size under which a side counts as none
 
 
@@ -68,8 +71,7 @@ class OrientedBox:
     def corners(self) -> DoubleArray:
         """The corners (8, 3); bit i of the number says which end of side i."""
         signs = np.array([[(k >> i & 1) - 0.5 for i in range(3)] for k in range(8)])
-        result: DoubleArray = self.centre + (signs * self.size) @ self.axes.T
-        return result
+        return self.centre + (signs * self.size) @ self.axes.T
 
 
 def oriented_box(points: AnyArray, share: float = 0.98) -> OrientedBox | None:
@@ -87,21 +89,15 @@ def oriented_box(points: AnyArray, share: float = 0.98) -> OrientedBox | None:
     _, _, principal = np.linalg.svd(sample - sample.mean(axis=0), full_matrices=False)
     if len(principal) < 3:  # fewer than three points
         principal = np.eye(3)
-    inner = _trimmed(sample, principal.T, share)
+    places = sample @ principal.T
+    lo, hi = _middle(places, share)
+    inner = sample[((places >= lo) & (places <= hi)).all(axis=1)]
+    inner = inner if len(inner) >= _N_HULL else sample
     boxes = [_along(sample, principal.T, share)]
     for normal in principal:
         boxes += [_along(sample, axes, share) for axes in _calipers(inner, normal)]
     volumes = [float(np.prod(np.maximum(box.size, _FLAT))) for box in boxes]
     return boxes[int(np.argmin(volumes))]
-
-
-def _trimmed(points: DoubleArray, axes: DoubleArray, share: float) -> DoubleArray:
-    """Points within the middle ``share`` along each axis; all where few would be left."""
-    places = points @ axes
-    tail = (1 - share) / 2 * 100
-    lo, hi = np.percentile(places, [tail, 100 - tail], axis=0)
-    kept = points[((places >= lo) & (places <= hi)).all(axis=1)]
-    return kept if len(kept) >= _LEAST else points
 
 
 def _calipers(points: DoubleArray, normal: DoubleArray) -> list[DoubleArray]:
@@ -127,9 +123,7 @@ def _calipers(points: DoubleArray, normal: DoubleArray) -> list[DoubleArray]:
 
 
 def _along(points: DoubleArray, axes: DoubleArray, share: float) -> OrientedBox:
-    places = points @ axes
-    tail = (1 - share) / 2 * 100
-    lo, hi = np.percentile(places, [tail, 100 - tail], axis=0)
+    lo, hi = _middle(points @ axes, share)
     order = np.argsort(lo - hi, kind="stable")
     turned = axes[:, order]
     if np.linalg.det(turned) < 0:

@@ -8,9 +8,10 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.color import LUMA, rgb_from_dc
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.algebra import selectable, world_means
+from gaga_core.scene.selection.algebra import rows_of, selectable, world_means
 
 _LUMA = LUMA.astype(np.float32)
+_TAILS = (0.1, 99.9)  # percentiles between which the bins of a histogram lie
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +46,7 @@ def column(scene: Scene, name: str) -> FloatArray:
     Raises ``ValueError`` for a name that is not among `column_names`.
     """
     if name in _COLUMNS:
-        values: FloatArray = np.ascontiguousarray(_COLUMNS[name](scene), np.float32)
-        return values
+        return np.ascontiguousarray(_COLUMNS[name](scene), np.float32)
     if name not in scene.gaussians.extra:
         raise ValueError(f"column: {name!r} is not one of {', '.join(column_names(scene))}")
     return scene.gaussians.extra[name].astype(np.float32)
@@ -55,8 +55,7 @@ def column(scene: Scene, name: str) -> FloatArray:
 def in_range(scene: Scene, name: str, low: float, high: float) -> IntArray:
     """Splats (K,) that can be selected with ``low <= value <= high``."""
     values = column(scene, name)
-    inside = (values >= low) & (values <= high) & selectable(scene)
-    return np.flatnonzero(inside).astype(np.int32)
+    return rows_of((values >= low) & (values <= high) & selectable(scene))
 
 
 def histogram(
@@ -77,10 +76,13 @@ def histogram(
     if not high > low:
         low, high = low - 0.5, high + 0.5
     edges = np.linspace(low, high, n_bins + 1)
-    counts = _counts(values[usable], edges)
     mask = np.zeros(len(scene), np.bool_)
     mask[among if among is not None else []] = True
-    return Histogram(edges, counts, _counts(values[usable & mask], edges))
+    counts, chosen = (
+        np.histogram(np.clip(values[rows], edges[0], edges[-1]), edges)[0]
+        for rows in (usable, usable & mask)
+    )
+    return Histogram(edges, counts, chosen)
 
 
 def like_color(scene: Scene, rgb: Sequence[float], tolerance: float) -> IntArray:
@@ -89,15 +91,7 @@ def like_color(scene: Scene, rgb: Sequence[float], tolerance: float) -> IntArray
     The difference is the largest of the three channels', as eyedroppers measure it.
     """
     far = np.abs(shown_colors(scene) - np.asarray(rgb, np.float32)).max(axis=1)
-    return np.flatnonzero((far <= tolerance) & selectable(scene)).astype(np.int32)
-
-
-_TAILS = (0.1, 99.9)
-
-
-def _counts(values: FloatArray, edges: DoubleArray) -> LongArray:
-    counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
-    return counts
+    return rows_of((far <= tolerance) & selectable(scene))
 
 
 def _opacity(scene: Scene) -> FloatArray:

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, check_shape
+from gaga_core.arrays import AnyArray, DoubleArray, IntArray, check_shape
 from gaga_core.camera import Camera
+from gaga_core.scene.orientation import turn_between
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.algebra import selectable, world_means
-
-# --- Splats whose centres lie in a sphere or a box of the world.
+from gaga_core.scene.selection.algebra import rows_of, selectable, world_means
 
 
 def in_sphere(scene: Scene, centre: AnyArray, radius: float) -> IntArray:
@@ -18,7 +17,7 @@ def in_sphere(scene: Scene, centre: AnyArray, radius: float) -> IntArray:
     check_shape("centre", np.asarray(centre), (3,))
     offsets = world_means(scene) - np.asarray(centre, np.float32)
     inside = np.einsum("nj,nj->n", offsets, offsets) <= np.float32(radius) ** 2
-    return _rows(scene, inside)
+    return rows_of(inside & selectable(scene))
 
 
 def in_box(scene: Scene, world_from_box: DoubleArray) -> IntArray:
@@ -37,17 +36,13 @@ def in_box(scene: Scene, world_from_box: DoubleArray) -> IntArray:
         row = box_from_world[axis].astype(np.float32)
         along = means @ row[:3] + row[3]
         inside &= np.abs(along) <= 0.5
-    return _rows(scene, inside)
-
-
-def _rows(scene: Scene, inside: BoolArray) -> IntArray:
-    return np.flatnonzero(inside & selectable(scene)).astype(np.int32)
+    return rows_of(inside & selectable(scene))
 
 
 # --- Points of a surface with their normals, and maps from one to another: for a clone brush.
 
 
-_LEAST = 6  # splats that tell a normal
+_N_NORMAL = 6  # splats that tell a normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +64,7 @@ def surface_point(
     """
     near = world_means(scene)[in_sphere(scene, point, radius)].astype(np.float64)
     normal = eye - point
-    if len(near) >= _LEAST:
+    if len(near) >= _N_NORMAL:
         _, _, axes = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)
         normal = axes[2] * (1.0 if axes[2] @ normal >= 0 else -1.0)
     return SurfacePoint(point, normal / np.linalg.norm(normal), group)
@@ -77,17 +72,7 @@ def surface_point(
 
 def map_between(source: SurfacePoint, target: SurfacePoint) -> DoubleArray:
     """Rigid map (3, 4) of ``source`` onto ``target``: the least turn that lines up the normals."""
-    a, b = source.normal, target.normal
-    cosine = float(a @ b)
-    axis = np.cross(a, b)
-    if cosine < -1 + 1e-9:  # opposite: half a turn about any line in the surface
-        axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-        axis /= np.linalg.norm(axis)
-        turn = 2 * np.outer(axis, axis) - np.eye(3)
-    else:
-        x, y, z = axis
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        turn = np.eye(3) + cross + cross @ cross / (1 + cosine)
+    turn = turn_between(source.normal, target.normal)
     return np.column_stack([turn, target.point - turn @ source.point])
 
 

@@ -9,6 +9,7 @@ neighbours costs the more the likelier they are one thing.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -20,7 +21,6 @@ from gaga_core.camera import NEAR, Camera
 from gaga_core.color import rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.geometry import look_at
 from gaga_core.grouping.gate import ViewMasks
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.surfaces.borders import (
@@ -40,9 +40,10 @@ from gaga_core.grouping.surfaces.surfels import (
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
-from gaga_core.scene.orientation import estimate_up, upright_basis
+from gaga_core.scene.orientation import estimate_up, views_around
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import robust_box
+from gaga_core.scene.selection.selection_kernels import vote_of_samples
 from gaga_core.segmentation.regions import regions
 from gaga_core.threads import n_threads, run_chunks
 
@@ -64,7 +65,7 @@ _NODES, _PIECES = 4.0, 2.3  # evidence at which small pieces join to nodes, and 
 _PARTS, _OBJECTS = 1.2, 0.9  # ... and those to parts, and to objects
 _LEAST_PART, _LEAST_OBJECT = 1.5, 6.0  # samples that a view shows of the smallest, on average
 _SAME_GROUP = 1.0  # evidence that two pieces of one group of the scene add
-_CLICK_GRAPH_NEAREST = 6  # samples that decide about a splat
+_N_NEAREST = 6  # samples that decide about a splat
 _COLOR = 3.0  # spacings that a splat is away for a unit of color difference
 _CHUNK = 65536
 
@@ -86,14 +87,8 @@ class ClickGraph:
 
     def splats(self, samples: BoolArray) -> IntArray:
         """Splats (M,), ascending, that chosen samples (S,) bool make chosen."""
-        # Imported when first needed: importing numba takes a large part of the launch time.
-        from gaga_core.scene.selection.selection_kernels import vote_of_samples
-
         result = np.empty(len(self.rows), np.bool_)
-
-        def work(start: int, stop: int) -> None:
-            vote_of_samples(self.nearest, self.weights, samples, result, start, stop)
-
+        work = partial(vote_of_samples, self.nearest, self.weights, samples, result)
         run_chunks(work, len(self.rows), _CHUNK)
         return self.rows[result]
 
@@ -178,7 +173,7 @@ def _with_unseen(surfels: Surfels, means: FloatArray) -> Surfels:
 def _spacing(tree: cKDTree) -> DoubleArray:
     """Median distance (S,) of each point of a tree to its nearest others, above 0."""
     points = np.asarray(tree.data)
-    k = min(_CLICK_GRAPH_NEAREST + 1, len(points))
+    k = min(_N_NEAREST + 1, len(points))
     distance = np.asarray(tree.query(points, k=k, workers=n_threads())[0])
     result: DoubleArray = np.maximum(np.median(distance[:, 1:], axis=1), 1e-12)
     return result
@@ -201,7 +196,7 @@ def _votes(
 ) -> tuple[IntArray, FloatArray]:
     """The nearest samples (N, k) of each splat, and their weights by distance and color."""
     means = np.where(np.isfinite(gaussians.means), gaussians.means, 0).astype(np.float64)
-    k = min(_CLICK_GRAPH_NEAREST, len(spacing))
+    k = min(_N_NEAREST, len(spacing))
     nearest, weights = np.empty((len(means), k), np.int32), np.empty((len(means), k), np.float32)
     rgb = np.clip(rgb_from_dc(gaussians.sh[:, 0]), 0, 1)
     for start in range(0, len(means), _CHUNK):
@@ -244,7 +239,10 @@ def _nodes(
 
     def judged(cluster: LongArray) -> SignedGraph:
         graph = coarse_graph(surfels, near, plane, piece, agreement, cluster)
-        evidence = graph.evidence + _of_groups(graph, _group_of(groups, cluster))
+        group = _majority(groups, cluster.astype(np.int32), int(cluster.max()) + 1)
+        a, b = group[graph.first], group[graph.second]
+        said = np.where(a == b, _SAME_GROUP, -_SAME_GROUP)
+        evidence = graph.evidence + np.where((a == 0) | (b == 0), 0.0, said)
         size = np.bincount(cluster, shown).astype(np.float64)
         return replace(graph, evidence=evidence, size=size)
 
@@ -274,33 +272,17 @@ def _with_judged(graph: SignedGraph, judged: SignedGraph, judged_of: LongArray) 
     return replace(graph, evidence=evidence)
 
 
-def _group_of(groups: IntArray, cluster: LongArray) -> IntArray:
-    """The group (n,) that most samples (S,) of each cluster have, 0 = none."""
-    return _majority(groups, cluster.astype(np.int32), int(cluster.max()) + 1)
-
-
-def _of_groups(graph: SignedGraph, group: IntArray) -> DoubleArray:
-    """What groups (n,) of the scene say about each border: one group, two, or nothing."""
-    a, b = group[graph.first], group[graph.second]
-    return np.where((a == 0) | (b == 0), 0.0, np.where(a == b, _SAME_GROUP, -_SAME_GROUP))
-
-
-# --- Clicks on a thing and off it, answered one after the other.
-# The first click takes the object of the graph that it meets; a click on another one adds it, if
-# it is not larger, or takes it away. Every other click is a minimum cut (Boykov and Jolly, ICCV
-# 2001) that changes the last answer where the click is: clicked nodes are given, other nodes keep
-# their side at a cost that grows with their size and with the distance from the click, and parting
-# two neighbours costs the more the likelier they are one thing.
+# --- The answer to clicks: `clicked`, and `boxed` for a box.
 
 
 _STAY = 10.0  # cost of a sample that changes its side far from the click
-_CLICK_CUT_NEAREST = 7  # samples around a click that tell how far they are apart
+_N_AROUND = 7  # samples around a click that tell how far they are apart
 _NARROW = 1.5  # times the spacing of samples: half the width of an error that is an edge
 _REACH = 0.5  # of the way to the nearest click of the other side: how far a click reaches
 _LARGER = 1.5  # times what is chosen: the largest object that joins as a whole
 _AROUND = 3.0  # times the size of what is chosen: what a click may change
 _UNIT = 1000  # of the integers that costs are rounded to
-_CLICK_CUT_MOST = 1 << 29
+_GIVEN = 1 << 29  # cost of changing what is clicked
 _INSIDE = 0.8  # share of the seen samples of an object that a box must hold
 _MISS = 0.02  # share of its depth by which a sample may miss the surface that a view shows
 
@@ -429,10 +411,7 @@ def _cut(graph: ClickGraph, before: BoolArray, clicks: tuple[Click, ...]) -> Boo
     is_on = np.array([click.is_on for click in clicks])
     both = np.intersect1d(at[is_on], at[~is_on])  # stay what they are; `_samples` divides them
     for nodes, given in ((at[is_on], True), (at[~is_on], False), (both, before[both])):
-        on[nodes], off[nodes] = (
-            np.where(given, _CLICK_CUT_MOST, 0),
-            np.where(given, 0, _CLICK_CUT_MOST),
-        )
+        on[nodes], off[nodes] = np.where(given, _GIVEN, 0), np.where(given, 0, _GIVEN)
     after = before.copy()
     after[rows] = _minimum_cut(graph, rows, on, off, before)
     return after
@@ -449,7 +428,7 @@ def _cost_of_changing(
     last = np.array(click.point)
     wrong_until = graph.points[before[graph.node] == click.is_on]
     wide = float(np.linalg.norm(wrong_until - last, axis=1).min(initial=far))
-    spacing = float(np.median(graph.tree.query(last, k=_CLICK_CUT_NEAREST)[0]))
+    spacing = float(np.median(graph.tree.query(last, k=_N_AROUND)[0]))
     narrow = min(1.0, _NARROW * spacing / max(wide, 1e-9))
     away = np.linalg.norm(graph.centre - last, axis=1)
     far_off = 1 - np.exp(-((away / max(_REACH * far, spacing)) ** 2))
@@ -484,7 +463,7 @@ def _minimum_cut(
     tail = np.concatenate([a, b, np.full(len(gives), source), takes])
     head = np.concatenate([b, a, gives, np.full(len(takes), sink)])
     capacity = np.concatenate([cost, cost, balance[gives], -balance[takes]])
-    whole: IntArray = np.minimum(np.rint(capacity * _UNIT), _CLICK_CUT_MOST).astype(np.int32)
+    whole: IntArray = np.minimum(np.rint(capacity * _UNIT), _GIVEN).astype(np.int32)
     network = csr_array((whole, (tail, head)), shape=(sink + 1, sink + 1))
     left = csr_array(network - maximum_flow(network, source, sink).flow)
     left.data = np.maximum(left.data, 0)
@@ -497,7 +476,7 @@ def _minimum_cut(
 # --- Views from which a scene is looked at before it can be clicked: its photos', or all around.
 
 
-_CLICK_VIEWS_MOST = 24  # views
+_N_VIEWS = 24  # at most
 _EVERY = 3  # of them
 _SIDE = 480  # pixels, longer side of a view
 _RINGS = ((-15.0, 5), (20.0, 8), (50.0, 6))  # elevation in degrees, views around
@@ -512,41 +491,14 @@ def click_views(cameras: Sequence[Camera], means: FloatArray) -> tuple[Camera, .
     splats with centres ``means`` (N, 3).
     """
     if not cameras:
-        return _around(means)
-    n = min(_CLICK_VIEWS_MOST, len(cameras))
+        box = robust_box(means, 0.98)
+        up = estimate_up(())
+        return views_around(box, up, _RINGS, side=_SIDE, field=_FIELD, room=_ROOM, name="around")
+    n = min(_N_VIEWS, len(cameras))
     chosen = np.linspace(0, len(cameras) - 1, n).round().astype(int)
-    return tuple(_small(cameras[i]) for i in np.unique(chosen))
+    return tuple(cameras[i].at_most(_SIDE) for i in np.unique(chosen))
 
 
 def loss_views(cameras: Sequence[Camera], means: FloatArray) -> tuple[Camera, ...]:
     """Some of these views: enough to judge what fewer splats (`decimate`) lose."""
     return click_views(cameras, means)[::_EVERY]
-
-
-def _small(camera: Camera) -> Camera:
-    scale = min(1.0, _SIDE / max(camera.width, camera.height))
-    size = (max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
-    return camera.resized(*size)
-
-
-def _around(means: FloatArray) -> tuple[Camera, ...]:
-    """Views on rings around the box that holds nearly all splats, towards its middle."""
-    low, high = robust_box(means, 0.98)
-    middle, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-    distance = _ROOM * max(radius, 1e-6) / np.sin(_FIELD / 2)
-    up = estimate_up(())
-    world_from_upright = upright_basis(up).T
-    focal = 0.5 * _SIDE / np.tan(_FIELD / 2)
-    K = np.array([[focal, 0, _SIDE / 2], [0, focal, _SIDE / 2], [0, 0, 1.0]])
-    views: list[Camera] = []
-    for elevation, n in _RINGS:
-        for k in range(n):
-            way = world_from_upright @ _direction(np.radians(elevation), 2 * np.pi * k / n)
-            pose = look_at(middle + distance * way, middle, up)
-            views.append(Camera(K, pose, _SIDE, _SIDE, f"around {len(views)}"))
-    return tuple(views)
-
-
-def _direction(elevation: float, azimuth: float) -> DoubleArray:
-    across = np.cos(elevation)
-    return np.array([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)])

@@ -10,9 +10,6 @@ from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import selectable, world_means
 from gaga_core.threads import n_threads
 
-# --- Selections that grow and shrink: by distance, and by likeness of identity.
-
-
 _SAMPLE = 2000  # splats whose spacing is measured
 _STEP = 6  # neighbours that one step reaches
 
@@ -63,25 +60,17 @@ def grown_by_identity(
     near. Encodings of no length are like nothing.
     """
     check_shape("encodings", encodings, (len(scene), "D"))
-    close = _likeness(encodings, splats) >= likeness
+    length = np.linalg.norm(encodings, axis=1)
+    own = encodings[splats] / np.maximum(length[splats], 1e-12)[:, None]
+    mean = own.sum(axis=0)
+    size = float(np.linalg.norm(mean))
+    cosine = encodings @ (mean / max(size, 1e-12)) / np.maximum(length, 1e-12)
+    close = np.where((length == 0) | (size == 0), -1, cosine) >= likeness
     candidates = selectable(scene) & ~_mask(scene, splats) & close
     more = np.flatnonzero(candidates).astype(np.int32)
     if reach is not None:
         more = _near(scene, candidates, splats, reach)
     return np.union1d(splats, more).astype(np.int32)
-
-
-def _likeness(encodings: FloatArray, splats: IntArray) -> FloatArray:
-    """Cosine (N,) of each encoding to the mean direction of those of ``splats``."""
-    length = np.linalg.norm(encodings, axis=1)
-    own = encodings[splats] / np.maximum(length[splats], 1e-12)[:, None]
-    mean = own.sum(axis=0)
-    size = float(np.linalg.norm(mean))
-    if size == 0:
-        return np.full(len(encodings), -1, np.float32)
-    cosine: FloatArray = encodings @ (mean / size) / np.maximum(length, 1e-12)
-    cosine[length == 0] = -1
-    return cosine
 
 
 def _near(scene: Scene, asking: BoolArray, splats: IntArray, reach: float) -> IntArray:
@@ -92,10 +81,7 @@ def _near(scene: Scene, asking: BoolArray, splats: IntArray, reach: float) -> In
     if len(own) == 0 or reach <= 0:
         return np.zeros(0, np.int32)
     lo, hi = own.min(axis=0) - reach, own.max(axis=0) + reach
-    asking = asking.copy()
-    for axis in range(3):
-        asking &= (points[:, axis] >= lo[axis]) & (points[:, axis] <= hi[axis])
-    rows = np.flatnonzero(asking)
+    rows = np.flatnonzero(asking & ((points >= lo) & (points <= hi)).all(axis=1))
     tree = cKDTree(own, balanced_tree=False, compact_nodes=False)
     distance, _ = tree.query(points[rows], distance_upper_bound=reach * 1.0001, workers=n_threads())
     return rows[distance <= reach].astype(np.int32)

@@ -3,8 +3,6 @@
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
 from gaga_core.kernels import kernel
 
-# --- Where splats' centres are drawn, and which of them a stroke covers.
-
 
 @kernel
 def project_centres(

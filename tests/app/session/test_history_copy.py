@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_core.io.splats.ply import write_ply
-from gaga_core.scene.project import save_project
-from gaga_core.scene.project_file import saved_scene
+from gaga_core.scene.project import save_project, saved_scene
 from gaga_studio.features import files, objects, selection, transform
 from gaga_studio.features.autosave import FILE, copy_history, read_history, write_history
 from gaga_studio.session.session import Session

@@ -13,7 +13,7 @@ import pytest
 
 from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
-from gaga_core.export.colliders import box_mesh, convex_collider
+from gaga_core.export.solids import box_mesh, convex_collider
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.meshes import MeshFile, write_mesh
 from gaga_core.io.splats.glb import Buffers

@@ -28,7 +28,7 @@ from gaga_core.reconstruct.train import train
 from gaga_core.reconstruct.views import TrainView, TrainViews
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.selection.click_graph import click_graph_stage
-from gaga_core.scene.selection.picking import pick
+from gaga_core.scene.selection.by_screen import pick
 from gaga_core.scene.scene import Scene
 from gaga_core.pipeline.compile_kernels import warm_up_stage
 from tests.scenes import objects_scene

@@ -9,7 +9,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.raster import choose
 from gaga_core.raster.reference import ReferenceRasterizer
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.picking import pick
+from gaga_core.scene.selection.by_screen import pick
 from tests.scenes import orbit_cameras, random_gaussians
 
 CAMERA = orbit_cameras(1, width=48, height=36)[0]

@@ -20,7 +20,7 @@ from gaga_core.export.export import (
     slug,
 )
 from gaga_core.export.options import ExportOptions
-from gaga_core.export.proxy_mesh import MeshConfig
+from gaga_core.export.solids import MeshConfig
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats import ply
 from gaga_core.io.splats.ply import read_ply, write_ply
@@ -59,9 +59,7 @@ def test_the_exported_count_is_the_visible_count(seed: int, what: Any, tmp_path:
 def test_export_reopens_as_the_baked_scene_bit_for_bit(tmp_path: Path) -> None:
     scene = walk_scene(sh_degree=3)
     moved = group_indices(scene, [2])
-    move = edits.transform(scene, moved, random_affine(np.random.default_rng(0)))
-    assert move is not None
-    move.apply(scene)
+    History(scene).do(edits.transform(scene, moved, random_affine(np.random.default_rng(0))))
     run_stage(export_scene_stage(scene, tmp_path / "out.ply", groups=True))
     back, baked = read_ply(tmp_path / "out.ply"), bake(scene)
     still = scene.labels != 2
@@ -85,9 +83,7 @@ def test_an_untouched_scene_exports_to_the_same_file(tmp_path: Path) -> None:
 def test_edits_during_an_export_do_not_reach_the_file(tmp_path: Path) -> None:
     scene = walk_scene()
     stage = export_scene_stage(scene, tmp_path / "out.ply")
-    hide = edits.hide(scene, np.arange(100))
-    assert hide is not None
-    hide.apply(scene)
+    History(scene).do(edits.hide(scene, np.arange(100)))
     assert run_stage(stage).n_splats == 400
 
 

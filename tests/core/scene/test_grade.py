@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
 from gaga_core.scene.selection.by_value import shown_colors
 from gaga_core.scene.tint import Grade, grade_affine
 from tests.core.scene.edits.edit_walk import walk_scene
@@ -34,25 +35,6 @@ def test_a_grade_is_balance_saturation_brightness_levels_in_this_order() -> None
     assert np.abs(_graded(grade, rgb) - want).max() < 1e-12
 
 
-def test_saturation_0_is_grey_and_keeps_the_luminance() -> None:
-    rgb = np.random.default_rng(1).random((20, 3))
-    grey = _graded(Grade(saturation=0), rgb)
-    assert np.ptp(grey, axis=1).max() < 1e-12
-    assert np.allclose(grey @ LUMA, rgb @ LUMA)
-
-
-def test_levels_send_black_to_0_and_white_to_1() -> None:
-    ends = _graded(Grade(black=0.2, white=0.7), np.array([[0.2] * 3, [0.7] * 3]))
-    assert np.allclose(ends, [[0] * 3, [1] * 3])
-
-
-def test_warm_is_redder_and_cold_is_bluer() -> None:
-    grey = np.full((1, 3), 0.5)
-    warm, cold = _graded(Grade(temperature=1), grey)[0], _graded(Grade(temperature=-1), grey)[0]
-    assert warm[0] > 0.5 > warm[2]
-    assert cold[2] > 0.5 > cold[0]
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -73,9 +55,7 @@ def test_a_grade_of_a_selection_recolors_only_it() -> None:
     before = shown_colors(scene)
     grade = Grade(saturation=0)
     mug = np.flatnonzero(scene.labels == 2)
-    edit = edits.recolor(scene, mug, grade_affine(grade))
-    assert edit is not None
-    edit.apply(scene)
+    History(scene).do(edits.recolor(scene, mug, grade_affine(grade)))
     after = shown_colors(scene)
     others = np.setdiff1d(np.arange(200), mug)
     assert np.array_equal(after[others], before[others])

@@ -81,9 +81,7 @@ def test_large_surfaces_are_muted_and_nothing_else() -> None:
     assert (chroma(table.colors)[rows] < 0.45 * chroma(plain)[rows]).all()
     assert np.array_equal(table.colors[small], plain[small])
     assert set(objects.muted_colors(table)) == {1, 2}
-    edit = edits.set_color(scene, 1, (1.0, 0.0, 0.0))
-    assert edit is not None
-    edit.apply(scene)
+    History(scene).do(edits.set_color(scene, 1, (1.0, 0.0, 0.0)))
     own = objects.object_table(scene)
     assert own.colors[rows[0]].tolist() == [1.0, 0.0, 0.0]
     few = Scene.of(random_gaussians(300), np.repeat([1, 2], 150).astype(np.int32))
@@ -102,9 +100,7 @@ def test_huge_ids_do_not_need_huge_tables() -> None:
 
 def test_selected_groups_leave_out_unassigned() -> None:
     scene = walk_scene(200)
-    flip = edits.select(scene, np.isin(scene.labels, [0, 2, 5]))
-    assert flip is not None
-    flip.apply(scene)
+    History(scene).do(edits.select(scene, np.isin(scene.labels, [0, 2, 5])))
     assert objects.selected_groups(scene).tolist() == [2, 5]
     assert (
         objects.group_indices(scene, [2, 5]).tolist()
@@ -114,7 +110,5 @@ def test_selected_groups_leave_out_unassigned() -> None:
 
 def test_an_empty_scene_has_an_empty_list() -> None:
     scene = walk_scene(30)
-    flip = edits.delete(scene, np.arange(30))
-    assert flip is not None
-    flip.apply(scene)
+    History(scene).do(edits.delete(scene, np.arange(30)))
     assert len(objects.object_table(scene)) == 0

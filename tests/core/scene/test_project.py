@@ -7,11 +7,10 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.io.files import fingerprint
 from gaga_core.io.splats.ply import write_ply
-from gaga_core.progress import run_stage
 from gaga_core.scene import edits
+from gaga_core.scene.camera_path import Bookmark, Shot
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.project import save_project
-from gaga_core.scene.scene import Scene
 from tests.core.scene.projects import assert_same, edited, model_in, opened
 from tests.scenes import objects_scene
 
@@ -25,14 +24,6 @@ def test_a_saved_project_is_reopened_with_every_edit(tmp_path: Path) -> None:
         assert_same(project.scene, again.scene)
         assert again.model_path == project.model_path
     assert again.path == where
-
-
-def test_saving_again_leaves_one_scene_file(tmp_path: Path) -> None:
-    project = edited(opened(model_in(tmp_path)))
-    where = save_project(project)
-    save_project(project)
-    assert len(list(where.glob("scene-*.npz"))) == 1
-    assert_same(project.scene, opened(where).scene)
 
 
 def test_a_failed_save_keeps_the_former_one(
@@ -96,6 +87,16 @@ def test_damaged_columns_are_a_sentence(tmp_path: Path) -> None:
         opened(where)
 
 
+def test_numbers_of_numpy_are_saved(tmp_path: Path) -> None:
+    project = opened(model_in(tmp_path))
+    shot = Shot((np.float64(1), 0, 0), (1, 0, 0, 0), np.float64(1), 1, np.float64(2))
+    project.bookmarks = (Bookmark("here", shot),)
+    project.scene.colors = {1: (np.float64(0.5), 0, np.float32(1))}  # type: ignore[dict-item]
+    again = opened(save_project(project))
+    assert again.bookmarks == project.bookmarks
+    assert again.scene.colors == {1: (0.5, 0, 1)}
+
+
 def test_a_project_moves_with_its_model(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     project = edited(opened(model_in(tmp_path / "a")))
@@ -111,15 +112,6 @@ def test_a_newer_format_is_refused(tmp_path: Path) -> None:
     (where / "project.json").write_text(json.dumps(document))
     with pytest.raises(GagaError, match="newer"):
         opened(where)
-
-
-def test_groups_of_a_column_are_read(tmp_path: Path) -> None:
-    from gaga_core.export.export import export_scene_stage
-
-    synthetic = objects_scene()
-    scene = Scene.of(synthetic.gaussians, synthetic.labels)
-    run_stage(export_scene_stage(scene, tmp_path / "out.ply", groups=True))
-    assert np.array_equal(opened(tmp_path / "out.ply").scene.labels, synthetic.labels)
 
 
 def test_fingerprint_sees_a_change_anywhere_it_samples(tmp_path: Path) -> None:

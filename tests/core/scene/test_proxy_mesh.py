@@ -8,8 +8,13 @@ import pytest
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
-from gaga_core.export.colliders import MOST_TRIANGLES, box_mesh, convex_collider
-from gaga_core.export.proxy_mesh import MeshConfig, proxy_mesh_stage
+from gaga_core.export.solids import (
+    MOST_TRIANGLES,
+    MeshConfig,
+    box_mesh,
+    convex_collider,
+    proxy_mesh_stage,
+)
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, quats_to_matrices
 from gaga_core.io.meshes import MeshFile, TriangleMesh, write_mesh

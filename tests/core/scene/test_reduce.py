@@ -150,7 +150,7 @@ def test_the_estimate_is_near_what_is_measured(
     made = Scene.of(balls.gaussians, balls.labels)
     whole, rasterizer = np.arange(len(made)), CpuRasterizer()
     if is_part:
-        monkeypatch.setattr(reduce, "_MOST", 1200)
+        monkeypatch.setattr(reduce, "_N_ESTIMATED", 1200)
     curve = run_stage(estimate_stage(made, whole, balls.cameras, rasterizer))
     levels = [level for _, level in curve.points]
     assert levels == sorted(levels, reverse=True), "the fewer, the worse"

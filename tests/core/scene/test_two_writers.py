@@ -2,10 +2,9 @@
 nothing; a model that changed is noticed and copied."""
 
 import os
-import signal
-import subprocess
-import sys
 import time
+from collections.abc import Callable
+from multiprocessing.context import ForkServerContext, ForkServerProcess
 from pathlib import Path
 
 import numpy as np
@@ -24,48 +23,53 @@ from gaga_core.scene.project import (
     open_path_stage,
     save_project,
 )
+from tests.core.scene import two_writers
 from tests.core.scene.projects import assert_same, edited, model_in, opened
 from tests.scenes import objects_scene
 
+Process = ForkServerProcess
 _KILLS = int(os.environ.get("GAGA_TEST_KILLS", "8"))
-Process = subprocess.Popen[str]
 
 
-def _start(what: str, place: Path, n: int) -> Process:
-    command = [sys.executable, "-m", "tests.core.scene.two_writers", what, str(place), str(n)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+def _start(programs: ForkServerContext, work: Callable[..., None], *args: object) -> Process:
+    process = programs.Process(target=work, args=args, daemon=True)
+    process.start()
+    return process
 
 
-def _end(process: Process) -> str:
-    text, _ = process.communicate(timeout=300)
-    assert process.returncode == 0, text
-    return text
-
-
-def test_two_programs_save_and_two_read_at_once(tmp_path: Path) -> None:
+def test_two_programs_save_and_two_read_at_once(
+    programs: ForkServerContext, tmp_path: Path
+) -> None:
     project = edited(opened(model_in(tmp_path)))
     where = save_project(project)
-    readers = [_start("read", where, 12) for _ in range(2)]
-    writers = [_start("save", where, 100) for _ in range(2)]
+    begin, stop = programs.Barrier(4), programs.Event()
+    counts = [programs.Value("i", 0) for _ in range(2)]
+    readers = [_start(programs, two_writers.read, where, n, begin, stop) for n in counts]
+    writers = [_start(programs, two_writers.save, where, 25, begin) for _ in range(2)]
     for writer in writers:
-        _end(writer)
-    assert all(int(_end(reader)) > 10 for reader in readers)
+        writer.join(300)
+    stop.set()
+    for reader in readers:
+        reader.join(60)
+    assert [process.exitcode for process in (*writers, *readers)] == [0] * 4
+    assert all(count.value > 5 for count in counts)
     assert len(list(where.glob("scene-*.npz"))) == 1
     assert_same(project.scene, opened(where).scene)
     assert not list(where.glob("*.part"))
 
 
-def test_a_writer_killed_at_any_moment_leaves_a_whole_project(tmp_path: Path) -> None:
+def test_a_writer_killed_at_any_moment_leaves_a_whole_project(
+    programs: ForkServerContext, tmp_path: Path
+) -> None:
     project = edited(opened(model_in(tmp_path)))
     where = save_project(project)
-    pauses = np.random.default_rng(7).uniform(0, 0.15, _KILLS)
-    for pause in pauses:
-        writer = _start("save", where, 10**6)
-        assert writer.stdout is not None
-        assert writer.stdout.readline() == "saving\n"
+    for pause in np.random.default_rng(7).uniform(0, 0.15, _KILLS):
+        begin = programs.Barrier(2)
+        writer = _start(programs, two_writers.save, where, 10**6, begin)
+        begin.wait(60)
         time.sleep(pause)
-        writer.send_signal(signal.SIGKILL)
-        writer.communicate()
+        writer.kill()
+        writer.join()
         assert_same(project.scene, opened(where).scene)
         with lock_folder(where):  # the dead holds nothing
             pass
@@ -74,24 +78,21 @@ def test_a_writer_killed_at_any_moment_leaves_a_whole_project(tmp_path: Path) ->
     assert_same(project.scene, opened(where).scene)
 
 
-def test_who_has_a_folder_is_named_and_a_dead_program_has_none(tmp_path: Path) -> None:
-    holder = _start("hold", tmp_path / "it", 0)
-    assert holder.stdout is not None
-    assert holder.stdout.readline() == "held\n"
-    with pytest.raises(InUseError, match=f"process {holder.pid}") as caught:
-        lock_folder(tmp_path / "it")
-    assert caught.value.owner is not None
-    assert caught.value.owner.pid == holder.pid
-    os.kill(holder.pid, signal.SIGKILL)
-    holder.wait()
-    holder.stdout.close()
+def test_who_has_a_folder_is_named_and_a_dead_program_has_none(
+    programs: ForkServerContext, tmp_path: Path
+) -> None:
+    for _ in range(2):
+        begin = programs.Barrier(2)
+        holder = _start(programs, two_writers.hold, tmp_path / "it", begin)
+        begin.wait(60)
+        with pytest.raises(InUseError, match=f"process {holder.pid}") as caught:
+            lock_folder(tmp_path / "it")
+        assert caught.value.owner is not None
+        assert caught.value.owner.pid == holder.pid
+        holder.kill()
+        holder.join()
     with lock_folder(tmp_path / "it"), lock_folder(tmp_path / "it"):
         pass
-    second = _start("hold", tmp_path / "it", 0)
-    assert second.stdout is not None
-    assert second.stdout.readline() == "held\n"
-    second.kill()
-    second.communicate()
 
 
 def test_a_save_that_is_not_known_is_not_overwritten(tmp_path: Path) -> None:

@@ -141,24 +141,6 @@ def test_the_table_under_a_mug_is_not_eaten(table: int, same_color: bool) -> Non
     assert len(preview.remove) <= (40 if same_color else 0)
 
 
-def test_boundary_splats_find_their_way_home() -> None:
-    rng = np.random.default_rng(6)
-    gaussians, _ = with_parts()
-    labels = labels_of(gaussians, 0)
-    truth = labels.copy()
-    ours, floor = np.flatnonzero(truth == 1), np.flatnonzero(truth == 2)
-    low = ours[gaussians.means[ours, 2] < -0.4]
-    near = floor[np.hypot(*gaussians.means[floor, :2].T) < 0.5]
-    lost = rng.choice(low, len(low) // 10, replace=False)
-    stolen = rng.choice(near, len(near) // 10, replace=False)
-    labels[lost], labels[stolen] = 2, 1
-    scene = Scene.of(gaussians, labels)
-    edit = cleaned_labels(scene, clean_object(scene, 1))
-    assert edit is not None
-    edit.apply(scene)
-    assert (scene.labels != truth).sum() < 0.2 * (len(lost) + len(stolen))
-
-
 def test_a_true_object_stays_as_it_is_and_cleaning_twice_is_cleaning_once() -> None:
     made = objects_scene(per_object=1500, seed=7)
     labels = np.where(made.labels > 0, made.labels, 9).astype(np.int32)
@@ -218,9 +200,7 @@ def test_a_choice_of_splats_is_cleaned_like_a_group() -> None:
     group = clean_object(Scene.of(made.gaussians, grouped), 3)
     assert (free.after == group.after).all()
     scene = Scene.of(made.gaussians, labels)
-    edit = select(scene, free.after)
-    assert edit is not None
-    edit.apply(scene)
+    History(scene).do(select(scene, free.after))
     assert (np.flatnonzero(scene.state) == free.after).all()
     with pytest.raises(GagaError, match="no one group"):
         cleaned_labels(scene, free)
@@ -234,14 +214,11 @@ def test_deleted_and_locked_splats_take_no_part() -> None:
         delete(scene, np.arange(first, first + 50)),
         lock(scene, np.arange(first + 50, first + 70)),
     ):
-        assert edit is not None
-        edit.apply(scene)
+        History(scene).do(edit)
     preview = clean_object(scene, 1)
     assert not np.isin(np.arange(first, first + 70), preview.add).any()
     assert np.isin(np.arange(first + 70, first + 100), preview.add).all()
-    gone = delete(scene, group_indices(scene, 1))
-    assert gone is not None
-    gone.apply(scene)
+    History(scene).do(delete(scene, group_indices(scene, 1)))
     with pytest.raises(GagaError, match="no splats"):
         clean_object(scene, 1)
     with pytest.raises(GagaError, match="no object"):

@@ -14,7 +14,7 @@ from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.splats import append_made
 from gaga_core.scene.folders import Folders, is_inside, name_of, parent_of
 from gaga_core.scene.frame import Frame
-from gaga_core.scene.project_file import identity_arrays
+from gaga_core.scene.named_arrays import identity_arrays
 from gaga_core.scene.scene import Scene, State
 from tests.scenes import random_gaussians
 

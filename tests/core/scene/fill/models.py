@@ -83,6 +83,6 @@ def no_torch() -> Iterator[None]:
     """As on a machine without PyTorch."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "torch", None)
-        inpaint._has_torch.cache_clear()
+        inpaint.why_no_model.cache_clear()
         yield
-    inpaint._has_torch.cache_clear()
+    inpaint.why_no_model.cache_clear()

@@ -22,7 +22,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.edits.values import joined
-from gaga_core.scene.project import Project, open_path_stage, save_project
+from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
 from tests.core.scene.edits.edit_walk import snapshot
 from tests.core.scene.fill.tables import (
@@ -186,30 +186,13 @@ def test_the_edge_of_a_table_is_not_continued_into_the_air(table: Table) -> None
     assert found.splats.means[:, 0].max() < 0.09 + 0.15
 
 
-def test_a_shadow_goes_when_it_is_to_and_stays_when_not() -> None:
-    table = table_with_box(shade=0.5)
-    rim = (np.abs(table.gaussians.means[:, :2]).max(axis=1) < HALF + 0.08) & (table.labels == TABLE)
-    far = (np.abs(table.gaussians.means[:, :2]).max(axis=1) > HALF + 0.35) & (table.labels == TABLE)
-    scene = Scene.of(table.gaussians, table.labels)
-    for lighten in (True, False):
-        config = FillConfig(lighten=lighten)
-        found = run_stage(fill_stage(scene, table.labels == BOX, table.cameras, CPU, config))
-        gains = np.ones((len(scene), 3))
-        gains[found.stained] = found.gains
-        if not lighten:
-            assert len(found.stained) == 0
-            continue
-        assert gains[rim].mean() > 1.25
-        assert gains[far].max() < 1.1
-
-
 def test_what_is_dark_is_lightened_only_where_it_is_a_shadow(
     looked_at: tuple[Seen, Chart],
 ) -> None:
     _, chart = looked_at
     away = np.maximum(np.abs(chart.uv()).max(axis=2) - HALF, 0)
     shadow = 1 - 0.5 * np.exp(-((away / 0.12) ** 2))
-    for seed in range(12):
+    for seed in range(6):
         # Patches a few splats wide, darker and brighter by a fifth: some of them touch the hole.
         rng = np.random.default_rng(seed)
         noise = ndimage.gaussian_filter(rng.normal(size=chart.shape), 3)
@@ -271,8 +254,9 @@ def test_a_script_fills_by_name_and_what_was_deleted_before(table: Table) -> Non
 
 def test_without_photos_it_is_looked_at_from_all_around(table: Table) -> None:
     scene = Scene.of(table.gaussians, table.labels)
-    found = run_stage(fill_stage(scene, table.labels == BOX, (), CPU))
-    assert len(found.splats) > 100
+    coarse = FillConfig(most_cells=60, view_pixels=160)
+    found = run_stage(fill_stage(scene, table.labels == BOX, (), CPU, coarse))
+    assert len(found.splats) > 50
 
 
 def test_locked_splats_that_it_hid_stay(table: Table) -> None:
@@ -344,16 +328,3 @@ def test_locked_splats_of_the_rim_stay_as_they_are() -> None:
     after = bake(scene, indices=locked)
     for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
         assert np.array_equal(getattr(after, name), getattr(before, name)), name
-
-
-def test_a_damaged_project_names_its_file(table: Table, found: Filling, tmp_path: Path) -> None:
-    write_ply(tmp_path / "table.ply", table.gaussians)
-    project: Project = run_stage(open_path_stage(tmp_path / "table.ply"))
-    History(project.scene).do(filled_edit(project.scene, found, "Fill"))
-    saved = save_project(project, tmp_path / "table.gaga")
-    file = next(saved.glob("scene-*.npz"))
-    arrays = dict(np.load(file))
-    arrays["made_0:means"] = arrays["made_0:means"][:-1]
-    np.savez_compressed(file, **arrays)
-    with pytest.raises(GagaError, match=r"scene-.*damaged"):
-        run_stage(open_path_stage(saved))

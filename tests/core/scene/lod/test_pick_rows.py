@@ -6,7 +6,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.picking import pick
+from gaga_core.scene.selection.by_screen import pick
 from tests.core.scene.lod.conftest import Built
 from tests.scenes import orbit_cameras
 

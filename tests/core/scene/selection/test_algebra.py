@@ -8,8 +8,10 @@ import pytest
 from gaga_core.geometry import look_at
 from gaga_core.raster import choose
 from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
+from gaga_core.scene.selection.by_screen import rectangle, screen
 from tests.core.scene.edits.edit_walk import random_affine, walk_scene
 from tests.scenes import objects_scene, orbit_cameras
 
@@ -24,8 +26,7 @@ def _scene() -> Scene:
         edits.lock(scene, np.arange(60, 90)),
         edits.select(scene, np.arange(80, 150)),
     ):
-        assert edit is not None
-        edit.apply(scene)
+        History(scene).do(edit)
     return scene
 
 
@@ -47,22 +48,10 @@ def test_a_rectangle_takes_the_centres_drawn_in_it(is_among_them: bool) -> None:
                 want.append(i)
     assert 2 < len(want) < 150
     for corners in ((40, 30, 110, 80), (110, 30, 40, 80), (40, 80, 110, 30)):
-        assert algebra.in_rectangle(scene, camera, corners).tolist() == want
-
-
-def test_a_mask_of_the_rectangle_selects_the_same() -> None:
-    scene = _scene()
-    camera = orbit_cameras(3)[2]
-    mask = np.zeros((camera.height, camera.width), np.bool_)
-    mask[30:80, 40:110] = True
-    inside = algebra.in_mask(scene, camera, mask)
-    assert inside.tolist() == algebra.in_rectangle(scene, camera, (40, 30, 110, 80)).tolist()
-    assert algebra.in_mask(scene, camera, ~mask).tolist() == sorted(
-        set(algebra.in_rectangle(scene, camera, (0, 0, camera.width, camera.height)).tolist())
-        - set(inside.tolist())
-    )
+        mask = rectangle(corners, camera.width, camera.height)
+        assert screen(scene, camera).inside(mask).tolist() == want
     with pytest.raises(ValueError, match="mask"):
-        algebra.in_mask(scene, camera, mask[:-1])
+        screen(scene, camera).inside(mask[:-1])
 
 
 def test_visible_surface_only_leaves_the_back_out() -> None:
@@ -70,9 +59,9 @@ def test_visible_surface_only_leaves_the_back_out() -> None:
     scene = Scene.of(synthetic.gaussians, synthetic.labels)
     camera = synthetic.cameras[0]
     median = choose("cpu").render(scene.gaussians, camera).median_depth
-    whole = (0, 0, camera.width, camera.height)
-    through = algebra.in_rectangle(scene, camera, whole)
-    surface = algebra.in_rectangle(scene, camera, whole, median)
+    whole = np.ones((camera.height, camera.width), np.bool_)
+    through = screen(scene, camera).inside(whole)
+    surface = screen(scene, camera, median).inside(whole)
     assert set(surface) < set(through)
     ball = np.flatnonzero(synthetic.labels == 1)
     centre = scene.gaussians.means[ball].mean(axis=0)

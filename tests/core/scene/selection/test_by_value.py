@@ -8,6 +8,7 @@ import pytest
 from gaga_core.arrays import IntArray
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra, by_value, by_volume, neighbourhood
 from tests.core.scene.edits.edit_walk import random_affine, walk_scene
@@ -24,9 +25,7 @@ def _scene() -> Scene:
         lambda: edits.delete(scene, np.arange(20, 40)),
         lambda: edits.lock(scene, np.arange(40, 60)),
     ):
-        edit = build()
-        assert edit is not None
-        edit.apply(scene)
+        History(scene).do(build())
     return scene
 
 

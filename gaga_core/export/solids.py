@@ -1,28 +1,107 @@
-"""The surface of an object as a triangle mesh: depth of rendered views, fused (Curless 1996).
-
-The object alone is drawn from all around. In a grid of voxels, each view says of a voxel how far in
-front of the surface it is, up to a few voxels, or that it sees past the object; the mean of that is
-a signed distance whose zero is the surface. A voxel that no view sees into is inside, so the mesh
-is closed. Views from below only cut at the outline: most objects were never seen from there, and
-through an open bottom one would see their inner side.
-"""
+"""Solids that physics engines take in place of an object: a convex hull, and its oriented box."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, UInt8Array
+from gaga_core.arrays import (
+    BoolArray,
+    DoubleArray,
+    FloatArray,
+    LongArray,
+    UInt8Array,
+    check_shape,
+)
 from gaga_core.camera import Camera
 from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.geometry import look_at
 from gaga_core.io.meshes import TriangleMesh
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Frame, Rasterizer
-from gaga_core.scene.orientation import upright_basis
-from gaga_core.scene.selection.bounds import robust_box
+from gaga_core.scene.orientation import even_directions, views_around
+from gaga_core.scene.selection.bounds import OrientedBox, oriented_box, robust_box
+
+# --- Solids that physics engines take in place of an object: a convex hull, and its oriented box.
+
+
+MOST_TRIANGLES = 255  # that PhysX, and the engines on it, take of a convex hull
+# Rows of `OrientedBox.corners`, counter-clockwise seen from outside.
+_BOX_FACES = np.array(
+    [
+        [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5], [0, 1, 5], [0, 5, 4],
+        [2, 6, 7], [2, 7, 3], [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6],
+    ],
+    np.int32,
+)  # fmt: skip
+_PLANES = 64  # of a hull that is simplified: 4 * 64 - 12 triangles at most
+
+
+def convex_collider(points: DoubleArray) -> TriangleMesh:
+    """A convex solid around points (N, 3), of at most 255 triangles.
+
+    It is their convex hull where that has so few, else the hull of 64 planes around them: the faces
+    of the oriented box, and the rest evenly around it. Raises ``GagaError`` when the points
+    lie in a plane.
+    """
+    from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+
+    check_shape("points", points, ("N", 3))
+    finite = points[np.isfinite(points).all(axis=1)].astype(np.float64)
+    try:
+        hull = ConvexHull(finite)
+        corners = finite[hull.vertices]
+        if len(hull.simplices) > MOST_TRIANGLES:
+            normals = _normals(oriented_box(corners, share=1.0))
+            planes = np.column_stack([normals, -(corners @ normals.T).max(axis=0)])
+            corners = HalfspaceIntersection(planes, corners.mean(axis=0)).intersections
+        return _hull_mesh(corners)
+    except (QhullError, ValueError) as error:
+        raise GagaError("An object that is flat or of a few points has no convex solid.") from error
+
+
+def box_mesh(box: OrientedBox) -> TriangleMesh:
+    """The oriented box as twelve triangles; sides without a length get one that float32 tells."""
+    least = 1e-6 * max(float(box.size.max()), float(np.abs(box.centre).max()), 1e-12)
+    corners = OrientedBox(box.centre, box.axes, np.maximum(box.size, least)).corners()
+    faces = _BOX_FACES if np.linalg.det(box.axes) > 0 else _BOX_FACES[:, ::-1]
+    return TriangleMesh(corners.astype(np.float32), np.ascontiguousarray(faces))
+
+
+def _normals(box: OrientedBox | None) -> DoubleArray:
+    """Unit directions (P, 3) of the planes of a simplified hull."""
+    sides = np.zeros((0, 3)) if box is None else np.vstack([box.axes.T, -box.axes.T])
+    even = even_directions(_PLANES - len(sides))
+    if box is not None:  # even where the box is a cube: long things are wrapped as tightly
+        even = even / np.maximum(box.size, 1e-6 * box.size.max()) @ box.axes.T
+        even /= np.linalg.norm(even, axis=1, keepdims=True)
+    return np.vstack([sides, even])
+
+
+def _hull_mesh(corners: DoubleArray) -> TriangleMesh:
+    """The convex hull of ``corners`` (N, 3), triangles counter-clockwise seen from outside."""
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(corners)
+    faces = hull.simplices.copy()
+    a, b, c = (corners[faces[:, k]] for k in range(3))
+    inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    used, rows = np.unique(faces, return_inverse=True)
+    return TriangleMesh(
+        np.ascontiguousarray(corners[used], np.float32),
+        np.ascontiguousarray(rows.reshape(-1, 3), np.int32),
+    )
+
+
+# --- The surface of an object as a triangle mesh: depth of rendered views, fused (Curless 1996).
+# The object alone is drawn from all around. In a grid of voxels, each view says of a voxel how far
+# in front of the surface it is, up to a few voxels, or that it sees past the object; the mean of
+# that is a signed distance whose zero is the surface. A voxel that no view sees into is inside, so
+# the mesh is closed. Views from below only cut at the outline: most objects were never seen from
+# there, and through an open bottom one would see their inner side.
+
 
 STEP = "Mesh the surface"
 _RINGS = ((0.0, 12), (30.0, 8), (65.0, 5), (-30.0, 8), (-65.0, 4))  # elevation, views around
@@ -88,15 +167,17 @@ def proxy_mesh_stage(
     voxel = extent / config.voxels
     shape = np.ceil((hi - lo) / voxel).astype(int) + 1 + 2 * _MARGIN
     grid = _Grid(lo - _MARGIN * voxel, voxel, (int(shape[0]), int(shape[1]), int(shape[2])))
-    cameras = _cameras(lo, hi, np.array([0.0, 0.0, 1.0]) if up is None else up)
+    up = np.array([0.0, 0.0, 1.0]) if up is None else up
+    cameras = views_around((lo, hi), up, _RINGS, side=_SIDE, field=_FIELD, room=_ROOM, phase=0.5)
+    is_above = np.repeat(*np.array([(elevation >= 0, n) for elevation, n in _RINGS]).T) > 0
     n = int(np.prod(grid.shape))
     total, weight = np.zeros(n, np.float32), np.zeros(n, np.float32)
     frames: list[tuple[Camera, Frame]] = []
-    for k, (camera, is_above) in enumerate(cameras):
+    for k, camera in enumerate(cameras):
         yield Progress(STEP, k, len(cameras), camera.name)
         frame = rasterizer.render(gaussians, camera)
-        _fuse(grid, camera, frame, total, weight, is_above=is_above)
-        if is_above:
+        _fuse(grid, camera, frame, total, weight, is_above=bool(is_above[k]))
+        if is_above[k]:
             frames.append((camera, frame))
     field = np.where(weight > 0, total / np.maximum(weight, 1e-6), -1).reshape(grid.shape)
     vertices, faces = _surface(field)
@@ -106,24 +187,6 @@ def proxy_mesh_stage(
     return TriangleMesh(
         np.ascontiguousarray(world, np.float32), np.ascontiguousarray(faces, np.int32), colors
     )
-
-
-def _cameras(lo: DoubleArray, hi: DoubleArray, up: DoubleArray) -> list[tuple[Camera, bool]]:
-    """Views on rings around a box, and whether each is level or looks down."""
-    middle, radius = (lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2
-    distance = _ROOM * radius / np.sin(_FIELD / 2)
-    world_from_upright = upright_basis(up).T
-    focal = 0.5 * _SIDE / np.tan(_FIELD / 2)
-    K = np.array([[focal, 0, _SIDE / 2], [0, focal, _SIDE / 2], [0, 0, 1.0]])
-    views: list[tuple[Camera, bool]] = []
-    for elevation, n in _RINGS:
-        e = np.radians(elevation)
-        for k in range(n):
-            turn = 2 * np.pi * (k + 0.5) / n
-            way = np.array([np.cos(e) * np.cos(turn), np.cos(e) * np.sin(turn), np.sin(e)])
-            pose = look_at(middle + distance * (world_from_upright @ way), middle, up)
-            views.append((Camera(K, pose, _SIDE, _SIDE, f"view {len(views)}"), elevation >= 0))
-    return views
 
 
 def _fuse(
@@ -138,9 +201,7 @@ def _fuse(
     """Add what one view says of every voxel."""
     depth, alpha = frame.median_depth.ravel(), frame.alpha.ravel()
     for at, points in grid.slabs():
-        pixels, z = camera.project(points)
-        column = np.clip(pixels[:, 0].astype(int), 0, camera.width - 1)
-        row = np.clip(pixels[:, 1].astype(int), 0, camera.height - 1)
+        row, column, z = _pixels(camera, points)
         flat = row * camera.width + column
         solid = (alpha[flat] >= _SOLID) & (depth[flat] > 0)
         distance = np.clip((depth[flat] - z) / (_BAND * grid.voxel), -1, 1)
@@ -150,6 +211,13 @@ def _fuse(
             share[solid] = 0.0
         total[at] += share * said
         weight[at] += share
+
+
+def _pixels(camera: Camera, points: DoubleArray) -> tuple[LongArray, LongArray, DoubleArray]:
+    """Row and column (N,) nearest to ``points`` (N, 3) in the picture, and their depth (N,)."""
+    pixels, z = camera.project(points)
+    column = np.clip(pixels[:, 0].astype(np.int64), 0, camera.width - 1)
+    return np.clip(pixels[:, 1].astype(np.int64), 0, camera.height - 1), column, z
 
 
 def _surface(field: FloatArray) -> tuple[DoubleArray, DoubleArray]:
@@ -182,9 +250,7 @@ def _colors(
 
     total = np.zeros((len(vertices), 4), np.float32)
     for camera, frame in frames:
-        pixels, z = camera.project(vertices)
-        column = np.clip(pixels[:, 0].astype(int), 0, camera.width - 1)
-        row = np.clip(pixels[:, 1].astype(int), 0, camera.height - 1)
+        row, column, z = _pixels(camera, vertices)
         alpha = frame.alpha[row, column]
         seen = (alpha >= _SOLID) & (np.abs(frame.median_depth[row, column] - z) < near)
         total[seen, :3] += frame.image[row[seen], column[seen]]
