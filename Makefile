@@ -1,5 +1,6 @@
 # make studio  sets everything up and opens the window on the demo scene
 # make test    sets everything up and runs every check and test (starts its own Xvfb), JOBS=2 processes
+# make quick   the tests to run while you work, 2 minutes at most: no window, training or placement
 # make screenshots  takes the pictures of README and guide again (docs/images), and at two other sizes (build/screenshots)
 # make demo    draws the demo scene again, which programs carry (assets/demo)
 # make docs    sets everything up and builds the documentation into docs/_build
@@ -20,7 +21,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
-.PHONY: app app-models test-app test-browsers studio test peers browser kernels fuzz soak faults cluster captures check demo style types imports pages docs setup bench screenshots clean
+.PHONY: app app-models test-app test-browsers studio test quick peers browser kernels fuzz soak faults cluster captures check demo style types imports pages docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -33,6 +34,10 @@ studio:
 test: setup
 	@$(MAKE) --quiet --no-print-directory -j2 --output-sync types kernels pages style imports peers browser
 	@$(BIN)/python -m pytest -q -n $(or $(JOBS),2) --dist loadfile --no-loadscope-reorder
+
+quick: setup
+	@$(MAKE) --quiet --no-print-directory kernels
+	@$(BIN)/python -m pytest -q -m quick -n $(or $(JOBS),2)
 
 peers: .peers/.ready
 
