@@ -27,7 +27,9 @@ _SLOW_FILES = frozenset(
     (
         *("test_reconstruction", "test_two_writers", "test_benchmark", "test_compare"),
         *("test_benchmark_prompts", "test_app_folder", "test_packaging", "test_readme"),
-        *("test_entry_points",),
+        *("test_entry_points", "test_fill", "test_click_model", "test_level_of_detail"),
+        *("test_probe", "test_thumbnails", "test_truncated_while_read", "test_first_steps"),
+        *("test_requests", "test_saved_by_0_1_0", "test_objects", "test_consensus"),
     )
 )
 _SLOW_FIXTURES = frozenset(("gl", "display", "ycb_table", "garden", "placed_room"))
