@@ -21,7 +21,7 @@ from gaga_core.io.folder.scene_folder import (
     open_scene_folder,
 )
 from gaga_core.io.folder.splits import PARTS, REPLICA_AFTER, REPLICA_EVERY, split_views
-from gaga_core.io.images import IMAGE_SUFFIXES, open_image
+from gaga_core.io.images import IMAGE_SUFFIXES, open_image, pictures_in
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.masks import Loader, MaskSet
 
@@ -228,17 +228,9 @@ def _missing(scene: DatasetScene, wanted: set[str]) -> Iterable[str]:
 # --- what the readers share
 
 
-def _files_of(folder: Path) -> dict[str, Path]:
-    """Pictures of a folder by name, hidden ones left out; empty when there is no such folder."""
-    if not folder.is_dir():
-        return {}
-    files = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-    return {path.name: path for path in sorted(files) if not path.name.startswith(".")}
-
-
 def _photos_of(root: Path, *folders: str) -> dict[str, Path]:
     """Photos of the first of the folders that has some; ``GagaError`` when none has."""
-    for photos in (_files_of(root / folder) for folder in folders):
+    for photos in (pictures_in(root / folder) for folder in folders):
         if photos:
             return photos
     raise GagaError(f"{root} has no photos in {folders[0]}/. Copy them there.")
@@ -272,7 +264,7 @@ def _truth_of(
 
 def _prompts_of(folder: Path, views: Mapping[str, str]) -> PromptTruth:
     """Prompts are the stems of all masks in the sub-folders that are the keys of ``views``."""
-    found = {path.stem for key in views for path in _files_of(folder / key).values()}
+    found = {path.stem for key in views for path in pictures_in(folder / key).values()}
     return PromptTruth(folder, views, tuple(sorted(found)))
 
 
@@ -359,7 +351,7 @@ def _read_gaga_replica(root: Path) -> _Found:
     photos = _photos_of(root, "images", "input")
     cameras = _colmap_cameras(root, "Reconstruct the cameras first.")
     names = {Path(n).stem.replace("_rgb_", "_semantic_instance_"): n for n in photos}
-    maps = {path.stem: path for path in _files_of(root / _REPLICA_TRUTH).values()}
+    maps = {path.stem: path for path in pictures_in(root / _REPLICA_TRUTH).values()}
     return _Found(cameras, photos, _REPLICA_TRUTH, _truth_of(names, maps))
 
 
@@ -408,7 +400,7 @@ def _read_dm_nerf(root: Path) -> _Found:
 def _read_gaga_scannet(root: Path) -> _Found:
     photos = _photos_of(root, "images", "input")
     cameras = _colmap_cameras(root, "Reconstruct the cameras first.")
-    files = [p for part in PARTS for p in _files_of(root / part / f"{part}_ins_full").values()]
+    files = [p for part in PARTS for p in pictures_in(root / part / f"{part}_ins_full").values()]
     truth = _truth_of(_by_stem(photos), {path.stem: path for path in files})
     return _Found(cameras, photos, _FULL, truth)
 
@@ -539,11 +531,11 @@ def _read_mipnerf360(root: Path) -> _Found:
     known = open_scene_folder(root).cameras
     if not known:
         raise GagaError(f"{root} has no COLMAP model in sparse/0. Copy it there.")
-    photos, size = _files_of(root / "images_4"), (0, 0)
+    photos, size = pictures_in(root / "images_4"), (0, 0)
     if photos:
         size = _picture_size(next(iter(photos.values())))
     else:  # the widest that are not too wide, else the smallest there are
-        for found in (_files_of(root / name) for name in ("images", "images_2", "images_8")):
+        for found in (pictures_in(root / name) for name in ("images", "images_2", "images_8")):
             if found:
                 photos, size = found, _picture_size(next(iter(found.values())))
                 if size[0] <= _WIDEST:
@@ -552,7 +544,7 @@ def _read_mipnerf360(root: Path) -> _Found:
         raise GagaError(f"{root} has no photos in images/. Copy them there.")
     stems = _by_stem(camera.name for camera in known)
     by_name = {stems[path.stem]: path for path in photos.values() if path.stem in stems}
-    maps = {path.stem: path for path in _files_of(root / "gt" / "instance").values()}
+    maps = {path.stem: path for path in pictures_in(root / "gt" / "instance").values()}
     truth = _truth_of(stems, maps)
     cameras = [_at_size(camera, *size) for camera in known]
     names = [camera.name for camera in known]

@@ -21,7 +21,7 @@ from gaga_core.arrays import AnyArray, DoubleArray, UInt8Array
 from gaga_core.camera import MOST_PIXELS, Camera
 from gaga_core.errors import GagaError
 from gaga_core.geometry import matrices_to_quats
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import explain_os_error, write_text
 from gaga_core.io.folder.processes import end_with_parent
 
 _PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE")
@@ -154,18 +154,18 @@ def write_colmap(
     for i, c in enumerate(cameras, start=1):
         numbers = (c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2])
         lines.append(f"{i} PINHOLE {c.width} {c.height} {_exact(numbers)}")
-    _write_text(folder / "cameras.txt", lines)
+    write_text(folder / "cameras.txt", "\n".join(lines) + "\n")
     lines = []
     for i, camera in enumerate(cameras, start=1):
         quat = matrices_to_quats(camera.cam_from_world[None, :3, :3])[0]
         numbers = (*quat, *camera.cam_from_world[:3, 3])
         lines += [f"{i} {_exact(numbers)} {i} {camera.name}", ""]
-    _write_text(folder / "images.txt", lines)
+    write_text(folder / "images.txt", "\n".join(lines) + "\n")
     lines = [
         f"{i} {x:.9g} {y:.9g} {z:.9g} {r} {g} {b} 0"
         for i, ((x, y, z), (r, g, b)) in enumerate(zip(points, colors, strict=True), start=1)
     ]
-    _write_text(folder / "points3D.txt", lines)
+    write_text(folder / "points3D.txt", "\n".join(lines) + "\n")
 
 
 def note_of(folder: Path) -> str:
@@ -193,11 +193,6 @@ def count_points(folder: Path) -> int:
 def _exact(numbers: Iterable[float]) -> str:
     """Decimal text that reads back as the same doubles."""
     return " ".join(repr(float(number)) for number in numbers)
-
-
-def _write_text(path: Path, lines: list[str]) -> None:
-    with atomic_write(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:

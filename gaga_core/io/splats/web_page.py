@@ -20,11 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.arrays import AnyArray, IntArray
-from gaga_core.assets import assets
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, matrices_to_quats
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import assets, atomic_write
 from gaga_core.io.splats.packing import (
     bytes_of_logits,
     log_words,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from PIL import ImageFont
 
-from gaga_core.assets import assets
+from gaga_core.io.files import assets
 from gaga_studio.actions import files, history, objects, selection
 from gaga_studio.commands import COMMANDS, MENUS, Command, command, for_shortcut, run
 from gaga_studio.session.session import Session
