@@ -169,8 +169,8 @@ def joined_splats(pieces: Sequence[Gaussians], name: str) -> Gaussians:
 
 def dc_of_bytes(rgb: UInt8Array, scale: float = SH_C0) -> FloatArray:
     """DC coefficients (N, 3) of colors in bytes; ``scale``: what a coefficient of 1 adds to 0.5."""
-    result: FloatArray = (rgb / np.float32(255) - np.float32(0.5)) / np.float32(scale)
-    return result
+    unit = rgb.astype(np.float32) / np.float32(255)
+    return (unit - np.float32(0.5)) / np.float32(scale)
 
 
 def logits_of_bytes(opacities: UInt8Array) -> FloatArray:

@@ -249,11 +249,16 @@ def _blocks(path: Path, rows: AnyArray) -> Iterator[tuple[int, AnyArray]]:
 
 def _pack(gaussians: Gaussians, part: slice, rows: AnyArray) -> None:
     """Fill ``rows``, whose normals are 0 already, with the splats of ``part``."""
+
+    def column(name: str) -> FloatArray:
+        return np.ascontiguousarray(getattr(gaussians, name)[part])
+
     pack_rows(
-        *(
-            np.ascontiguousarray(getattr(gaussians, column)[part])
-            for column in ("means", "sh", "logit_opacities", "log_scales", "quats")
-        ),
+        column("means"),
+        column("sh"),
+        column("logit_opacities"),
+        column("log_scales"),
+        column("quats"),
         _side_by_side(rows, "x", 3),
         _side_by_side(rows, "f_dc_0", 3 * gaussians.sh.shape[1] + 8),
     )
