@@ -250,15 +250,15 @@ def _blocks(path: Path, rows: AnyArray) -> Iterator[tuple[int, AnyArray]]:
 def _pack(gaussians: Gaussians, part: slice, rows: AnyArray) -> None:
     """Fill ``rows``, whose normals are 0 already, with the splats of ``part``."""
 
-    def column(name: str) -> FloatArray:
+    def chosen(name: str) -> FloatArray:
         return np.ascontiguousarray(getattr(gaussians, name)[part])
 
     pack_rows(
-        column("means"),
-        column("sh"),
-        column("logit_opacities"),
-        column("log_scales"),
-        column("quats"),
+        chosen("means"),
+        chosen("sh"),
+        chosen("logit_opacities"),
+        chosen("log_scales"),
+        chosen("quats"),
         _side_by_side(rows, "x", 3),
         _side_by_side(rows, "f_dc_0", 3 * gaussians.sh.shape[1] + 8),
     )
