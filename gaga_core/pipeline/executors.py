@@ -536,9 +536,12 @@ def _dask_client(engine: EngineConfig) -> "Iterator[Client]":
             yield client
         return
     with (
-        TemporaryDirectory(ignore_cleanup_errors=True) as folder,  # what workers put on the disk
+        # What the scheduler and workers put on the disk.
+        TemporaryDirectory(ignore_cleanup_errors=True) as folder,
         # A worker that dies or is restarted is what `_run_dask` expects: its log is no news.
-        dask.config.set({"distributed.logging.distributed": "critical"}),
+        dask.config.set(
+            {"distributed.logging.distributed": "critical", "temporary-directory": folder}
+        ),
         LocalCluster(  # type: ignore[no-untyped-call]
             n_workers=engine.workers,
             threads_per_worker=1,
