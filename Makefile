@@ -1,5 +1,6 @@
 # make studio  sets everything up and opens the window on the demo scene
 # make test    sets everything up and runs every check and test (starts its own Xvfb), JOBS=2 processes
+# make quick   the tests to run while you work, 2 minutes at most: no window, training or placement
 # make test-portable  tests whose results could hang on the processor, computed as another one does (3 minutes)
 # make screenshots  takes the pictures of README and guide again (docs/images), and at two other sizes (build/screenshots)
 # make demo    draws the demo scene again, which programs carry (assets/demo)
@@ -21,7 +22,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
-.PHONY: app app-models test-app test-browsers test-portable studio test peers browser kernels fuzz soak faults cluster captures check demo style types imports pages docs setup bench screenshots clean
+.PHONY: app app-models test-app test-browsers test-portable studio test quick peers browser kernels fuzz soak faults cluster captures check demo style types imports pages docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -35,10 +36,14 @@ test: setup
 	@$(MAKE) --quiet --no-print-directory -j2 --output-sync types kernels pages style imports peers browser
 	@$(BIN)/python -m pytest -q -n $(or $(JOBS),2) --dist loadfile --no-loadscope-reorder
 
+quick: setup
+	@$(MAKE) --quiet --no-print-directory kernels
+	@$(BIN)/python -m pytest -q -m quick -n $(or $(JOBS),2)
+
 # As on a processor without AVX and FMA, with one thread: vectors, sums and eigenvectors round
 # otherwise there, and no result that is promised may hang on that.
 PORTABLE := $(addprefix tests/core/,grouping identity segmentation/test_regions.py scene/edits \
-	raster/test_raster.py raster/test_labels.py raster/test_gradients.py raster/test_vote_slots.py)
+	raster/test_operators.py raster/test_gradients.py raster/test_vote_slots.py)
 test-portable: setup
 	@OPENBLAS_CORETYPE=Haswell NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= GAGA_THREADS=1 \
 	$(BIN)/python -m pytest -q -n $(or $(JOBS),2) --dist loadfile $(PORTABLE)

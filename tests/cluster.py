@@ -8,6 +8,7 @@ all of it holds.
 """
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -78,7 +79,8 @@ def cluster(folder: Path, memory: str = "0") -> Iterator[str]:
         for command in (scheduler, workers):
             program = [sys.executable, "-m", "dask", *command[1:]]
             log = (folder / f"{command[1]}.log").open("w")
-            started.append(subprocess.Popen(program, stdout=log, stderr=log))
+            own = os.environ | {"TMPDIR": str(folder)}
+            started.append(subprocess.Popen(program, stdout=log, stderr=log, env=own))
         while not where.is_file():
             time.sleep(0.5)
         yield json.loads(where.read_text())["address"]

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,28 @@ from tests.display import xvfb
 # Before torch and numpy are imported: their threads wait for each other by spinning, and several
 # processes of tests share the processors.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+_OURS = ("gaga", ".gaga", "torchelastic", "dask")  # how names of what we leave would begin
+# What is not in `make quick`: windows, programs, placement, training, fills, models, and files of
+# tests that took more than three seconds in all.
+_SLOW_FOLDERS = frozenset(
+    (
+        *("window", "commands", "captures", "faults", "fuzz", "soak", "web", "gpu", "docs"),
+        *("pipeline", "reconstruct", "placing", "training", "fill", "cli", "segmentation"),
+        *("query", "demo"),
+    )
+)
+_SLOW_FILES = frozenset(
+    (
+        *("test_reconstruction", "test_two_writers", "test_benchmark", "test_compare"),
+        *("test_benchmark_prompts", "test_app_folder", "test_packaging", "test_readme"),
+        *("test_entry_points", "test_fill", "test_click_model", "test_level_of_detail"),
+        *("test_probe", "test_thumbnails", "test_truncated_while_read", "test_first_steps"),
+        *("test_session", "test_saving", "test_tools", "test_edits", "test_splat_files"),
+        *("test_history_copy", "test_parents", "test_proxy_mesh", "test_region_tools"),
+        *("test_requests", "test_saved_by_0_1_0", "test_objects", "test_consensus"),
+    )
+)
+_SLOW_FIXTURES = frozenset(("gl", "display", "ycb_table", "garden", "placed_room"))
 _DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
@@ -42,6 +65,20 @@ def own_home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monke
     monkeypatch.setenv("GAGA_HOME", str(base))
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What tests and their processes put into the temporary folder goes to one of the test run's;
+    nothing of ours may be left there at the end, killed programs included."""
+    folder = tmp_path_factory.getbasetemp() / "tmp"
+    folder.mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TMPDIR", str(folder))
+        patch.setattr(tempfile, "tempdir", str(folder))
+        yield
+    left = [path.name for start in _OURS for path in folder.glob(f"{start}*")]
+    assert not left, f"left in the temporary folder: {', '.join(sorted(left))}"
+
+
 @pytest.fixture(scope="session")
 def gl() -> Iterator[Any]:
     """A moderngl context without any display (EGL, software rendering)."""
@@ -65,7 +102,22 @@ def display() -> Iterator[str]:
         yield name
 
 
+def _is_quick(item: pytest.Item) -> bool:
+    """Whether a test belongs to `make quick`."""
+    slow_marks = ("window", "gl", "cuda", "slow", "capture")
+    if any(item.get_closest_marker(mark) for mark in slow_marks):
+        return False
+    folders, fixtures = item.path.parent.parts, getattr(item, "fixturenames", ())
+    if _SLOW_FOLDERS.intersection(folders) or _SLOW_FIXTURES.intersection(fixtures):
+        return False
+    return item.path.stem not in _SLOW_FILES
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Window tests first: a standalone EGL context that is current in this thread makes Xlib end
-    the process when GLFW then makes its own current, whatever order the command line asks for."""
+    """Mark quick tests. Window tests first: a standalone EGL context that is current in this thread
+    makes Xlib end the process when GLFW then makes its own current, whatever order the command line
+    asks for."""
+    for item in items:
+        if _is_quick(item):
+            item.add_marker("quick")
     items.sort(key=lambda item: item.get_closest_marker("window") is None)

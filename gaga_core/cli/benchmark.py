@@ -68,7 +68,7 @@ class BenchmarkCommand:
     def run(self) -> int:
         """Print the tables; exit status 1 when a scene has no result."""
         from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
-        from gaga_core.io.datasets.catalog import open_dataset
+        from gaga_core.io.datasets import open_dataset
         from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.pipeline.reconstruct import ReconstructConfig
         from gaga_core.raster import choose

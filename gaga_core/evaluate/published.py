@@ -13,7 +13,7 @@ import numpy as np
 
 from gaga_core.camera import natural_order
 from gaga_core.errors import GagaError
-from gaga_core.io.datasets.catalog import DATASETS
+from gaga_core.io.datasets import DATASETS
 from gaga_core.io.folder.splits import FRAMES, NAMES, OVS3D, SCANNET_FOLDERS, SCANNET_LISTS
 
 # --- Figures that the paper prints, in percent, each with the table that it stands in.

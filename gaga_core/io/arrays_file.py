@@ -4,7 +4,8 @@ import math
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -16,8 +17,9 @@ from gaga_core.io.files import explain_os_error
 
 # What numpy and zipfile raise on files with wrong bytes, found by flipping bits: zlib.error and
 # TokenError (from numpy's parse of an array header) are no ValueError, and an odd compression
-# method or an "encrypted" flag is a RuntimeError.
+# method or an "encrypted" flag is a RuntimeError; a single .npy has no .files.
 _DAMAGED = (
+    AttributeError,
     ValueError,
     KeyError,
     EOFError,
@@ -35,27 +37,33 @@ _MOST_ARRAYS = 100_000
 _LONGEST_HEADER = 65_536
 
 
+@contextmanager
+def _sentences(path: Path, why: str, cure: str) -> Iterator[None]:
+    """Turn what numpy and the disk raise into one sentence."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None:
+            raise GagaError(f"{path} is damaged. {cure}") from error
+        raise GagaError(explain_os_error(error, path)) from error
+    except _DAMAGED as error:
+        raise GagaError(f"{path} {why}. {cure}") from error
+
+
 def read_array(path: Path, cure: str) -> AnyArray:
     """The array of an ``.npy``; never unpickles.
 
     Raises ``GagaError`` when the file is missing, damaged, or holds Python objects: ``cure`` says
     what to do then.
     """
-    try:
-        with path.open("rb") as file:
-            if file.read(len(np.lib.format.MAGIC_PREFIX)) == np.lib.format.MAGIC_PREFIX:
-                file.seek(0)
-                _check_header(file, path.stat().st_size)
+    with _sentences(path, "is damaged or holds Python objects", cure), path.open("rb") as file:
+        if file.read(len(np.lib.format.MAGIC_PREFIX)) == np.lib.format.MAGIC_PREFIX:
             file.seek(0)
-            stored = np.load(file, allow_pickle=False)
-            if isinstance(stored, np.ndarray):
-                return stored
-    except OSError as error:
-        if error.errno is None:
-            raise GagaError(f"{path} is damaged. {cure}") from error
-        raise GagaError(explain_os_error(error, path)) from error
-    except _DAMAGED as error:
-        raise GagaError(f"{path} is damaged or holds Python objects. {cure}") from error
+            _check_header(file, path.stat().st_size)
+        file.seek(0)
+        stored = np.load(file, allow_pickle=False)
+        if isinstance(stored, np.ndarray):
+            return stored
     raise GagaError(f"{path} is an archive of arrays, not one array. {cure}")
 
 
@@ -71,22 +79,15 @@ def read_arrays(
     Sizes that the headers announce are compared with those of the archive before memory is taken.
     Raises ``GagaError`` when the file is missing or damaged: ``cure`` says what to do then.
     """
-    try:
-        # Opened here: numpy leaves the file open when its archive is damaged.
-        with path.open("rb") as file:
-            if zipfile.is_zipfile(file):
-                _check_archive(file)
-            file.seek(0)
-            stored = np.load(file, allow_pickle=False)
-            wanted = stored.files if names is None else names
-            further = [name for name in optional if name in stored.files and name not in wanted]
-            return {name: stored[name] for name in (*wanted, *further)}
-    except OSError as error:
-        if error.errno is None:
-            raise GagaError(f"{path} is damaged. {cure}") from error
-        raise GagaError(explain_os_error(error, path)) from error
-    except (*_DAMAGED, AttributeError) as error:  # a single .npy is not an archive: no .files
-        raise GagaError(f"{path} is damaged. {cure}") from error
+    # Opened here: numpy leaves the file open when its archive is damaged.
+    with _sentences(path, "is damaged", cure), path.open("rb") as file:
+        if zipfile.is_zipfile(file):
+            _check_archive(file)
+        file.seek(0)
+        stored = np.load(file, allow_pickle=False)
+        wanted = stored.files if names is None else names
+        further = [name for name in optional if name in stored.files and name not in wanted]
+        return {name: stored[name] for name in (*wanted, *further)}
 
 
 def _check_archive(file: IO[bytes]) -> None:

@@ -7,8 +7,8 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from gaga_core.assets import assets
 from gaga_core.errors import GagaError
+from gaga_core.io.files import assets
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.json_file import read_json
 from gaga_core.io.splats.ply import write_ply

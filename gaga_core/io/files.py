@@ -1,4 +1,4 @@
-"""Writing files so that a failure loses nothing."""
+"""Files: written so that a failure loses nothing, told apart, and where our own assets lie."""
 
 import errno
 import hashlib
@@ -18,13 +18,19 @@ from gaga_core.errors import GagaError
 
 _LOG = logging.getLogger(__name__)
 _LONGEST = 200  # bytes of a name in that of its temporary file: file systems take 255
-_LEFT = re.compile(
-    r"\..+\.[0-9a-f]{8}\.part|\.gaga-[a-z0-9_]{8}"
-)  # `atomic_write`, `staging_folder`
+# Names of `atomic_write` and `staging_folder`.
+_LEFT = re.compile(r"\..+\.[0-9a-f]{8}\.part|\.gaga-[a-z0-9_]{8}")
 PLAN = "publish.json"  # in a folder of results that are whole, see `staging.publish_all`
 _OLD_S = 3600.0
 _looked_at: set[Path] = set()  # folders that this program has written to
 _BLOCKS, _BLOCK = 64, 1 << 16  # a fingerprint samples this many blocks of this many bytes
+
+
+def assets() -> Path:
+    """The folder of shaders, fonts, web pages and the demo: in the wheel, or in the checkout."""
+    here = Path(__file__).resolve().parents[1]
+    inside = here / "assets"
+    return inside if inside.is_dir() else here.parent / "assets"
 
 
 @contextmanager
@@ -39,7 +45,9 @@ def atomic_write(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".{stem}.{uuid4().hex[:8]}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_leftovers_once(path.parent)
+        if path.parent not in _looked_at:  # at this program's first write to the folder
+            _looked_at.add(path.parent)
+            remove_leftovers(path.parent)
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     try:
@@ -52,6 +60,12 @@ def atomic_write(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
         except OSError as error:  # a read-only disk: what is raised already says more
             _LOG.info("%s was not removed: %s", temporary, error)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in UTF-8, whole or not at all; see `atomic_write`."""
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def remove_leftovers(folder: Path) -> int:
@@ -71,13 +85,6 @@ def remove_leftovers(folder: Path) -> int:
     except OSError as error:  # no permission, or another program was quicker: they do no harm
         _LOG.info("leftovers in %s: %s", folder, error)
     return n
-
-
-def _remove_leftovers_once(folder: Path) -> None:
-    """Look for leftovers at this program's first write to a folder."""
-    if folder not in _looked_at:
-        _looked_at.add(folder)
-        remove_leftovers(folder)
 
 
 def _newest(path: Path) -> float:

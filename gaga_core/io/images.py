@@ -13,6 +13,16 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 _FORMATS = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".webp": "WEBP"}
 
 
+def pictures_in(folder: Path, pattern: str = "*") -> dict[str, Path]:
+    """Pictures of a folder by their path from there, in order; none when there is no such folder.
+
+    ``pattern`` "**/*": those of its subfolders, too. Hidden files are left out.
+    """
+    files = (path for path in sorted(folder.glob(pattern)) if path.name[0] != ".")
+    pictures = (path for path in files if path.suffix.lower() in IMAGE_SUFFIXES)
+    return {path.relative_to(folder).as_posix(): path for path in pictures}
+
+
 def open_image(path: Path) -> Image.Image:
     """Open a picture with pillow, turned as its EXIF tag says; ``GagaError`` if it is none."""
     try:

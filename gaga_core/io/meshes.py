@@ -5,8 +5,6 @@ COLMAP); an .obj has those of a .ply. Colors: linear ``COLOR_0`` in a .glb, thre
 vertex in an .obj, as MeshLab and Blender read them.
 """
 
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -15,10 +13,8 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, UInt8Array, check_shape
 from gaga_core.io.files import atomic_write
-from gaga_core.io.splats.glb import BIN, JSON, heads, padded
+from gaga_core.io.splats.glb import glb_blocks
 
-_FLOAT, _UNSIGNED = 5126, 5125
-_VERTICES, _INDICES = 34962, 34963
 _KNEE = 0.04045  # of sRGB (IEC 61966-2-1): linear below
 
 
@@ -65,46 +61,21 @@ def write_mesh(path: Path, mesh: TriangleMesh, kind: MeshFile, name: str) -> Non
 
 
 def _glb(mesh: TriangleMesh, name: str) -> bytes:
-    turned = mesh.vertices * np.array([-1, -1, 1], np.float32)
-    columns: dict[str, AnyArray] = {"POSITION": turned}
+    columns: dict[str, AnyArray] = {"POSITION": mesh.vertices * np.array([-1, -1, 1], np.float32)}
     if mesh.colors is not None:
         columns["COLOR_0"] = _linear(mesh.colors)
-    parts = [np.ascontiguousarray(values, "<f4").tobytes() for values in columns.values()]
-    parts.append(np.ascontiguousarray(mesh.faces, "<u4").tobytes())
-    starts = np.cumsum([0, *(len(part) for part in parts)]).tolist()
-    views = [
-        {"buffer": 0, "byteOffset": start, "byteLength": len(part), "target": target}
-        for start, part, target in zip(
-            starts[:-1], parts, [_VERTICES] * len(columns) + [_INDICES], strict=True
-        )
-    ]
-    accessors: list[Mapping[str, object]] = [
-        {"bufferView": k, "componentType": _FLOAT, "count": len(values), "type": "VEC3"}
-        for k, values in enumerate(columns.values())
-    ]
-    lo, hi = turned.min(axis=0), turned.max(axis=0)
-    accessors[0] = {**accessors[0], "min": lo.tolist(), "max": hi.tolist()}
-    indices = {"bufferView": len(columns), "componentType": _UNSIGNED, "type": "SCALAR"}
-    accessors.append({**indices, "count": mesh.faces.size})
     primitive = {
         "attributes": dict(zip(columns, range(len(columns)), strict=True)),
         "indices": len(columns),
         "material": 0,
     }
-    gltf = {
-        "asset": {"version": "2.0", "generator": "gaga-studio"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
+    columns["indices"] = mesh.faces.astype(np.uint32).reshape(-1, 1)
+    described = {
         "nodes": [{"mesh": 0, "name": name}],
         "meshes": [{"primitives": [primitive], "name": name}],
         "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}],
-        "buffers": [{"byteLength": starts[-1]}],
-        "bufferViews": views,
-        "accessors": accessors,
     }
-    text = padded(json.dumps(gltf, separators=(",", ":"), ensure_ascii=False).encode())
-    head, middle = heads([(JSON, len(text)), (BIN, starts[-1])])
-    return b"".join([head, text, middle, *parts])
+    return b"".join(glb_blocks(described, columns))
 
 
 def _linear(colors: UInt8Array) -> FloatArray:

@@ -1,8 +1,9 @@
 """Writing videos: frames go through a pipe into ffmpeg; the file appears when it is whole."""
 
 import subprocess
-import threading
+import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,11 +14,16 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
 from gaga_core.progress import Progress, Stage
 
-# --- The ffmpeg that reads and writes videos: the binary that the package imageio-ffmpeg brings.
+SUFFIXES = (".mp4", ".webm")
+_SMALLEST, _LARGEST = 16, 8192  # pixels of a side
+_GRACE = 60.0  # seconds that ffmpeg gets to write its last frames
 
 
 def ffmpeg_program(purpose: str = "Reading a video") -> str:
-    """Path of ffmpeg. Raises ``GagaError`` when it is not there: ``purpose`` needs it."""
+    """Path of the ffmpeg that the package imageio-ffmpeg brings.
+
+    Raises ``GagaError`` when it is not there: ``purpose`` needs it.
+    """
     import imageio_ffmpeg
 
     try:
@@ -26,14 +32,6 @@ def ffmpeg_program(purpose: str = "Reading a video") -> str:
         raise GagaError(
             f"{purpose} needs ffmpeg. Install the package imageio-ffmpeg again with pip."
         ) from error
-
-
-# --- Writing videos: frames go through a pipe into ffmpeg; the file appears when it is whole.
-
-
-SUFFIXES = (".mp4", ".webm")
-_SMALLEST, _LARGEST = 16, 8192  # pixels of a side
-_GRACE = 60.0  # seconds that ffmpeg gets to write its last frames
 
 
 @dataclass(frozen=True)
@@ -132,16 +130,16 @@ class _Encoder:
     """A running ffmpeg that takes frames; ended in any case when the block ends."""
 
     def __init__(self, command: list[str]) -> None:
-        pipe = subprocess.PIPE
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115  closed at the end of the block
         try:
             self._process = subprocess.Popen(
-                command, stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe
+                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._said
             )
         except OSError as error:
+            self._said.close()
             raise GagaError(f"ffmpeg cannot be started ({error}). Install it again.") from error
-        self._said: list[bytes] = []
-        self._reader = threading.Thread(target=self._listen, daemon=True)
-        self._reader.start()
+        assert self._process.stdin is not None
+        self._pipe = self._process.stdin
 
     def __enter__(self) -> "_Encoder":
         return self
@@ -150,42 +148,30 @@ class _Encoder:
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
-        self._reader.join()
-        for stream in (self._process.stdin, self._process.stderr):
-            if stream is not None:
-                try:
-                    stream.close()
-                except OSError:  # what was buffered has no reader any more
-                    continue
+        self._said.close()
+        with suppress(OSError):  # what was buffered has no reader any more
+            self._pipe.close()
 
     def write(self, picture: UInt8Array) -> None:
         try:
-            if self._process.stdin is not None:
-                self._process.stdin.write(picture.data)
+            self._pipe.write(picture.data)
         except OSError as error:  # ffmpeg ended early: a full disk, say
             self._process.wait()
-            self._reader.join()
             raise GagaError(self._why()) from error
 
     def finish(self, path: Path) -> None:
         """Wait for the last frames; ``GagaError`` unless the file is whole."""
         try:
-            if self._process.stdin is not None:
-                self._process.stdin.close()
+            self._pipe.close()
             status = self._process.wait(_GRACE)
         except subprocess.TimeoutExpired as error:
             raise GagaError(f"ffmpeg does not end, so {path.name} was not written.") from error
         except OSError as error:
             raise GagaError(self._why()) from error
         if status != 0:
-            self._reader.join()
             raise GagaError(self._why())
 
-    def _listen(self) -> None:
-        if self._process.stderr is not None:
-            for line in self._process.stderr:
-                self._said.append(line)
-
     def _why(self) -> str:
+        self._said.seek(0)
         said = b" ".join(self._said).decode("utf-8", "replace").strip()
         return f"The video was not written: ffmpeg says {said[-200:] or 'nothing'!r}."

@@ -22,6 +22,7 @@ from dataclasses import asdict, dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import FrameType
 from typing import TYPE_CHECKING, Literal, cast, get_args
 
@@ -535,14 +536,19 @@ def _dask_client(engine: EngineConfig) -> "Iterator[Client]":
             yield client
         return
     with (
+        # What the scheduler and workers put on the disk.
+        TemporaryDirectory(ignore_cleanup_errors=True) as folder,
         # A worker that dies or is restarted is what `_run_dask` expects: its log is no news.
-        dask.config.set({"distributed.logging.distributed": "critical"}),
+        dask.config.set(
+            {"distributed.logging.distributed": "critical", "temporary-directory": folder}
+        ),
         LocalCluster(  # type: ignore[no-untyped-call]
             n_workers=engine.workers,
             threads_per_worker=1,
             host=_HERE,
             dashboard_address=f"{_HERE}:0",
             worker_dashboard_address=None,
+            local_directory=folder,
             silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster) as client,  # type: ignore[no-untyped-call]

@@ -40,10 +40,9 @@ from gaga_core.io.folder.lock import lock_folder
 from gaga_core.io.folder.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
 from gaga_core.io.json_file import PathText, read_json
 from gaga_core.io.splats.ply import write_ply
-from gaga_core.io.splats.sog import META, is_sog_meta
+from gaga_core.io.splats.sog import LOD_META, META, is_sog_meta, is_streamed_sog
 from gaga_core.io.splats.splat_files import is_same_model, model_fingerprint, read_splats_stage
 from gaga_core.io.splats.spz import OURS, SilentAxes
-from gaga_core.io.splats.streamed_sog import LOD_META, is_streamed_sog
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.camera_path import (
     Bookmark,

@@ -4,7 +4,6 @@ Drafts of whole photo sets, trained at 160 pixels, held-out views measured at 80
 minutes of processor time, so only with ``GAGA_BENCH_LONG=1``. Set ``GAGA_THREADS=1``.
 """
 
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +14,8 @@ from gaga_core.training.settings import TrainConfig
 from gaga_core.training.start import first_splats_stage
 from gaga_core.training.train import train
 from gaga_core.training.views import TrainViews, quality_stage
-from tests.bench.figures import Figure
-from tests.bench.posed_subsets import data_folder, draw_whole
+from tests.bench.figures import Figure, data_folder, is_long
+from tests.bench.posed_subsets import draw_whole
 
 _SCENES = ("ycb_table", "fox")
 _LARGE = 320  # pixels of the longest side, twice that of the training
@@ -26,7 +25,7 @@ _MOST_SPLATS = 40_000
 
 def figures() -> list[Figure]:
     """Held-out PSNR of each scene, mode and size; none of scenes that are not on this machine."""
-    if os.environ.get("GAGA_BENCH_LONG", "") in ("", "0"):
+    if not is_long():
         return []
     found = []
     for name in _SCENES:

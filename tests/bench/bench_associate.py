@@ -7,7 +7,7 @@ import numpy as np
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.grouping.gate import GateConfig, ViewMasks, depth_bounds, gaussians_of_masks
 from gaga_core.grouping.memory_bank import MemoryBank, add_view
-from tests.bench.figures import Figure, cpu_median
+from tests.bench.figures import Figure, median_ms
 from tests.scenes import orbit_cameras
 
 _WIDTH, _HEIGHT = 640, 480
@@ -28,7 +28,7 @@ def figures() -> list[Figure]:
 
 def _view_ms(n: int, n_masks: int) -> float:
     run = _association(n, n_masks)
-    return cpu_median(run, runs=5) / _VIEWS
+    return median_ms(run, runs=5) / _VIEWS
 
 
 def _association(n: int, n_masks: int) -> Callable[[], MemoryBank]:

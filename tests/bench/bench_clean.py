@@ -5,7 +5,7 @@ import numpy as np
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene.cleanup import clean_object
 from gaga_core.scene.scene import Scene
-from tests.bench.figures import Figure, cpu_median
+from tests.bench.figures import Figure, median_ms
 from tests.scenes import objects_scene
 
 _SEEDS = range(5)
@@ -14,7 +14,7 @@ _SEEDS = range(5)
 def figures() -> list[Figure]:
     """CPU time of a 100k-splat object among 1M, and precision and recall before and after."""
     scene = _large()
-    time = cpu_median(lambda: clean_object(scene, 1), runs=5)
+    time = median_ms(lambda: clean_object(scene, 1), runs=5)
     scores = np.mean([_scores(seed) for seed in _SEEDS], axis=0)
     bars = ("", "", ">= 0.97", ">= 0.97", "<= 0.01")
     names = (

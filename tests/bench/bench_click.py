@@ -9,11 +9,7 @@ and a quarter of the demo's objects; ycb_crowd took no part. Scenes that are not
 left out (GAGA_TEST_DATA).
 """
 
-import os
-import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
@@ -23,10 +19,7 @@ from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import vote_labels
-from gaga_core.io.demo_scene import copy_demo_stage
-from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, select_views
-from gaga_core.io.masks.label_maps import read_labels
-from gaga_core.io.splats.ply import read_ply_stage
+from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
@@ -42,7 +35,8 @@ from gaga_core.scene.selection.click import (
     clicked,
     nothing_yet,
 )
-from tests.bench.figures import Figure, cpu_median
+from tests.bench.figures import Figure, median_ms
+from tests.bench.known_scenes import known_scenes, true_labels
 
 _GOOD = 0.9  # IoU
 _MOST = 6  # clicks
@@ -81,7 +75,8 @@ def figures() -> list[Figure]:
     """Clicks to IoU 0.9, IoU after some clicks, and the cost of one at a million splats."""
     found: list[Figure] = []
     graph = None
-    for name, scene in _sets():
+    for name, folder in known_scenes("ycb_table", "ycb_crowd", "demo"):
+        scene = _looked_at(folder)
         ious = np.array([_ious(scene, k) for k in _objects(scene)])
         reached = ious >= _GOOD
         needed = np.where(reached.any(axis=1), reached.argmax(axis=1) + 1, _MOST)
@@ -96,24 +91,9 @@ def figures() -> list[Figure]:
     return [*found, _cost(graph, gaussians)]
 
 
-def _sets() -> Iterator[tuple[str, _Set]]:
-    shared = Path(__file__).resolve().parents[3] / "shared" / "data"
-    for name in ("ycb_table", "ycb_crowd"):
-        folder = Path(os.environ.get("GAGA_TEST_DATA", shared)) / name
-        if folder.is_dir():
-            yield name, _looked_at(open_scene_folder(folder))
-    with tempfile.TemporaryDirectory() as scratch:
-        demo = run_stage(copy_demo_stage(Path(scratch) / "demo"))
-        yield "demo", _looked_at(open_scene_folder(demo))
-
-
 def _looked_at(folder: SceneFolder) -> _Set:
-    assert folder.model_path is not None
-    gaussians = run_stage(read_ply_stage(folder.model_path))
-    maps = {
-        c.name: read_labels(folder.root / "gt" / "instance" / f"{Path(c.name).stem}.png")
-        for c in folder.cameras
-    }
+    gaussians = run_stage(read_model(folder))
+    maps = {camera.name: true_labels(folder, camera) for camera in folder.cameras}
     # Background takes part in the vote as label 1.
     n = 1 + max(int(m.max()) for m in maps.values())
     votes = run_stage(
@@ -213,4 +193,4 @@ def _cost(graph: ClickGraph, gaussians: Gaussians) -> Figure:
         answer = clicked(large, first, Click((a, b, c), is_on=False))
         History(scene).do(edits.select(scene, large.splats(answer.samples), "set"))
 
-    return Figure("click: one more among 1M splats", cpu_median(click), "CPU-ms", "<= 300")
+    return Figure("click: one more among 1M splats", median_ms(click), "CPU-ms", "<= 300")

@@ -6,10 +6,8 @@ another machine; drawing itself is shown apart, because software OpenGL draws on
 
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import moderngl
 import numpy as np
@@ -21,7 +19,7 @@ from gaga_studio.gpu.context import is_software
 from gaga_studio.gpu.sorter import Sorter, SortJob
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.view import ViewState
-from tests.bench.figures import Figure, cpu_median
+from tests.bench.figures import Figure, egl_context, median_ms
 from tests.scenes import orbit_cameras, random_gaussians
 
 _N = 1_000_000
@@ -31,10 +29,8 @@ _VIEW = ViewState()
 
 def figures() -> list[Figure]:
     """Opening and frames of 1M splats; empty where there is no OpenGL without a display."""
-    options: dict[str, Any] = {"backend": "egl"}
-    try:
-        ctx = moderngl.create_context(require=330, standalone=True, **options)
-    except (moderngl.Error, OSError, ValueError, RuntimeError):
+    ctx = egl_context()
+    if ctx is None:
         return []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "million.ply"
@@ -48,7 +44,7 @@ def figures() -> list[Figure]:
 
 def _figures(ctx: moderngl.Context, path: Path) -> list[Figure]:
     _warm_up(ctx)
-    read_ms = _wall(lambda: np.fromfile(path, np.uint8))
+    read_ms = median_ms(lambda: np.fromfile(path, np.uint8), warm_up=0, clock=time.perf_counter)
     memory = psutil.Process().memory_info().rss
     start = time.perf_counter()
     scene = Scene.of(read_ply(path))
@@ -61,6 +57,7 @@ def _figures(ctx: moderngl.Context, path: Path) -> list[Figure]:
     viewport.read_pixels()
     shown = time.perf_counter()
     used = psutil.Process().memory_info().rss - memory
+    per_byte = used / path.stat().st_size
     where = "on the processor" if is_software(ctx) else "on the graphics card"
     ratio = [1e3 * (end - start) / read_ms for end in (opened, uploaded, shown)]
     rows = [
@@ -68,7 +65,11 @@ def _figures(ctx: moderngl.Context, path: Path) -> list[Figure]:
         Figure("1M: opened, as plain reads", ratio[0], "reads"),
         Figure("1M: opened and on the card, as plain reads", ratio[1], "reads", "<= 60"),
         Figure(f"1M: first picture (1280x720, drawn {where})", ratio[2], "reads"),
-        Figure("1M: memory, textures included, per byte of the file", used / _size(path), "ratio"),
+        Figure(
+            "1M: memory, textures included, per byte of the file",
+            per_byte,
+            "ratio",
+        ),
     ]
     rows += _frames(viewport, scene, read_ms)
     viewport.release()
@@ -107,10 +108,10 @@ def _frames(viewport: Viewport, scene: Scene, read_ms: float) -> list[Figure]:
         sorter.wait(ticket)
 
     found = [
-        Figure("1M: CPU of a frame at rest", cpu_median(rest) / 100 / read_ms, "reads", "<= 0.001"),
-        Figure("1M: CPU of a depth sort", cpu_median(sort) / read_ms, "reads", "<= 1"),
-        Figure("1M: CPU to send changed states", cpu_median(hide) / read_ms, "reads", "<= 0.2"),
-        Figure("1M: CPU of a frame with a new camera", cpu_median(turn, 3) / read_ms, "reads"),
+        Figure("1M: CPU of a frame at rest", median_ms(rest) / 100 / read_ms, "reads", "<= 0.001"),
+        Figure("1M: CPU of a depth sort", median_ms(sort) / read_ms, "reads", "<= 1"),
+        Figure("1M: CPU to send changed states", median_ms(hide) / read_ms, "reads", "<= 0.2"),
+        Figure("1M: CPU of a frame with a new camera", median_ms(turn, 3) / read_ms, "reads"),
     ]
     sorter.release()
     return found
@@ -123,17 +124,3 @@ def _warm_up(ctx: moderngl.Context) -> None:
     viewport.draw(tiny, _CAMERAS[0], _VIEW, wait=True)
     viewport.read_pixels()
     viewport.release()
-
-
-def _wall(work: Callable[[], object]) -> float:
-    """Median wall milliseconds of five calls."""
-    times = []
-    for _ in range(5):
-        start = time.perf_counter()
-        work()
-        times.append(1e3 * (time.perf_counter() - start))
-    return float(np.median(times))
-
-
-def _size(path: Path) -> int:
-    return path.stat().st_size

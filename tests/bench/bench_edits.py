@@ -1,8 +1,6 @@
 """Edits and the object list at a million splats."""
 
-import statistics
 import time
-from collections.abc import Callable
 
 import numpy as np
 
@@ -11,7 +9,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices, object_table
 from gaga_core.scene.scene import Scene
-from tests.bench.figures import Figure, cpu_median
+from tests.bench.figures import Figure, median_ms
 
 N = 1_000_000
 
@@ -28,22 +26,12 @@ def _scene() -> Scene:
     return Scene.of(gaussians, rng.integers(0, 300, N).astype(np.int32))
 
 
-def _wall_median(work: Callable[[], object], runs: int = 5) -> float:
-    """Wall milliseconds: what the person waits, page faults included."""
-    times = []
-    for _ in range(runs):
-        start = time.perf_counter()
-        work()
-        times.append((time.perf_counter() - start) * 1e3)
-    return statistics.median(times)
-
-
 def figures() -> list[Figure]:
     """Delete a scattered half of a million, undo it, list the objects, drag and copy one."""
     scene = _scene()
     half = np.random.default_rng(1).random(N) < 0.5
     found = [
-        Figure("object list, 1M splats", cpu_median(lambda: object_table(scene)), "CPU-ms", "<= 15")
+        Figure("object list, 1M splats", median_ms(lambda: object_table(scene)), "CPU-ms", "<= 15")
     ]
     edit = edits.delete(scene, half)
     assert edit is not None
@@ -51,10 +39,10 @@ def figures() -> list[Figure]:
     found += [
         Figure("undo entry, scattered delete", per_splat, "bytes a splat", "<= 1"),
         Figure(
-            "delete 500k of 1M", cpu_median(lambda: edits.delete(scene, half)), "CPU-ms", "<= 50"
+            "delete 500k of 1M", median_ms(lambda: edits.delete(scene, half)), "CPU-ms", "<= 50"
         ),
         Figure(
-            "its do or undo", cpu_median(lambda: edit.apply(scene), 6, warm_up=2), "CPU-ms", "<= 50"
+            "its do or undo", median_ms(lambda: edit.apply(scene), 6, warm_up=2), "CPU-ms", "<= 50"
         ),
     ]
     mug, history = group_indices(scene, 7), History(scene)
@@ -64,7 +52,7 @@ def figures() -> list[Figure]:
         by = np.column_stack([np.eye(3), [next(steps), 0, 0]])
         history.preview_with(lambda base: edits.transform(base, mug, by))
 
-    found.append(Figure("a frame of a drag", cpu_median(drag), "CPU-ms", "<= 16"))
+    found.append(Figure("a frame of a drag", median_ms(drag), "CPU-ms", "<= 16"))
     history.preview(None)
     history.do(edits.duplicate(scene, mug))
 
@@ -72,5 +60,9 @@ def figures() -> list[Figure]:
         history.undo()
         history.redo()
 
-    found.append(Figure("undo and redo a duplicate", _wall_median(again), "ms"))
+    found.append(
+        Figure(
+            "undo and redo a duplicate", median_ms(again, warm_up=0, clock=time.perf_counter), "ms"
+        )
+    )
     return found

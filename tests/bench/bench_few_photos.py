@@ -5,7 +5,6 @@ evenly, are the truth. ``GAGA_BENCH_LONG=1`` takes three seeds instead of one, a
 whole sets too. Set ``GAGA_THREADS=1``.
 """
 
-import os
 import time
 from dataclasses import replace
 
@@ -16,8 +15,8 @@ from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.training.settings import TrainConfig
 from gaga_core.training.start import first_splats_stage
 from gaga_core.training.train import train
-from tests.bench.figures import Figure
-from tests.bench.posed_subsets import Subset, data_folder, draw_subset, draw_whole
+from tests.bench.figures import Figure, data_folder, is_long
+from tests.bench.posed_subsets import Subset, draw_subset, draw_whole
 
 _SCENES = {"garden": 25, "ycb_table": 12, "fox": 12, "sceaux": 8}  # photos to train on
 _BARS = {"garden": 21.3, "ycb_table": 23.5, "fox": 25.4, "sceaux": 18.4}  # dB with seed 0
@@ -29,15 +28,14 @@ _MOST_SPLATS = 40_000
 
 def figures() -> list[Figure]:
     """Mean, worst view and CPU time of each scene; none of scenes that are not on this machine."""
-    is_long = os.environ.get("GAGA_BENCH_LONG", "") not in ("", "0")
     found = []
     for name, n_train in _SCENES.items():
         if data_folder(name).is_dir():
-            seeds = range(3 if is_long else 1)
+            seeds = range(3 if is_long() else 1)
             subsets = [draw_subset(name, n_train, seed, _SIDE) for seed in seeds]
-            bar = "" if is_long else f">= {_BARS[name]}"
+            bar = "" if is_long() else f">= {_BARS[name]}"
             found += _figures(f"{name}, {n_train} photos", subsets, bar)
-    for name in _WHOLE if is_long else ():
+    for name in _WHOLE if is_long() else ():
         if data_folder(name).is_dir():
             found += _figures(f"{name}, all photos", [draw_whole(name, _SIDE)], "")
     return found

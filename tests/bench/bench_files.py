@@ -20,7 +20,7 @@ N = 4_000_000
 _MAKE = """
 import numpy as np
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.ply import write_ply
+from gaga_core.io.splats.ply import write_ply
 rng, n = np.random.default_rng(0), {n}
 write_ply(Path({path!r}), Gaussians(
     means=rng.normal(size=(n, 3)).astype(np.float32),
@@ -40,15 +40,15 @@ rows = np.fromfile({path!r}, dtype, offset=offset)
 columns = [np.ascontiguousarray(rows[name]) for name in dtype.names]
 """
 _OURS = """
-from gaga_core.io.splat_files import read_splats
+from gaga_core.io.splats.splat_files import read_splats
 start = time.process_time(), time.perf_counter()
 splats = read_splats(Path({path!r}))
 """
 _WRITE = """
 import numpy as np
-from gaga_core.io.splat_files import read_splats
+from gaga_core.io.splats.splat_files import read_splats
 from gaga_core.progress import run_stage
-from gaga_core.scene.export import export_scene_stage
+from gaga_core.export.export import export_scene_stage
 from gaga_core.scene.scene import Scene
 data, out = Path({path!r}).read_bytes(), Path({path!r} + ".out")
 scene = Scene.of(read_splats(Path({path!r})))
@@ -65,7 +65,7 @@ for _ in range(6):  # the first round loads the kernel
 _FRAME = """
 import json, resource, time
 from pathlib import Path
-from gaga_core.io.splat_files import SplatFormat
+from gaga_core.io.splats.splat_files import SplatFormat
 start = time.process_time(), time.perf_counter()
 found = []
 {work}

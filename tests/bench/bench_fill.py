@@ -10,7 +10,6 @@ and 4 were measured once, on the final code; their objects were chosen before. T
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from time import process_time
 
 import numpy as np
@@ -23,11 +22,10 @@ from gaga_core.raster.base import Frame
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
-from tests.bench.figures import Figure
+from tests.bench.figures import Figure, data_folder
 from tests.bench.fill_cases import FillCase, demo_cases, placed_cases, solid_cases
 from tests.bench.fill_scenes import drawn_case
 
-_DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _DEEPER = 0.008  # of the depth: so much deeper than the truth is a hole
 _LEAST = 50  # pixels of a hole in all views, under which an object hid nothing
 _DRAWN = range(216, 222)
@@ -87,8 +85,8 @@ def _kinds() -> Iterator[tuple[str, Iterator[FillCase]]]:
     for kind, seeds in (("demo", _DEMO), ("demo, kept back", _NEW_DEMO)):
         demos = (demo_cases(seed, groups, _DEMO_SPLATS) for seed, groups in seeds.items())
         yield kind, (case for cases in demos for case in cases)
-    if (_DATA / "ycb_crowd").is_dir():
-        yield "ycb_crowd", placed_cases(_DATA / "ycb_crowd", 5, 2)
+    if data_folder("ycb_crowd").is_dir():
+        yield "ycb_crowd", placed_cases(data_folder("ycb_crowd"), 5, 2)
 
 
 def score(case: FillCase) -> Score:

@@ -11,10 +11,9 @@ the given poses and splats.
 
 import os
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from gaga_studio.features.commands import run
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from tests.app.tools.hand import Hand
-from tests.bench.figures import Figure
+from tests.bench.figures import Figure, data_folder
 
 _NAMES = ("images", "sparse", "split.json", "point_cloud.ply")
 _FIRST = 2  # id of the first object; before it are void and the table
@@ -48,11 +47,13 @@ class _Truth(NamedTuple):
 
 def figures() -> list[Figure]:
     """How many of the 26 objects one click selects whole."""
-    shared = Path(__file__).resolve().parents[3] / "shared" / "data"
-    crowd = Path(os.environ.get("GAGA_TEST_DATA", shared)) / "ycb_crowd"
+    crowd = data_folder("ycb_crowd")
     if not crowd.is_dir():
         return []
-    with tempfile.TemporaryDirectory() as scratch, _home(Path(scratch) / "home"):
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        patch.dict(os.environ, GAGA_HOME=f"{scratch}/home"),
+    ):
         session = Session(Settings())
         try:
             made = os.environ.get("GAGA_CROWD_RUN")
@@ -128,19 +129,6 @@ def _linked(crowd: Path, folder: Path) -> Path:
     for name in _NAMES:
         (folder / name).symlink_to(crowd / name)
     return folder
-
-
-@contextmanager
-def _home(folder: Path) -> Iterator[None]:
-    """Settings and models of nobody."""
-    before = os.environ.get("GAGA_HOME")
-    os.environ["GAGA_HOME"] = str(folder)
-    try:
-        yield
-    finally:
-        os.environ.pop("GAGA_HOME")
-        if before is not None:
-            os.environ["GAGA_HOME"] = before
 
 
 def _wait(session: Session) -> None:

@@ -6,13 +6,10 @@ boxes in 300 views, 4,000 in 1,000 views, and 125 in 5,000 views: some 1,000 CPU
 `bench_before` compares with other versions.
 """
 
-import os
-
 import numpy as np
 
 from tests.bench.before import run_worker
-from tests.bench.figures import Figure
-from tests.bench.growth import Line
+from tests.bench.figures import Figure, Line, is_long
 from tests.bench.hall import Cost
 
 _SIZES = ((125, 40), (250, 75), (500, 150))
@@ -28,7 +25,7 @@ def figures() -> list[Figure]:
     costs = [run(*size) for size in _SIZES]
     found = [figure for cost in costs for figure in _of(cost)]
     found += _differences("largest - smallest", costs[-1], costs[0])
-    if _is_long():
+    if is_long():
         long = run(*_LONG)
         costs.append(long)
         found += _of(long) + _largest(long)
@@ -36,10 +33,6 @@ def figures() -> list[Figure]:
     power = np.polyfit(np.log(views), np.log(seconds), 1)[0]
     found.append(Figure("hall: time grows with boxes and views to the power", float(power), ""))
     return found + _more_views()
-
-
-def _is_long() -> bool:
-    return os.environ.get("GAGA_BENCH_LONG", "") not in ("", "0")
 
 
 def _of(cost: Cost) -> list[Figure]:
@@ -74,7 +67,7 @@ def _differences(name: str, one: Cost, other: Cost) -> list[Figure]:
 
 def _more_views() -> list[Figure]:
     """How time and memory grow with the views of one hall."""
-    views = _VIEWS + (_LONG_VIEWS if _is_long() else ())
+    views = _VIEWS + (_LONG_VIEWS if is_long() else ())
     costs = [run(_BOXES, n, *_SMALL) for n in views]
     seconds, memory = [cost.cpu_s for cost in costs], [cost.peak_mib for cost in costs]
     power = np.polyfit(np.log(views), np.log(seconds), 1)[0]
@@ -88,7 +81,7 @@ def _more_views() -> list[Figure]:
             f"{name}: memory that one view more takes", Line.through(views, memory).by_step, "MiB"
         ),
     ]
-    if _is_long():
+    if is_long():
         found += [
             Figure(f"{name}, {views[-1]} views: association", seconds[-1], "CPU-s"),
             Figure(f"{name}, {views[-1]} views: peak memory", memory[-1], "MiB"),

@@ -31,7 +31,7 @@ from gaga_core.raster.base import PixelWeights
 from gaga_core.raster.cpu.prepare import TiledView, prepare
 from gaga_core.raster.cpu.project_kernels import TILE
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
-from tests.bench.figures import Figure, cpu_median
+from tests.bench.figures import Figure, median_ms
 from tests.bench.rerender_kernels import blend_wide_backward
 from tests.bench.rooms import Kind, bench_scene
 from tests.scenes import objects_scene, orbit_cameras
@@ -74,10 +74,10 @@ def _operators(gaussians: Gaussians, camera: Camera) -> list[Figure]:
     encodings = rng.normal(size=(n, D)).astype(np.float32)
     n_pixels = camera.width * camera.height
     slopes = rng.normal(size=(n_pixels, D)).astype(np.float32)
-    forward = cpu_median(lambda: cpu.render(gaussians, camera, channels=encodings))
+    forward = median_ms(lambda: cpu.render(gaussians, camera, channels=encodings))
     view = prepare(gaussians, camera)
     by_tile = _by_tile(slopes, camera)
-    backward = cpu_median(lambda: _backward(view, camera, by_tile, n))
+    backward = median_ms(lambda: _backward(view, camera, by_tile, n))
     result = [
         Figure("identity: 16-channel render, 200k, 640x480", forward, "ms"),
         Figure("identity: its backward pass (features only)", backward, "ms"),
@@ -86,8 +86,8 @@ def _operators(gaussians: Gaussians, camera: Camera) -> list[Figure]:
         weights = cpu.weights(gaussians, camera, np.arange(n_pixels), w_min=w_min)
         rows = LinearRows.of(weights, n)
         _check(rows, weights, w_min, view, camera, slopes, by_tile)
-        linear = cpu_median(lambda r=rows: r.multiply(encodings))  # type: ignore[misc]
-        linear += cpu_median(lambda r=rows: r.multiply_transposed(slopes))  # type: ignore[misc]
+        linear = median_ms(lambda r=rows: r.multiply(encodings))  # type: ignore[misc]
+        linear += median_ms(lambda r=rows: r.multiply_transposed(slopes))  # type: ignore[misc]
         result.append(Figure(f"identity: W E and W^T dF, {name}", linear, "ms"))
         title = f"identity: render and backward to W E and W^T dF, {name}"
         result.append(Figure(title, (forward + backward) / linear, "x", bar))
@@ -142,7 +142,7 @@ def _vote(gaussians: Gaussians, labels: IntArray) -> list[Figure]:
         closed = run_stage(vote_identity(gaussians, voted, nobody, _GROUPS, cameras, cpu))
         run_stage(fit_identity(gaussians, closed, cameras, lambda c: maps[c.name], cpu))
 
-    seconds = cpu_median(vote, runs=3) / 1e3
+    seconds = median_ms(vote, runs=3) / 1e3
     step = _rasterizing_steps(gaussians, cameras, maps)
     return [
         Figure("identity: vote and fit, 40 views 640x480, 200k, 100 groups", seconds, "CPU-s"),

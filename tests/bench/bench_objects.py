@@ -13,12 +13,9 @@ worst of them: a result that only one of them reaches is luck.
 Scenes that are not on this machine are left out (GAGA_TEST_DATA).
 """
 
-import os
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -26,21 +23,19 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.color import dc_from_rgb
-from gaga_core.evaluate.group_scores import HIT, score_pairs
+from gaga_core.evaluate.group_scores import HIT
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.votes import splat_groups
-from gaga_core.io.demo_scene import copy_demo_stage
-from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, select_views
+from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks.label_maps import read_labels
-from gaga_core.io.splats.ply import read_ply_stage
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.segmentation.regions import FURTHER_STEPS, RegionsConfig, regions_at
 from tests.bench.figures import Figure
+from tests.bench.known_scenes import held_out_score, known_scenes, true_labels
 from tests.bench.parts import parts_scene
 from tests.bench.rooms import Bench, Kind, bench_scene
 
@@ -89,20 +84,13 @@ def _scores(scene: _Set, width: int) -> Iterator[tuple[float, float, float, floa
         n_views = round(share * len(scene.train))
         drawn = np.random.default_rng(width).permutation(len(scene.train))[:n_views]
         association = _associated(scene, [scene.train[k] for k in np.sort(drawn)], masks)
-        pairs = [(scene.truth[c.name], _shown(scene, c, association.labels)) for c in scene.test]
-        score = score_pairs(pairs)[1]
+        score = held_out_score(scene.gaussians, association.labels, scene.test, scene.truth)
         yield score.iou, score.precision, score.recall, _best_recall(scene, association)
 
 
 def _sets() -> Iterator[tuple[str, _Set]]:
-    shared = Path(__file__).resolve().parents[3] / "shared" / "data"
-    for name in ("ycb_table", "ycb_crowd"):
-        folder = Path(os.environ.get("GAGA_TEST_DATA", shared)) / name
-        if folder.is_dir():
-            yield name, _of_folder(open_scene_folder(folder))
-    with tempfile.TemporaryDirectory() as scratch:
-        demo = run_stage(copy_demo_stage(Path(scratch) / "demo"))
-        yield "demo", _of_folder(open_scene_folder(demo))
+    for name, folder in known_scenes("ycb_table", "ycb_crowd", "demo"):
+        yield name, _of_folder(folder)
     kinds: tuple[Kind, ...] = get_args(Kind)
     for kind in kinds:
         made = bench_scene(kind, _ROOM_SEED, n_train=40, size=(480, 360))
@@ -111,15 +99,13 @@ def _sets() -> Iterator[tuple[str, _Set]]:
 
 
 def _of_folder(folder: SceneFolder) -> _Set:
-    assert folder.model_path is not None
     train, test = select_views(folder, "train"), select_views(folder, "test")
-    instances = folder.root / "gt" / "instance"
     return _Set(
-        run_stage(read_ply_stage(folder.model_path)),
+        run_stage(read_model(folder)),
         {camera.name: read_rgb(folder.require_image(camera.name)) for camera in train},
         train,
         test,
-        {c.name: read_labels(instances / f"{Path(c.name).stem}.png") for c in test},
+        {camera.name: true_labels(folder, camera) for camera in test},
     )
 
 
@@ -173,10 +159,6 @@ def _associated(scene: _Set, views: Sequence[Camera], masks: MaskSet) -> Associa
     return run_stage(associate_stage(scene.gaussians, views, masks, choose("cpu"), config))
 
 
-def _shown(scene: _Set, camera: Camera, labels: IntArray) -> IntArray:
-    return splat_groups(choose("cpu"), scene.gaussians, camera, labels)
-
-
 def _best_recall(scene: _Set, association: Association) -> float:
     """Share of the true objects that a group of some level covers with an IoU above `HIT`, as a
     mean over the views that show the object."""
@@ -186,7 +168,10 @@ def _best_recall(scene: _Set, association: Association) -> float:
         sums: dict[int, DoubleArray] = {}
         n_views: dict[int, int] = {}
         for camera in scene.test:
-            true, shown = scene.truth[camera.name], _shown(scene, camera, labels)
+            true, shown = (
+                scene.truth[camera.name],
+                splat_groups(choose("cpu"), scene.gaussians, camera, labels),
+            )
             area = np.bincount(shown[true > 0], minlength=int(labels.max()) + 1)
             for k in np.unique(true[true > 0]).tolist():
                 own = np.bincount(shown[true == k], minlength=len(area))

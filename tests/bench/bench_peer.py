@@ -26,7 +26,7 @@ from gaga_core.training.losses import photometric
 from gaga_core.training.optimizer import Rates, Splats, adam_step
 from gaga_core.training.settings import RateConfig
 from tests.bench.bench_raster import surfaces
-from tests.bench.figures import Figure, cpu_median, one_thread
+from tests.bench.figures import Figure, median_ms, one_thread
 from tests.scenes import orbit_cameras
 
 _BINDING = """
@@ -63,7 +63,7 @@ def figures() -> list[Figure]:
     camera = orbit_cameras(1, width=320, height=240, radius=2.0)[0]
     target = np.ascontiguousarray(CpuRasterizer().render(gaussians, camera).image[::-1])
     with one_thread():
-        ours = cpu_median(_our_step(gaussians, camera, target), 7, warm_up=2)
+        ours = median_ms(_our_step(gaussians, camera, target), 7, warm_up=2)
     title = "train: a step with Adam, 60k, 320x240, degree 3"
     found = [Figure(title, ours, "CPU-ms")]
     reason = _why_missing()
@@ -76,7 +76,7 @@ def figures() -> list[Figure]:
         peer = _Peer(Path(os.environ["GAGA_OPENSPLAT"]), gaussians, camera, target)
         mine = torch.tensor(CpuRasterizer().render(gaussians, camera).image)
         apart = (peer.draw().detach() - mine).abs().mean().item()
-        theirs = cpu_median(peer.step, 3)
+        theirs = median_ms(peer.step, 3)
     finally:
         torch.set_num_threads(n_threads)
     return [

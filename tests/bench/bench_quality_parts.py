@@ -11,8 +11,9 @@ associated from the masks, lifted in closed form, and decoded in views that took
 * true labels: the true object of every Gaussian.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from gaga_core.arrays import IntArray
 from gaga_core.evaluate.baselines import Inputs, label_gaussians, true_masks
 from gaga_core.evaluate.group_scores import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
-from gaga_core.grouping.votes import splat_groups
 from gaga_core.identity.field import IdentityField
 from gaga_core.identity.lift import Mode, lift_groups, task_of_association
 from gaga_core.masks import MaskSet
@@ -28,6 +28,7 @@ from gaga_core.pipeline.lift import decode_groups
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.bench.figures import Figure
+from tests.bench.known_scenes import held_out_score
 from tests.bench.parts import parts_scene
 from tests.bench.rooms import Bench
 
@@ -97,13 +98,15 @@ def decoded(bench: Bench, field: IdentityField) -> Score:
     """Algorithm 1 on the held-out views, as the encodings say."""
     engine = choose("cpu")
     shown = (decode_groups(engine, bench.gaussians, camera, field) for camera in bench.test)
-    return _score(bench, shown)
+    truth = (bench.truth[camera.name] for camera in bench.test)
+    return score_pairs(zip(truth, shown, strict=True))[1]
 
 
 def with_true_groups(bench: Bench) -> Score:
     """The same masks under true groups, by vote."""
     engine = choose("cpu")
-    truth = MaskSet({name: _const(labels) for name, labels in bench.truth.items()}, "truth")
+    loaders = {name: partial(bench.truth.__getitem__, name) for name in bench.truth}
+    truth = MaskSet(loaders, "truth")
     inputs = Inputs.of(bench.gaussians, bench.train, bench.masks, engine)
     groups = run_stage(true_masks(inputs, truth))
     return splatted(bench, run_stage(label_gaussians(inputs, groups)))
@@ -111,8 +114,7 @@ def with_true_groups(bench: Bench) -> Score:
 
 def splatted(bench: Bench, labels: IntArray) -> Score:
     """Algorithm 1 on the held-out views, as labels (N,) of the Gaussians say."""
-    engine = choose("cpu")
-    return _score(bench, (splat_groups(engine, bench.gaussians, c, labels) for c in bench.test))
+    return held_out_score(bench.gaussians, labels, bench.test, bench.truth)
 
 
 VARIANTS: Mapping[str, Callable[[Bench], Score]] = {
@@ -121,12 +123,3 @@ VARIANTS: Mapping[str, Callable[[Bench], Score]] = {
     "same masks, true groups": with_true_groups,
     "true labels": lambda bench: splatted(bench, bench.labels),
 }
-
-
-def _score(bench: Bench, shown: Iterable[IntArray]) -> Score:
-    truth = (bench.truth[camera.name] for camera in bench.test)
-    return score_pairs(zip(truth, shown, strict=True))[1]
-
-
-def _const(labels: IntArray) -> Callable[[], IntArray]:
-    return lambda: labels

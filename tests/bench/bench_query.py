@@ -8,7 +8,7 @@ from gaga_core.query.group_facts import GroupFacts, group_digests, group_facts
 from gaga_core.query.index import GroupIndex, relevancy
 from gaga_core.query.search import search_words
 from gaga_core.scene.scene import Scene
-from tests.bench.figures import Figure, cpu_median
+from tests.bench.figures import Figure, median_ms
 from tests.scenes import orbit_cameras
 
 _N, _GROUPS, _DIM = 1_000_000, 500, 768
@@ -37,7 +37,7 @@ def figures() -> list[Figure]:
 
 def _ms(work: object) -> float:
     assert callable(work)
-    return cpu_median(work, runs=7, warm_up=2)
+    return median_ms(work, runs=7, warm_up=2)
 
 
 def _by_name(facts: GroupFacts) -> object:

@@ -16,7 +16,7 @@ from gaga_core.raster.cpu.rasterizer import CpuRasterizer, _blend, _colors
 from gaga_core.raster.reference import ReferenceRasterizer
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.by_screen import pick
-from tests.bench.figures import Figure, cpu_median, one_thread
+from tests.bench.figures import Figure, median_ms, one_thread
 from tests.bench.torch_tiles import torch_tile_loop
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
@@ -72,10 +72,10 @@ def _speed() -> list[Figure]:
     cpu = CpuRasterizer()
     gaussians = surfaces(100_000)
     small, large = _camera(480, 270), _camera(960, 540)
-    times = [cpu_median(lambda c=c: cpu.render(gaussians, c)) for c in (small, large)]  # type: ignore[misc]
+    times = [median_ms(lambda c=c: cpu.render(gaussians, c)) for c in (small, large)]  # type: ignore[misc]
     return [
         Figure(
-            "raster: 100k, 480x270, prepare", cpu_median(lambda: prepare(gaussians, small)), "ms"
+            "raster: 100k, 480x270, prepare", median_ms(lambda: prepare(gaussians, small)), "ms"
         ),
         Figure("raster: 100k, 480x270, whole", times[0], "ms"),
         Figure("raster: 100k, 960x540, whole", times[1], "ms"),
@@ -92,9 +92,9 @@ def _torch(gaussians: Gaussians, camera: Camera) -> list[Figure]:
     torch.set_num_threads(1)
     try:
         with one_thread():
-            ours = cpu_median(lambda: _blend(view, camera, colors, black, 3))
+            ours = median_ms(lambda: _blend(view, camera, colors, black, 3))
             want = _blend(view, camera, colors, black, 3).image
-            theirs = cpu_median(lambda: torch_tile_loop(view, camera, colors, _PIECE))
+            theirs = median_ms(lambda: torch_tile_loop(view, camera, colors, _PIECE))
             error = np.abs(torch_tile_loop(view, camera, colors, _PIECE) - want).mean()
     finally:
         torch.set_num_threads(n_threads)
@@ -114,10 +114,10 @@ def _large() -> list[Figure]:
     pixel_labels = (np.indices((480, 640)).sum(axis=0) // 40).astype(np.int32)
     histogram = np.zeros((n, 100), np.float32)
     scene = Scene.of(gaussians, labels)
-    render = cpu_median(lambda: cpu.render(gaussians, camera))
-    splat = cpu_median(lambda: cpu.label_splat(gaussians, camera, labels))
-    vote = cpu_median(lambda: cpu.vote(gaussians, camera, pixel_labels, histogram))
-    one_pick = cpu_median(lambda: pick(scene, camera, 320.5, 300.5))
+    render = median_ms(lambda: cpu.render(gaussians, camera))
+    splat = median_ms(lambda: cpu.label_splat(gaussians, camera, labels))
+    vote = median_ms(lambda: cpu.vote(gaussians, camera, pixel_labels, histogram))
+    one_pick = median_ms(lambda: pick(scene, camera, 320.5, 300.5))
     return [
         Figure("raster: 1M, 640x480, render", render, "ms"),
         Figure("raster: 1M, 640x480, label_splat to render", splat / render, "x", "<= 2"),

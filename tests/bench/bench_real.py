@@ -3,7 +3,6 @@
 Empty where the scene is not on the machine (GAGA_TEST_DATA names the folder of real scenes).
 """
 
-import os
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,16 +21,15 @@ from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import lift_scene, render_identity
 from gaga_core.pipeline.render import render_views
 from gaga_core.progress import run_stage
-from tests.bench.figures import Figure
+from tests.bench.figures import Figure, data_folder
 
-_DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _FEW = 0.05  # share of the views
 _BARS = {"iou": ">= 0.9", "precision": ">= 0.8", "recall": ">= 1"}
 
 
 def figures() -> list[Figure]:
     """Held-out scores, void left out, of both presets, and what the identities decode to."""
-    root = Path(os.environ.get("GAGA_TEST_DATA", _DATA)) / "ycb_table"
+    root = data_folder("ycb_table")
     if not root.is_dir():
         return []
     found = []

@@ -4,10 +4,8 @@ The short figures take a minute. ``GAGA_BENCH_LONG=1`` adds the schedules that t
 a quarter of an hour of one processor. One thread: set ``GAGA_THREADS=1``, or times are of all.
 """
 
-import os
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,29 +17,19 @@ from gaga_core.training.settings import TrainConfig
 from gaga_core.training.start import first_splats_stage
 from gaga_core.training.train import TrainUpdate, train_stage
 from gaga_core.training.views import TrainViews, load_views_stage
-from tests.bench.figures import Figure
-
-_DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+from tests.bench.figures import Figure, data_folder, is_long
 
 
 def figures() -> list[Figure]:
     """Figures of the scenes that are on this machine; none where there is no such data."""
     found = []
-    if _folder("ycb_table").is_dir():
+    if data_folder("ycb_table").is_dir():
         found += _figures("ycb_table", 320, 500, 60_000, psnr="")
-        if _is_long():
+        if is_long():
             found += _figures("ycb_table", 320, 3000, 60_000, psnr=">= 33", cpu="<= 55")
-    if _folder("garden").is_dir() and _is_long():
+    if data_folder("garden").is_dir() and is_long():
         found += _figures("garden", 307, 5000, 80_000, psnr=">= 26")
     return found
-
-
-def _is_long() -> bool:
-    return os.environ.get("GAGA_BENCH_LONG", "") not in ("", "0")
-
-
-def _folder(name: str) -> Path:
-    return Path(os.environ.get("GAGA_TEST_DATA", _DATA)) / name
 
 
 def _figures(
@@ -50,8 +38,8 @@ def _figures(
     """A draft of one scene; the time is without that of measuring."""
     config = replace(TrainConfig.of("draft"), iterations=iterations, longest_side=longest_side)
     config = replace(config.with_cap(max_splats), measure_every=1.0)
-    folder = open_scene_folder(_folder(name))
-    model = read_colmap(_folder(name) / "sparse" / "0")
+    folder = open_scene_folder(data_folder(name))
+    model = read_colmap(data_folder(name) / "sparse" / "0")
     views: TrainViews = run_stage(
         load_views_stage(folder.cameras, folder.image_paths, folder.test, longest_side)
     )

@@ -5,30 +5,24 @@ does not. Depth is rendered from the scene's splats. Best IoU: of each true obje
 with the region that covers it best, meaned over all.
 """
 
-import os
-import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, UInt8Array
-from gaga_core.evaluate.group_scores import Score, score_pairs
+from gaga_core.camera import Camera
+from gaga_core.evaluate.group_scores import Score
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
-from gaga_core.grouping.votes import splat_groups
-from gaga_core.io.demo_scene import copy_demo_stage
-from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, select_views
+from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.io.images import read_rgb
-from gaga_core.io.masks.label_maps import read_labels
-from gaga_core.io.splats.ply import read_ply_stage
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.segmentation.regions import regions
-from tests.bench.figures import Figure, cpu_median
+from tests.bench.figures import Figure, median_ms
+from tests.bench.known_scenes import held_out_score, known_scenes, true_labels
 
 _STEP = 4  # every fourth photo
 _BARS = {"ycb_table": {"color": ">= 0.62", "depth": ">= 0.70"}}
@@ -47,9 +41,9 @@ _SUPPORT = {"ycb_table": 1}  # the table is no object
 def figures() -> list[Figure]:
     """Cover, cost and groups of each scene that is there."""
     found: list[Figure] = []
-    for name, folder in _scenes():
-        gaussians = _model(folder)
-        photos = [_photo(folder, gaussians, camera.name) for camera in folder.cameras[::_STEP]]
+    for name, folder in known_scenes("demo", "ycb_table"):
+        gaussians = run_stage(read_model(folder))
+        photos = [_photo(folder, gaussians, camera) for camera in folder.cameras[::_STEP]]
         found += _covers(name, photos)
         found += _costs(name, photos[0])
         for kind in ("color", "depth"):
@@ -61,26 +55,11 @@ def figures() -> list[Figure]:
     return found
 
 
-def _scenes() -> Iterator[tuple[str, SceneFolder]]:
-    with tempfile.TemporaryDirectory() as scratch:
-        yield "demo", open_scene_folder(run_stage(copy_demo_stage(Path(scratch) / "demo")))
-    shared = Path(__file__).resolve().parents[3] / "shared" / "data"
-    real = Path(os.environ.get("GAGA_TEST_DATA", shared)) / "ycb_table"
-    if real.is_dir():
-        yield "ycb_table", open_scene_folder(real)
-
-
-def _model(folder: SceneFolder) -> Gaussians:
-    assert folder.model_path is not None
-    return run_stage(read_ply_stage(folder.model_path))
-
-
-def _photo(folder: SceneFolder, gaussians: Gaussians, name: str) -> _Photo:
-    camera = next(camera for camera in folder.cameras if camera.name == name)
+def _photo(folder: SceneFolder, gaussians: Gaussians, camera: Camera) -> _Photo:
     nothing = np.zeros((len(gaussians), 1), np.float32)
     depth = choose("cpu").render(gaussians, camera, channels=nothing).median_depth
-    truth = read_labels(folder.root / "gt" / "instance" / f"{Path(name).stem}.png")
-    return _Photo(read_rgb(folder.require_image(name)), depth, truth)
+    image = read_rgb(folder.require_image(camera.name))
+    return _Photo(image, depth, true_labels(folder, camera))
 
 
 def _covers(scene: str, photos: list[_Photo]) -> list[Figure]:
@@ -110,9 +89,9 @@ def _costs(scene: str, photo: _Photo) -> list[Figure]:
     from skimage.segmentation import felzenszwalb
 
     small = _shrunk(photo.image)
-    plain = cpu_median(lambda: felzenszwalb(small, scale=300))
-    color = cpu_median(lambda: regions(photo.image))
-    depth = cpu_median(lambda: regions(photo.image, photo.depth))
+    plain = median_ms(lambda: felzenszwalb(small, scale=300))
+    color = median_ms(lambda: regions(photo.image))
+    depth = median_ms(lambda: regions(photo.image, photo.depth))
     return [
         Figure(f"regions: {scene}, a photo, color", color, "CPU-ms", "<= 1000"),
         Figure(f"regions: {scene}, a photo, depth", depth, "CPU-ms", "<= 1000"),
@@ -133,14 +112,12 @@ def _groups(folder: SceneFolder, gaussians: Gaussians, *, with_depth: bool) -> S
     engine, train = choose("cpu"), select_views(folder, "train")
     maps = {}
     for camera in train:
-        photo = _photo(folder, gaussians, camera.name)
+        photo = _photo(folder, gaussians, camera)
         maps[camera.name] = regions(photo.image, photo.depth if with_depth else None)
     loaders = {name: partial(maps.__getitem__, name) for name in maps}
     masks = MaskSet(loaders, "regions", are_regions=True)
     config = AssociateConfig.of("robust")
     found = run_stage(associate_stage(gaussians, train, masks, engine, config))
-    pairs = []
-    for camera in select_views(folder, "test"):
-        truth = read_labels(folder.root / "gt" / "instance" / f"{Path(camera.name).stem}.png")
-        pairs.append((truth, splat_groups(engine, gaussians, camera, found.labels)))
-    return score_pairs(pairs)[1]
+    test = select_views(folder, "test")
+    truth = {camera.name: true_labels(folder, camera) for camera in test}
+    return held_out_score(gaussians, found.labels, test, truth)

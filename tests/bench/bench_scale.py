@@ -5,12 +5,11 @@ run of 200 views takes some ten minutes; here 10 and 40 views show what a view c
 in memory, and what 200 of them come to. ``python -m tests.bench.bench_scale 200`` runs it whole.
 """
 
-import json
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+from tests.bench.before import run_worker
 from tests.bench.figures import Figure
 from tests.bench.scale_worker import N_VIEWS, Cost, write_masks
 
@@ -54,9 +53,8 @@ def figures() -> list[Figure]:
 
 def run(folder: Path, n_views: int, preset: str) -> Cost:
     """One run in a process of its own, over the masks in ``folder``."""
-    command = [sys.executable, "-m", "tests.bench.scale_worker", str(folder), str(n_views), preset]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    return Cost(**json.loads(done.stdout))
+    arguments = [str(folder), str(n_views), preset]
+    return Cost(**run_worker("tests.bench.scale_worker", arguments))
 
 
 def _whole(n_views: int) -> None:

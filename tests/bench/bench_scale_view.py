@@ -7,7 +7,6 @@ and stand beside them.
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
 
 import moderngl
 import numpy as np
@@ -23,7 +22,7 @@ from gaga_studio.gpu.context import is_software
 from gaga_studio.gpu.sorter import SortColumns, SortJob
 from gaga_studio.gpu.viewport import Pacing, Viewport
 from gaga_studio.session.view import ViewState
-from tests.bench.figures import Figure, cpu_median
+from tests.bench.figures import Figure, egl_context, median_ms
 from tests.scenes import orbit_cameras
 
 _CAMERAS = orbit_cameras(16, width=1280, height=720, radius=2.2)
@@ -61,10 +60,8 @@ def room(n: int, *, sh_degree: int = 0, seed: int = 0) -> Scene:
 def figures() -> list[Figure]:
     """Every bar of drawing and editing at scale."""
     found = [*_sorting(), *_picking(), *_history()]
-    options: dict[str, Any] = {"backend": "egl"}
-    try:
-        ctx = moderngl.create_context(require=330, standalone=True, **options)
-    except (moderngl.Error, OSError, ValueError, RuntimeError):
+    ctx = egl_context()
+    if ctx is None:
         return found
     found += [*_sending(ctx), *_duplicating(ctx), *_drawing(ctx), *_beside_sorting(ctx)]
     ctx.release()
@@ -79,8 +76,8 @@ def _job(scene: Scene, ticket: int = 1, budget: int = 0) -> SortJob:
 def _sorting() -> list[Figure]:
     scene = room(3_000_000)
     columns = SortColumns()
-    whole = thread_median(lambda: columns.sort(_job(scene)))
-    few = thread_median(lambda: columns.sort(_job(scene, budget=500_000)))
+    whole = median_ms(lambda: columns.sort(_job(scene)), clock=time.thread_time)
+    few = median_ms(lambda: columns.sort(_job(scene, budget=500_000)), clock=time.thread_time)
     return [
         Figure("3M: depth sort with cull, one thread", whole, "CPU-ms", "<= 40"),
         Figure("3M: the same, 500k most important", few, "CPU-ms"),
@@ -194,7 +191,7 @@ def _drawing(ctx: moderngl.Context) -> list[Figure]:
         viewport.draw(scene, next(turns), ViewState(), wait=True)
         viewport.read_pixels()
 
-    cpu = cpu_median(full, 5)
+    cpu = median_ms(full, 5)
     walls, cpus = _moving(ctx, viewport, scene)
     per_splat = viewport.nbytes / len(scene)
     viewport.release()
@@ -262,14 +259,3 @@ def _beside_sorting(ctx: moderngl.Context) -> list[Figure]:
         Figure("sort of 3M beside: drawing thread's CPU, more", float(cpu), "%", "<= 20"),
         Figure("sort of 3M beside: frame, more (drawn on these cores)", float(wall), "%"),
     ]
-
-
-def thread_median(work: Callable[[], object], runs: int = 5) -> float:
-    """Median CPU milliseconds of the calling thread for one call."""
-    work()
-    times = []
-    for _ in range(runs):
-        start = time.thread_time()
-        work()
-        times.append(1e3 * (time.thread_time() - start))
-    return float(np.median(times))

@@ -4,19 +4,15 @@ Every run is a process of its own (`small_views`). ``GAGA_BENCH_LONG=1`` adds 1,
 5,000 views: some 670 CPU-seconds in all. `bench_before` compares with other versions.
 """
 
-import os
-
 from tests.bench.before import Costs, run_worker
-from tests.bench.figures import Figure
-from tests.bench.growth import Line
+from tests.bench.figures import Figure, Line, is_long
 
 _VIEWS, _LONG = (100, 250, 500), (1000, 2000, 5000)
 
 
 def figures() -> list[Figure]:
     """Time, memory, precision and recall of the most views, and the line through all."""
-    is_long = os.environ.get("GAGA_BENCH_LONG", "") not in ("", "0")
-    views = _VIEWS + (_LONG if is_long else ())
+    views = _VIEWS + (_LONG if is_long() else ())
     costs = [_run(n) for n in views]
     line = Line.through(views, [cost["cpu_s"] for cost in costs])
     memory = Line.through(views, [cost["peak_mib"] for cost in costs])

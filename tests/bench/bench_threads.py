@@ -11,7 +11,7 @@ from gaga_core.arrays import AnyArray
 from gaga_core.camera import Camera
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from tests.bench.bench_raster import surfaces
-from tests.bench.figures import Figure, cpu_median, one_thread
+from tests.bench.figures import Figure, median_ms, one_thread
 from tests.scenes import Synthetic, objects_scene, orbit_cameras
 
 _ROUNDS = 200
@@ -22,9 +22,9 @@ def figures() -> list[Figure]:
     cpu = CpuRasterizer()
     gaussians = surfaces(100_000)
     camera = orbit_cameras(1, width=480, height=270, radius=2.0)[0]
-    together = cpu_median(lambda: cpu.render(gaussians, camera))
+    together = median_ms(lambda: cpu.render(gaussians, camera))
     with one_thread():
-        alone = cpu_median(lambda: cpu.render(gaussians, camera))
+        alone = median_ms(lambda: cpu.render(gaussians, camera))
     return [
         Figure(f"threads: of two, {_ROUNDS} rounds each, wrong", _wrong_rounds(), "", "<= 0"),
         Figure("threads: CPU of all threads to that of one, 100k", together / alone, "x", "<= 1.5"),

@@ -23,7 +23,7 @@ from gaga_core.training.optimizer import Rates, Splats, adam_step
 from gaga_core.training.settings import RateConfig
 from tests import torch_reference
 from tests.bench.bench_raster import surfaces
-from tests.bench.figures import Figure, cpu_median
+from tests.bench.figures import Figure, median_ms
 from tests.scenes import orbit_cameras, random_gaussians
 
 
@@ -79,7 +79,7 @@ def _parts() -> list[Figure]:
         "back through tiles": lambda: _backward_sum_tiles(drawn, by_image, by_alpha),
         "back through projection": lambda: _walk_back(gaussians, camera, drawn, sums),
     }
-    took = {name: cpu_median(work, 9) for name, work in parts.items()}
+    took = {name: median_ms(work, 9) for name, work in parts.items()}
     in_vectors, in_loops = list(took.values())[1:3]
     return [
         *(Figure(f"train: 50k, 264x471, {name}", ms, "CPU-ms") for name, ms in took.items()),
@@ -93,7 +93,7 @@ def _whole() -> list[Figure]:
     gaussians, camera = _view(60_000, 320, 240)
     cpu, found = CpuRasterizer(), []
     target = np.ascontiguousarray(cpu.render(gaussians, camera).image[::-1])
-    render = cpu_median(lambda: cpu.render(gaussians, camera), 9)
+    render = median_ms(lambda: cpu.render(gaussians, camera), 9)
     rates = Rates.at(RateConfig(), 0.5, 1.0)
     for degree in (0, 3):
         n_rest = (degree + 1) ** 2 - 1
@@ -104,7 +104,7 @@ def _whole() -> list[Figure]:
         def step(splats: Gaussians = splats) -> object:
             return cpu.train_step(splats, camera, target, photometric)
 
-        took = cpu_median(step, 9)
+        took = median_ms(step, 9)
         found.append(
             Figure(f"train: a step, 60k, 320x240, degree {degree}", took, "CPU-ms", "<= 65")
         )
@@ -115,5 +115,5 @@ def _whole() -> list[Figure]:
         def move(trained: Splats = trained, gradients: Gradients = gradients) -> None:
             adam_step(trained, gradients, rates, 100)
 
-        found.append(Figure(f"train: Adam, 60k, degree {degree}", cpu_median(move, 9), "CPU-ms"))
+        found.append(Figure(f"train: Adam, 60k, degree {degree}", median_ms(move, 9), "CPU-ms"))
     return found

@@ -8,7 +8,6 @@ mask. The floor has a mask, too. Splats lie on the boxes and on the floor, 480 f
 """
 
 import json
-import resource
 import sys
 import tempfile
 import time
@@ -29,6 +28,7 @@ from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import choose
+from tests.bench.figures import peak_mib
 
 _ON_BOX, _ON_FLOOR = 400, 80  # splats of a box, and of the ground around it
 SPLIT, MERGE, MISS = 0.15, 0.06, 0.1  # chance of each box in each view
@@ -250,7 +250,6 @@ def associate_views(
     found = run_stage(associate_stage(gaussians, views, masks, choose("cpu"), config), watch)
     parts[kind] += time.process_time() - last
     cpu_s = time.process_time() - start
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     n_objects = int(truth.max())
     precision, recall = score(found.labels, truth, n_objects)
     return Cost(
@@ -258,7 +257,7 @@ def associate_views(
         views=len(views),
         masks=n_masks,
         cpu_s=cpu_s,
-        peak_mib=peak / (1 << 20 if sys.platform == "darwin" else 1 << 10),
+        peak_mib=peak_mib(),
         precision=precision,
         recall=recall,
         parts={name: round(value, 2) for name, value in parts.items()},

@@ -7,10 +7,7 @@ the software renderer included.
 """
 
 import json
-import resource
 import sys
-import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -30,6 +27,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.by_screen import pick
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.view import ViewState
+from tests.bench.figures import egl_context, peak_mib, timed
 
 BUDGET = 500_000
 _N_FRAMES = 8
@@ -111,30 +109,17 @@ def _pop(viewport: Viewport, scene: Scene, camera: Camera, view: ViewState) -> f
     return worst
 
 
-def _cpu(work: Callable[[], object]) -> float:
-    start = time.process_time()
-    work()
-    return time.process_time() - start
-
-
-def _peak_mib() -> float:
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1 << 20 if sys.platform == "darwin" else 1 << 10)
-
-
 def measure(folder: Path, n: int, budget: int, ctx: Any) -> Cost:
     """Open, build, draw and pick once; the files stay."""
     path = folder / f"hall-{n}.ply"
     if not path.exists():
         raise FileNotFoundError(path)
-    held: list[Any] = []
-    open_s = _cpu(lambda: held.append(run_stage(open_path_stage(path))))
-    project = held[0]
-    opened_mib = _peak_mib()
+    project, open_s = timed(lambda: run_stage(open_path_stage(path)))
+    opened_mib = peak_mib()
     build_s = 0.0
     if open_project_lod(project) is None:
-        build_s = _cpu(lambda: run_stage(build_project_lod_stage(project)))
-    build_mib = _peak_mib() - opened_mib
+        _, build_s = timed(lambda: run_stage(build_project_lod_stage(project)))
+    build_mib = peak_mib() - opened_mib
     tree = open_project_lod(project)
     assert tree is not None
     viewport, view, cameras = Viewport(ctx), ViewState(lod_budget=budget), _cameras(_N_FRAMES)
@@ -145,14 +130,14 @@ def measure(folder: Path, n: int, budget: int, ctx: Any) -> Cost:
         viewport.draw(scene, camera, view, wait=True)
         viewport.read_pixels()
 
-    first_s = _cpu(lambda: settled(cameras[0]))
-    frames = [_cpu(partial(settled, camera)) for camera in cameras[1:]]
+    first_s = timed(lambda: settled(cameras[0]))[1]
+    frames = [timed(partial(settled, camera))[1] for camera in cameras[1:]]
     drawn = viewport.n_in_cut
     whole_ms = 0.0
     if n <= _MOST_WHOLE:
         viewport.use_tree(None)
         settled(cameras[0])
-        whole_ms = 1e3 * _cpu(lambda: settled(cameras[1]))
+        whole_ms = 1e3 * timed(lambda: settled(cameras[1]))[1]
         viewport.use_tree(tree)
         settled(cameras[-1])
     boxes = PickBoxes(tree, scene)
@@ -161,8 +146,8 @@ def measure(folder: Path, n: int, budget: int, ctx: Any) -> Cost:
         rows = boxes.rows_at(cameras[0], 480.5, v, n)
         pick(scene, cameras[0], 480.5, v, rows=rows)
 
-    picks = [_cpu(partial(click, v)) for v in (200.5, 300.5, 400.5, 350.5, 250.5)]
-    whole_pick = _cpu(lambda: pick(scene, cameras[0], 480.5, 300.5))
+    picks = [timed(partial(click, v))[1] for v in (200.5, 300.5, 400.5, 350.5, 250.5)]
+    whole_pick = timed(lambda: pick(scene, cameras[0], 480.5, 300.5))[1]
     pop = max(_pop(viewport, scene, camera, view) for camera in (_turned(), cameras[-1]))
     viewport.release()
     return Cost(
@@ -178,23 +163,19 @@ def measure(folder: Path, n: int, budget: int, ctx: Any) -> Cost:
         pick_ms=1e3 * float(np.median(picks)),
         whole_pick_ms=1e3 * whole_pick,
         pop=pop,
-        peak_mib=_peak_mib(),
+        peak_mib=peak_mib(),
         tree_mib=tree.file_bytes / (1 << 20),
     )
 
 
 def main(arguments: list[str]) -> None:
     """Write the scene, or measure it when it is there."""
-    import moderngl
-
     folder, n = Path(arguments[0]), int(arguments[1])
     if not (folder / f"hall-{n}.ply").exists():
         write_hall(folder / f"hall-{n}.ply", n)
         return
-    options: dict[str, Any] = {"backend": "egl"}
-    ctx = moderngl.create_context(require=330, standalone=True, **options)
     budget = int(arguments[2]) if len(arguments) > 2 else BUDGET
-    sys.stdout.write(json.dumps(asdict(measure(folder, n, budget, ctx))) + "\n")
+    sys.stdout.write(json.dumps(asdict(measure(folder, n, budget, egl_context()))) + "\n")
 
 
 if __name__ == "__main__":

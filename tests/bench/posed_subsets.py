@@ -6,7 +6,6 @@ user's cache folder.
 """
 
 import json
-import os
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,8 +18,8 @@ from gaga_core.camera import Camera
 from gaga_core.io.cameras.colmap import ColmapModel, read_colmap
 from gaga_core.kernels import user_cache
 from gaga_core.training.views import TrainView, TrainViews, read_view
+from tests.bench.figures import data_folder
 
-_DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _DISTORTED = ("fox", "sceaux")  # scenes whose photos are straightened first
 _FILM_SIDE = 800  # pixels of photos in which points of whole sets are looked for
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL to those of OpenCV
@@ -33,11 +32,6 @@ class Subset:
     views: TrainViews
     points: DoubleArray  # (P, 3) world
     colors: UInt8Array  # (P, 3)
-
-
-def data_folder(name: str) -> Path:
-    """Folder of a scene of the local test data."""
-    return Path(os.environ.get("GAGA_TEST_DATA", _DATA)) / name
 
 
 def draw_subset(name: str, n_train: int, seed: int, longest_side: int, n_test: int = 16) -> Subset:

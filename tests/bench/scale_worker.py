@@ -7,7 +7,6 @@ with all its view-dependent color, the association, the vote, the identity encod
 """
 
 import json
-import resource
 import sys
 import time
 from dataclasses import asdict, dataclass
@@ -24,6 +23,7 @@ from gaga_core.identity.closed_form import Voted, vote_identity
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import choose
+from tests.bench.figures import peak_mib
 from tests.scenes import orbit_cameras
 
 N_SPLATS = 3_000_000
@@ -95,16 +95,10 @@ def _load(path: Path) -> IntArray:
     return ids
 
 
-def _peak_mib() -> float:
-    """Most memory that this process has held so far."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1 << 20 if sys.platform == "darwin" else 1 << 10)
-
-
 def group_scene(folder: Path, n_views: int, preset: str, n: int = N_SPLATS) -> Cost:
     """Associate, vote and give encodings, as `gaga associate` and `gaga lift` do."""
     gaussians, truth = large_scene(n)
-    scene_mib = _peak_mib()
+    scene_mib = peak_mib()
     views = cameras(n_views)
     loaders = {c.name: partial(_load, folder / f"{c.name}.npy") for c in views}
     masks = MaskSet(loaders, "scale", are_regions=preset == "regions")
@@ -131,7 +125,7 @@ def group_scene(folder: Path, n_views: int, preset: str, n: int = N_SPLATS) -> C
         identity_s=end - associated,
         cpu_s=time.process_time(),
         scene_mib=scene_mib,
-        peak_mib=_peak_mib(),
+        peak_mib=peak_mib(),
         groups=n_groups,
         right=_share_right(found.labels, truth),
     )

@@ -16,7 +16,7 @@ from gaga_core.io.cameras.cameras_json import CameraEntry
 from gaga_core.io.folder.splits import SplitFile
 from gaga_core.io.masks.label_maps import MaskRecord
 from gaga_core.io.masks.other_programs import MaskEntry
-from gaga_core.io.splats.streamed_sog import LodMeta
+from gaga_core.io.splats.sog import LodMeta
 from gaga_core.scene.camera_path import PathEntry
 from gaga_core.scene.edits.values import AnyEdit, Kept
 from gaga_core.scene.edits.wire import ColumnEntry, IntsEntry, SetEntry

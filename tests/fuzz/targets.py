@@ -34,9 +34,8 @@ from gaga_core.segmentation.models.catalogue import known_model
 from gaga_core.segmentation.models.download import LockedFile, read_lock, write_lock
 from gaga_core.segmentation.models.hub import Listing
 from gaga_studio.session.settings import Settings, load_settings, save_settings, settings_file
-from tests.core.io.ksplat_parts import ksplat
 from tests.core.io.mask_forms import FORMS
-from tests.core.io.sog_parts import sog_parts, zipped
+from tests.core.io.splat_parts import ksplat, sog_parts, zipped
 from tests.scenes import orbit_cameras, random_gaussians
 
 

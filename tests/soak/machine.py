@@ -76,14 +76,14 @@ def _ended_process() -> int:
 
 
 @cache
-def _good_files() -> Path:
-    """Two files of splats, made once in a process."""
-    folder = Path(tempfile.mkdtemp(prefix="gaga-machine-"))
+def _good_files() -> dict[str, bytes]:
+    """Two files of splats by name, made once in a process."""
     made = objects_scene(4, 60)
     groups = MappingProxyType({"group": made.labels.astype(np.int32)})
-    write_splats(folder / "a.ply", replace(made.gaussians, extra=groups))
-    write_splats(folder / "more.ply", random_gaussians(40, sh_degree=1))
-    return folder
+    with tempfile.TemporaryDirectory(prefix="gaga-machine-") as name:
+        write_splats(Path(name) / "a.ply", replace(made.gaussians, extra=groups))
+        write_splats(Path(name) / "more.ply", random_gaussians(40, sh_degree=1))
+        return {file.name: file.read_bytes() for file in Path(name).iterdir()}
 
 
 class SessionMachine(RuleBasedStateMachine):
@@ -96,8 +96,8 @@ class SessionMachine(RuleBasedStateMachine):
         self.folder = Path(tempfile.mkdtemp(prefix="gaga-machine-"))
         self._home = os.environ.get("GAGA_HOME")
         os.environ["GAGA_HOME"] = str(self.folder / "home")
-        for file in _good_files().iterdir():
-            shutil.copyfile(file, self.folder / file.name)
+        for name, content in _good_files().items():
+            (self.folder / name).write_bytes(content)
         self.kept: _Kept | None = None  # what the autosave on disk was made of
         self.place = self.folder / "a.ply"  # what a new program opens
         self._start()

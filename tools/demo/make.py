@@ -12,9 +12,9 @@ import tyro
 from tyro.conf import OmitArgPrefixes as Flat
 from tyro.conf import Positional
 
-from gaga_core.assets import assets
 from gaga_core.color import rgb_from_dc
 from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.files import assets
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks.label_maps import write_labels

@@ -7,9 +7,9 @@ from typing import Any
 import glfw
 import moderngl
 
-from gaga_core.assets import assets
 from gaga_core.camera import NEAR
 from gaga_core.errors import GagaError
+from gaga_core.io.files import assets
 
 GLSL_VERSION = 330  # OpenGL 3.3 core: what macOS has too
 _SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "software", "basic render")

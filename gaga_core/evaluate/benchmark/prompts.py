@@ -14,7 +14,7 @@ from gaga_core.errors import GagaError
 from gaga_core.evaluate.published import PUBLISHED_RULE
 from gaga_core.grouping.votes import VOID_BELOW
 from gaga_core.identity.field import IdentityField
-from gaga_core.io.datasets.base import PromptTruth
+from gaga_core.io.datasets import PromptTruth
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.pipeline.search import Pictures, find_in_view, index_scene, search

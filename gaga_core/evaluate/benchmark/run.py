@@ -35,7 +35,7 @@ from gaga_core.evaluate.published import Conditions, sparse_views
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.bank_file import read_groups
-from gaga_core.io.datasets.base import Dataset, DatasetScene
+from gaga_core.io.datasets import Dataset, DatasetScene
 from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.io.json_file import read_foreign_json

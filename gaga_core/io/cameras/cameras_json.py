@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from gaga_core.camera import MOST_PIXELS, Camera
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import write_text
 from gaga_core.io.json_file import read_json
 from gaga_core.io.masks.label_maps import view_key
 
@@ -56,8 +56,7 @@ def write_cameras_json(path: Path, cameras: Sequence[Camera]) -> None:
         }
         for i, camera in enumerate(cameras)
     ]
-    with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(entries, indent=1), encoding="utf-8")
+    write_text(path, json.dumps(entries, indent=1))
 
 
 def _camera_of(entry: CameraEntry) -> Camera:

@@ -1,10 +1,16 @@
-"""COLMAP models: posed views and sparse points, text or binary, through pycolmap."""
+"""COLMAP models: posed views and sparse points, text or binary, through pycolmap.
+
+``python -m gaga_core.io.cameras.colmap MODEL`` reads one in a process of its own: on damaged files
+the C++ reader may abort or ask for absurd memory, and neither may end the window.
+"""
 
 import logging
+import re
 import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,14 +21,19 @@ from gaga_core.arrays import AnyArray, DoubleArray, UInt8Array
 from gaga_core.camera import MOST_PIXELS, Camera
 from gaga_core.errors import GagaError
 from gaga_core.geometry import matrices_to_quats
-from gaga_core.io.arrays_file import read_arrays
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import explain_os_error, write_text
+from gaga_core.io.folder.processes import end_with_parent
 
 _PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE")
 _SECONDS = 300
 # Least bytes of one record. A count that asks for more than the file holds is damage: pycolmap
 # would allocate for it first, for half a minute.
 _RECORD = {"cameras": 24, "images": 73, "points3D": 51}
+# Address space beyond what the interpreter has: a damaged count asks for far more, and filling
+# even 8 GiB before the refusal takes half a minute.
+_CPU_SECONDS, _BYTES_PER_SECOND = 4, 1 << 20  # a tenth of what a whole model is read at
+_MEMORY = 1 << 30  # bytes
+_MEMORY_PER_BYTE = 20  # of the model's files
 _log = logging.getLogger(__name__)
 
 
@@ -54,32 +65,27 @@ class ColmapReading:
                 "Choose a folder that COLMAP wrote."
             )
         _check_files(self._folder)
-        self._out = tempfile.TemporaryDirectory(prefix="gaga-colmap-")
-        self._file = Path(self._out.name) / "model.npz"
+        # Without a name: nothing is left if we are killed.
+        self._out = tempfile.TemporaryFile()  # noqa: SIM115  closed by `close`
         self._process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "gaga_core.io.cameras.colmap_worker",
-                str(self._folder),
-                str(self._file),
-            ],
-            stdout=subprocess.PIPE,
+            [sys.executable, "-m", __name__, str(self._folder)],
+            stdout=self._out,
             stderr=subprocess.DEVNULL,
-            text=True,
         )
 
     def result(self) -> ColmapModel:
         """The model; ``GagaError`` when it is damaged."""
         try:
-            said, _ = self._process.communicate(timeout=_SECONDS)
-            if self._process.returncode != 0 or not self._file.is_file():
-                why = said.strip() or _why_ended(self._process.returncode)
+            status = self._process.wait(_SECONDS)
+            self._out.seek(0)
+            if status != 0:
+                why = self._out.read().decode(errors="replace").strip() or _why_ended(status)
                 raise GagaError(
                     f"The COLMAP model in {self._folder} cannot be read ({why}). "
                     "Copy or reconstruct it again."
                 )
-            return _model_of(self._folder, read_arrays(self._file, "Copy it again."))
+            with np.load(self._out, allow_pickle=False) as stored:
+                return _model_of(self._folder, dict(stored))
         except subprocess.TimeoutExpired as error:
             raise GagaError(
                 f"The COLMAP model in {self._folder} takes too long to read."
@@ -92,9 +98,7 @@ class ColmapReading:
         if self._process.poll() is None:
             self._process.kill()
             self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
-        self._out.cleanup()
+        self._out.close()
 
 
 def _why_ended(status: int) -> str:
@@ -150,18 +154,18 @@ def write_colmap(
     for i, c in enumerate(cameras, start=1):
         numbers = (c.K[0, 0], c.K[1, 1], c.K[0, 2], c.K[1, 2])
         lines.append(f"{i} PINHOLE {c.width} {c.height} {_exact(numbers)}")
-    _write_text(folder / "cameras.txt", lines)
+    write_text(folder / "cameras.txt", "\n".join(lines) + "\n")
     lines = []
     for i, camera in enumerate(cameras, start=1):
         quat = matrices_to_quats(camera.cam_from_world[None, :3, :3])[0]
         numbers = (*quat, *camera.cam_from_world[:3, 3])
         lines += [f"{i} {_exact(numbers)} {i} {camera.name}", ""]
-    _write_text(folder / "images.txt", lines)
+    write_text(folder / "images.txt", "\n".join(lines) + "\n")
     lines = [
         f"{i} {x:.9g} {y:.9g} {z:.9g} {r} {g} {b} 0"
         for i, ((x, y, z), (r, g, b)) in enumerate(zip(points, colors, strict=True), start=1)
     ]
-    _write_text(folder / "points3D.txt", lines)
+    write_text(folder / "points3D.txt", "\n".join(lines) + "\n")
 
 
 def note_of(folder: Path) -> str:
@@ -189,11 +193,6 @@ def count_points(folder: Path) -> int:
 def _exact(numbers: Iterable[float]) -> str:
     """Decimal text that reads back as the same doubles."""
     return " ".join(repr(float(number)) for number in numbers)
-
-
-def _write_text(path: Path, lines: list[str]) -> None:
-    with atomic_write(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
@@ -224,3 +223,59 @@ def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
     if not cameras:
         raise GagaError(f"The COLMAP model in {folder} has no views. Reconstruct it again.")
     return ColmapModel(tuple(cameras), arrays["points"], arrays["colors"])
+
+
+# --- the process that reads
+
+
+def main(folder: Path) -> int:
+    """Write the arrays of a model to standard output, or one line about the failure (status 1)."""
+    import pycolmap
+
+    end_with_parent()
+    _limit(folder)
+    try:
+        model = pycolmap.Reconstruction(str(folder))
+        # pycolmap reads a cut-off cameras.bin without a word and leaves zeros for what is missing.
+        file = folder / "cameras.bin"
+        wanted = 8 + sum(24 + 8 * len(camera.params) for camera in model.cameras.values())
+        if file.is_file() and file.stat().st_size < wanted:
+            raise ValueError("cameras.bin is truncated")
+        images = sorted(model.images.values(), key=lambda image: str(image.name))
+        used = [model.cameras[image.camera_id] for image in images]
+        poses = [np.asarray(image.cam_from_world().matrix()) for image in images]
+    except (ValueError, IndexError, KeyError, RuntimeError, MemoryError, OverflowError) as error:
+        said = (str(error).splitlines() or ["damaged"])[0]
+        sys.stdout.write(re.sub(r"^\[[\w.]+:\d+\] (Check failed: )?", "", said)[:120])
+        return 1
+    points = list(model.points3D.values())
+    np.savez(
+        sys.stdout.buffer,
+        names=np.array([str(image.name) for image in images], dtype=np.str_),
+        K=np.array([c.calibration_matrix() for c in used], np.float64).reshape(-1, 3, 3),
+        sizes=np.array([(c.width, c.height) for c in used], np.int64).reshape(-1, 2),
+        models=np.array([str(c.model.name) for c in used], dtype=np.str_),
+        poses=np.array(poses, np.float64).reshape(-1, 3, 4),
+        points=np.array([p.xyz for p in points], np.float64).reshape(-1, 3),
+        colors=np.array([p.color for p in points], np.uint8).reshape(-1, 3),
+    )
+    return 0
+
+
+def _limit(folder: Path) -> None:
+    if sys.platform.startswith("linux"):
+        import resource
+
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        held = pages * resource.getpagesize()
+        files = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
+        limit = held + _MEMORY + _MEMORY_PER_BYTE * files
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        # A cut frames.bin keeps pycolmap counting what is not there for minutes.
+        seconds = int(time.process_time()) + _CPU_SECONDS + files // _BYTES_PER_SECOND
+        # The soft limit ends it with SIGXCPU, which the caller tells from other ends.
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.camera import Camera
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import write_text
 
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # their cameras look along -z, y is up
 
@@ -34,8 +34,7 @@ def write_transforms_json(
         for camera in cameras
     ]
     whole = {"camera_model": "PINHOLE", "frames": entries}
-    with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(whole, indent=1), encoding="utf-8")
+    write_text(path, json.dumps(whole, indent=1))
 
 
 def _photo(name: str, photo: Path | None, folder: Path) -> str:

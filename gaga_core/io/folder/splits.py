@@ -13,8 +13,8 @@ from pathlib import Path
 import msgspec
 
 from gaga_core.camera import natural_order
-from gaga_core.io.files import atomic_write, read_names
-from gaga_core.io.images import IMAGE_SUFFIXES
+from gaga_core.io.files import read_names, write_text
+from gaga_core.io.images import pictures_in
 from gaga_core.io.json_file import read_json
 
 PARTS = ("train", "test")
@@ -71,12 +71,11 @@ def carry_split(photos: Path, scene: Path) -> None:
     if not photos.is_dir() or scene in (photos, photos.parent):
         return
     root = photos.parent if photos.name in ("images", "input") else photos
-    found = split_views(root, _photos(photos))
+    found = split_views(root, list(pictures_in(photos, "**/*")))
     if found.rule in (EVERY_8TH, NAMES):
         return
     text = json.dumps({"train": found.train, "test": found.test}, indent=1) + "\n"
-    with atomic_write(scene / "split.json") as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(scene / "split.json", text)
 
 
 def _split_of(rule: str, lists: _Lists, names: Sequence[str]) -> ViewSplit:
@@ -157,13 +156,13 @@ def _stem(word: str) -> str:
 
 def _of_folders(root: Path, names: Sequence[str]) -> _Lists | None:
     """ScanNet as DM-NeRF and Gaga select it: the photos lie in train/train_images and test/..."""
-    found = [_photos(root / part / f"{part}_images") for part in PARTS]
+    found = [list(pictures_in(root / part / f"{part}_images", "**/*")) for part in PARTS]
     return (found[0], found[1]) if all(found) else None
 
 
 def _of_train_photos(root: Path, names: Sequence[str]) -> _Lists | None:
     """LERF-Mask: what is not in images_train is a test view."""
-    train = _photos(root / "images_train")
+    train = list(pictures_in(root / "images_train", "**/*"))
     return _completed(train, None, names) if train else None
 
 
@@ -198,13 +197,6 @@ def _of_names(root: Path, names: Sequence[str]) -> _Lists | None:
 def _is_of(name: str, part: str) -> bool:
     path = Path(name)
     return path.name.startswith(f"{part}_") or part in path.parent.parts
-
-
-def _photos(folder: Path) -> list[str]:
-    if not folder.is_dir():
-        return []
-    files = (path for path in folder.rglob("*") if path.suffix.lower() in IMAGE_SUFFIXES)
-    return sorted(p.relative_to(folder).as_posix() for p in files if not p.name.startswith("."))
 
 
 RULES: Mapping[str, _Rule] = {

@@ -13,14 +13,11 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, IntArray, LongArray, UInt8Array, check_shape
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import write_text
 
-# --- Run lengths of masks as COCO writes them: column by column, zeros first, plain or compressed.
-# The compressed form is that of the COCO API's ``rleToString``: each count as a little-endian
-# number of 5-bit digits in characters from "0" on, from the fourth on as the difference to the
-# last but one.
-
-
+# Run lengths of masks as COCO writes them: column by column, zeros first, plain or compressed. The
+# compressed form is that of the COCO API's ``rleToString``: each count as a little-endian number of
+# 5-bit digits in characters from "0" on, from the fourth on as the difference to the last but one.
 _FIRST = 48  # character code of digit 0
 _MORE, _SIGN, _BITS = 0x20, 0x10, 5
 _LONGEST = 8  # digits of a count: 40 bits
@@ -136,9 +133,7 @@ def decompress_counts(text: str | bytes) -> LongArray:
     return values
 
 
-# --- COCO JSON of label maps: instances with run-length masks, and panoptic pictures.
-# Ids are shared by all pictures (a group is one object wherever it is seen), so every group is a
-# category of its own, and ``group_id`` names it in each annotation.
+# --- documents
 
 
 CocoJson = dict[str, object]
@@ -185,27 +180,27 @@ def segments_of(labels: IntArray) -> tuple[Segment, ...]:
 
 def instances_document(pictures: Sequence[LabelledPicture], names: Mapping[int, str]) -> CocoJson:
     """COCO's instance format; ``names`` by group id make the categories."""
-    annotations: list[CocoJson] = []
-    for image_id, picture in enumerate(pictures, start=1):
-        for segment in picture.segments:
-            annotations.append(
-                {
-                    "id": len(annotations) + 1,
-                    "image_id": image_id,
-                    "category_id": segment.group,
-                    "group_id": segment.group,
-                    "segmentation": {
-                        "size": [picture.height, picture.width],
-                        "counts": segment.counts,
-                    },
-                    "area": segment.area,
-                    "bbox": list(segment.box),
-                    "iscrowd": 0,
-                }
-            )
+    found = [
+        (image_id, picture, segment)
+        for image_id, picture in enumerate(pictures, start=1)
+        for segment in picture.segments
+    ]
+    annotations = [
+        {
+            "id": i,
+            "image_id": image_id,
+            "category_id": segment.group,
+            "group_id": segment.group,
+            "segmentation": {"size": [picture.height, picture.width], "counts": segment.counts},
+            "area": segment.area,
+            "bbox": list(segment.box),
+            "iscrowd": 0,
+        }
+        for i, (image_id, picture, segment) in enumerate(found, start=1)
+    ]
     return {
         "info": {"description": "Label maps rendered from 3D groups", "version": "1.0"},
-        "images": [_image(i, picture) for i, picture in enumerate(pictures, start=1)],
+        "images": _images(pictures),
         "categories": _categories(pictures, names),
         "annotations": annotations,
     }
@@ -213,23 +208,25 @@ def instances_document(pictures: Sequence[LabelledPicture], names: Mapping[int, 
 
 def panoptic_document(pictures: Sequence[LabelledPicture], names: Mapping[int, str]) -> CocoJson:
     """COCO's panoptic format; the pictures next to it are written by `panoptic_picture`."""
-    annotations: list[CocoJson] = []
-    for image_id, picture in enumerate(pictures, start=1):
-        segments = [
-            {
-                "id": segment.group,
-                "category_id": segment.group,
-                "area": segment.area,
-                "bbox": list(segment.box),
-                "iscrowd": 0,
-            }
-            for segment in picture.segments
-        ]
-        annotations.append(
-            {"image_id": image_id, "file_name": picture.label_file, "segments_info": segments}
-        )
+    annotations = [
+        {
+            "image_id": image_id,
+            "file_name": picture.label_file,
+            "segments_info": [
+                {
+                    "id": segment.group,
+                    "category_id": segment.group,
+                    "area": segment.area,
+                    "bbox": list(segment.box),
+                    "iscrowd": 0,
+                }
+                for segment in picture.segments
+            ],
+        }
+        for image_id, picture in enumerate(pictures, start=1)
+    ]
     return {
-        "images": [_image(i, picture) for i, picture in enumerate(pictures, start=1)],
+        "images": _images(pictures),
         "categories": [c | {"isthing": 1} for c in _categories(pictures, names)],
         "annotations": annotations,
     }
@@ -244,17 +241,14 @@ def panoptic_picture(labels: IntArray) -> UInt8Array:
 
 def write_json(path: Path, content: CocoJson) -> None:
     """Write ``content`` whole or not at all."""
-    with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(content, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(content, ensure_ascii=False) + "\n")
 
 
-def _image(image_id: int, picture: LabelledPicture) -> CocoJson:
-    return {
-        "id": image_id,
-        "file_name": picture.file_name,
-        "width": picture.width,
-        "height": picture.height,
-    }
+def _images(pictures: Sequence[LabelledPicture]) -> list[CocoJson]:
+    return [
+        {"id": i, "file_name": one.file_name, "width": one.width, "height": one.height}
+        for i, one in enumerate(pictures, start=1)
+    ]
 
 
 def _categories(pictures: Sequence[LabelledPicture], names: Mapping[int, str]) -> list[CocoJson]:

@@ -14,7 +14,7 @@ from PIL.PngImagePlugin import PngInfo
 from gaga_core.arrays import AnyArray, IntArray, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
-from gaga_core.io.images import IMAGE_SUFFIXES, open_image
+from gaga_core.io.images import open_image, pictures_in
 from gaga_core.io.json_file import read_foreign_json
 from gaga_core.masks import MaskSet
 
@@ -120,8 +120,7 @@ def list_label_files(folder: Path) -> tuple[Path, ...]:
     """Pictures of ``folder`` by name; hidden files are left out."""
     if not folder.is_dir():
         raise GagaError(f"{folder} is not a folder. Choose a folder of label maps.")
-    files = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
-    return tuple(sorted(p for p in files if not p.name.startswith(".")))
+    return tuple(pictures_in(folder).values())
 
 
 def label_files(folder: Path) -> dict[str, Path]:

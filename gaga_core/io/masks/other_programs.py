@@ -1,7 +1,9 @@
 """Masks of other programs, in whatever form: recognised, and read one view at a time.
 
 A view's entry is a label map, or a list of masks that may overlap and may have scores. Nothing is
-ever unpickled. `mask_import_json` reads the JSON forms.
+ever unpickled. Of JSON, COCO data sets and results, SA-1B, and the lists of SAM's automatic
+generator are read: a segmentation is a run-length mask ``{"size": [H, W], "counts": [...] or
+"..."}`` or a list of polygons ``[[x, y, x, y, ...], ...]`` in pixels.
 """
 
 import csv
@@ -24,9 +26,16 @@ from gaga_core.io.json_file import convert_json, read_foreign_json
 from gaga_core.io.masks.coco import decode_rle
 from gaga_core.io.masks.label_maps import label_files, list_label_files, read_labels, view_key
 
-# --- What the readers of other programs' masks share.
-
-
+_FORM = "JSON"
+_MOST_BYTES = 1 << 30  # of one file: the masks of COCO's 118,000 pictures have half of it
+_MOST_PIXELS = 1 << 28  # of one picture: more is damage, not a photo
+MOST_COLORS = 4096  # a picture with more is a photo or an overlay, no label map
+_ARRAY_SUFFIXES = (".npz", ".npy")
+_LOSSY = (".jpg", ".jpeg")
+_LABEL_KEYS = ("labels", "label", "ins_2d_label_id", "instance", "mask", "seg", "arr_0")
+_MASK_KEYS = ("masks", "segmentation", "segmentations", "pred_masks", "mask", "arr_0")
+_NOT_MASKS = ("info.json", "import.json", "split.json", "transforms.json", "cameras.json")
+_Number = int | float
 SCORE_KEYS = ("score", "predicted_iou", "iou_preds", "iou", "confidence", "scores", "pred_scores")
 
 
@@ -54,22 +63,16 @@ class MaskSource:
     keeps_covered: bool = False  # of lists: published without the rule that drops covered masks
 
 
-# --- Masks in JSON: COCO data sets and results, SA-1B, and the lists of SAM's automatic generator.
-# A segmentation is a run-length mask ``{"size": [H, W], "counts": [...] or "..."}`` or a list of
-# polygons ``[[x, y, x, y, ...], ...]`` in pixels.
-
-
-_FORM = "JSON"
-_MOST_BYTES = 1 << 30  # of one file: the masks of COCO's 118,000 pictures have half of it
-_MOST_PIXELS = 1 << 28  # of one picture: more is damage, not a photo
-_Number = int | float
-
-
 class RunLengths(msgspec.Struct, frozen=True):
     """A mask by run lengths down the columns, zeros first, plain or in the COCO API's string."""
 
     size: Annotated[list[int], msgspec.Meta(min_length=2, max_length=2)]  # height, width, pixels
     counts: list[int] | str
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.size[0], self.size[1]
 
 
 class MaskEntry(msgspec.Struct, frozen=True):
@@ -102,34 +105,32 @@ def recognise_json(path: Path) -> MaskSource:
         views = _coco_views(path, content)
         said = f"A COCO file with the masks of {len(views)} pictures: {path.name}."
         return MaskSource(_FORM, said, views)
-    entries = _entries(path, content)
-    if (
-        entries
-        and all(entry.image_id is not None for entry in entries)
-        and _image(path, content) is None
-    ):
-        views = _result_views(path, entries)
+    entries, image = _entries(path, content), _image(path, content)
+    if entries and image is None and all(entry.image_id is not None for entry in entries):
+        by_image: dict[str, list[MaskEntry]] = {}
+        for entry in entries:
+            by_image.setdefault(view_key(str(entry.image_id)), []).append(entry)
+        views = {name: partial(_mask_list, path.name, of_it) for name, of_it in by_image.items()}
         said = f"COCO results with masks of {len(views)} pictures: {path.name}."
         return MaskSource(_FORM, said, views)
     said = f"A list of {len(entries)} masks of one picture: {path.name}."
-    return MaskSource(_FORM, said, {_stem(path, content): partial(_read_list, path)})
+    # SA-1B says which view it means, else the name of the file does.
+    view = view_key(image.file_name) if image is not None and image.file_name else path.stem
+    return MaskSource(_FORM, said, {view: partial(_read_list, path)})
 
 
-def recognise_json_folder(files: Sequence[Path], folder: Path) -> MaskSource:
+def _json_folder(files: Sequence[Path], folder: Path) -> MaskSource:
     """What a folder of JSON files holds: one file a picture, or one COCO file for all."""
     first = recognise_json(files[0])
-    if len(first.views) != 1 or len(files) == 1:
-        if len(files) > 1:
-            raise GagaError(
-                f"{folder.name} holds {len(files)} JSON files, and {files[0].name} alone has "
-                f"{len(first.views)} pictures. Choose one of the files."
-            )
+    if len(files) == 1:
         return first
-    views: dict[str, Callable[[], ImportedMasks]] = {
-        path.stem: partial(_read_list, path) for path in files
-    }
+    if len(first.views) != 1:
+        raise GagaError(
+            f"{folder.name} holds {len(files)} JSON files, and {files[0].name} alone has "
+            f"{len(first.views)} pictures. Choose one of the files."
+        )
     said = f"{len(files)} JSON lists of masks, one a picture, in {folder.name}."
-    return MaskSource(_FORM, said, views)
+    return MaskSource(_FORM, said, {path.stem: partial(_read_list, path) for path in files})
 
 
 def _entries(path: Path, content: object) -> list[MaskEntry]:
@@ -149,12 +150,6 @@ def _image(path: Path, content: object) -> ImageEntry | None:
     """SA-1B's description of the picture; None in other files."""
     image = content.get("image") if isinstance(content, dict) else None
     return convert_json(image, ImageEntry, path.name) if isinstance(image, dict) else None
-
-
-def _stem(path: Path, content: object) -> str:
-    """The view that a file for one picture means: SA-1B says so, else its own name does."""
-    image = _image(path, content)
-    return view_key(image.file_name) if image is not None and image.file_name else path.stem
 
 
 def _read_list(path: Path) -> MaskList:
@@ -181,15 +176,6 @@ def _coco_views(path: Path, content: object) -> dict[str, Callable[[], ImportedM
     }
 
 
-def _result_views(
-    path: Path, entries: Sequence[MaskEntry]
-) -> dict[str, Callable[[], ImportedMasks]]:
-    by_image: dict[str, list[MaskEntry]] = {}
-    for entry in entries:
-        by_image.setdefault(view_key(str(entry.image_id)), []).append(entry)
-    return {name: partial(_mask_list, path.name, of_it) for name, of_it in by_image.items()}
-
-
 def _size_of(image: ImageEntry | None) -> tuple[int, int] | None:
     """Height and width that a description of a picture states."""
     height, width = (None, None) if image is None else (image.height, image.width)
@@ -204,7 +190,7 @@ def _mask_list(
     """The masks of one picture; polygons need to be told its ``size`` (H, W)."""
     for entry in entries:
         if isinstance(entry.segmentation, RunLengths):
-            size = size or _rle_size(entry.segmentation)
+            size = size or entry.segmentation.shape
     if size is None:
         if entries:
             raise GagaError(f"{file} has polygons but not the pictures' height and width.")
@@ -220,16 +206,12 @@ def _mask_list(
     return MaskList(height, width, masks(), tuple(_score(file, e) for e in entries))
 
 
-def _rle_size(rle: RunLengths) -> tuple[int, int]:
-    return rle.size[0], rle.size[1]
-
-
 def _decode(
     file: str, segmentation: RunLengths | list[list[_Number]], size: tuple[int, int]
 ) -> BoolArray:
     if isinstance(segmentation, list):
         return _fill(file, segmentation, size)
-    if _rle_size(segmentation) != size:
+    if segmentation.shape != size:
         raise GagaError(f"{file} has masks of different sizes for one picture.")
     return decode_rle(segmentation.counts, size)
 
@@ -259,18 +241,6 @@ def _score(file: str, entry: MaskEntry) -> float:
             except OverflowError as error:
                 raise GagaError(f"{file} has a {key} that is no number. Write it again.") from error
     return 1.0
-
-
-# --- Masks of other programs, in whatever form: recognised, and read one view at a time.
-# A view's entry is a label map, or a list of masks that may overlap and may have scores. Nothing
-# is ever unpickled. `mask_import_json` reads the JSON forms.
-
-
-MOST_COLORS = 4096  # a picture with more is a photo or an overlay, no label map
-_ARRAY_SUFFIXES = (".npz", ".npy")
-_LOSSY = (".jpg", ".jpeg")
-_LABEL_KEYS = ("labels", "label", "ins_2d_label_id", "instance", "mask", "seg", "arr_0")
-_MASK_KEYS = ("masks", "segmentation", "segmentations", "pred_masks", "mask", "arr_0")
 
 
 def recognise(source: Path, views: Iterable[str] = ()) -> MaskSource:
@@ -313,13 +283,10 @@ def _recognised(source: Path, views: Iterable[str]) -> MaskSource:
     if pictures and len(pictures) >= max(len(jsons), len(arrays)):
         return _label_maps(pictures, source)
     if jsons and len(jsons) >= len(arrays):
-        return recognise_json_folder(jsons, source)
+        return _json_folder(jsons, source)
     if arrays:
         return _arrays(arrays, source)
     return _inside(source, views)
-
-
-_NOT_MASKS = ("info.json", "import.json", "split.json", "transforms.json", "cameras.json")
 
 
 def _inside(source: Path, views: Iterable[str]) -> MaskSource:
@@ -356,12 +323,7 @@ def _method_of(name: str) -> str:
 
 
 def _label_maps(files: Sequence[Path], source: Path) -> MaskSource:
-    exact = [p for p in files if p.suffix.lower() not in _LOSSY]
-    if not exact:
-        raise GagaError(
-            f"{files[0].name} is a JPEG, which blurs ids at every edge. Save label maps as PNG."
-        )
-    files = exact  # a JPEG next to them is a preview
+    files = _exact(files)
     _check_labels(files[0])
     kind, n = _bits(files[0]), f"{len(files)} label maps" if len(files) > 1 else "a label map"
     folder = source if source.is_dir() else source.parent
@@ -382,15 +344,22 @@ def _label_maps(files: Sequence[Path], source: Path) -> MaskSource:
 
 def _nested_maps(files: Mapping[str, Path], source: Path) -> MaskSource:
     """Label maps in folders that are called like those of the photos."""
-    exact = {key: path for key, path in files.items() if path.suffix.lower() not in _LOSSY}
-    if not exact:
-        return _label_maps(list(files.values()), source)  # says why it is not possible
-    first = next(iter(exact.values()))
-    _check_labels(first)
-    n = len({path.parent for path in exact.values()})
-    said = f"{len(exact)} label maps ({_bits(first)}) in {n} folders of {source.name}."
-    views = {key: partial(_read_checked, path) for key, path in exact.items()}
+    exact = _exact(list(files.values()))
+    _check_labels(exact[0])
+    n, kept = len({path.parent for path in exact}), set(exact)
+    said = f"{len(exact)} label maps ({_bits(exact[0])}) in {n} folders of {source.name}."
+    views = {key: partial(_read_checked, path) for key, path in files.items() if path in kept}
     return MaskSource("label maps", said, views)
+
+
+def _exact(files: Sequence[Path]) -> list[Path]:
+    """Files that keep every id; a JPEG next to them is a preview. ``GagaError`` if all are such."""
+    exact = [path for path in files if path.suffix.lower() not in _LOSSY]
+    if not exact:
+        raise GagaError(
+            f"{files[0].name} is a JPEG, which blurs ids at every edge. Save label maps as PNG."
+        )
+    return exact
 
 
 def _bits(path: Path) -> str:

@@ -7,6 +7,7 @@ are the place of the largest part of wxyz and the other three in 10 bits each.
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +21,16 @@ from gaga_core.io.splats.packing import (
     bytes_of_logits,
     logits_of_bytes,
     morton_order,
+    parts_of,
     quats_of_three,
+    reading,
     room_for,
+    splat_reader,
     three_of_quats,
     unit_quats,
+    writing,
 )
-from gaga_core.io.splats.ply import read_elements, without_broken_rows
+from gaga_core.io.splats.ply import read_elements
 from gaga_core.progress import Progress, Stage
 
 CHUNK = 256  # splats that share a box
@@ -45,26 +50,28 @@ _LOG_SCALE = 20.0  # log sizes beyond +-20 are clipped, as the other writers do
 _N_SH = {0: 1, 9: 4, 24: 9, 45: 16}
 
 
+@splat_reader
 def read_compressed_ply_stage(path: Path) -> Stage[Gaussians]:
     """Read a compressed .ply with progress; ``GagaError`` with one sentence when it is damaged."""
-    path = Path(path)
-    yield Progress("Read splats", 0, 0, path.name)
+    yield reading(path, 0, 0)
     elements, comments = read_elements(path)
     chunks, rows, rest = _checked(path, elements)
     n = len(rows)
     out = room_for(n, 1 + rest.shape[1] // 3, path.name)
-    for start in range(0, n, CHUNK * _BLOCK):
-        yield Progress("Read splats", start, n, path.name)
-        part = slice(start, min(start + CHUNK * _BLOCK, n))
-        first = start // CHUNK
-        limits = chunks[first : first + _BLOCK]
-        _unpack(limits[np.arange(part.stop - start) // CHUNK], rows[part], part, out)
+    for part in parts_of(n, CHUNK * _BLOCK):
+        yield reading(path, part.start, n)
+        limits = chunks[np.arange(part.start, part.stop) // CHUNK]
+        position, rotation, scale, color = (rows[part][k].astype(np.uint32) for k in _PACKED)
+        out.means[part] = _between(limits[:, 0:6], _split(position, _BITS_XYZ))
+        out.log_scales[part] = _between(limits[:, 6:12], _split(scale, _BITS_XYZ))
+        rgb = _between(limits[:, 12:18], _split(color, _BITS_RGBA)[:, :3])
+        out.sh[part, 0] = (rgb - np.float32(0.5)) / np.float32(SH_C0)
+        out.logit_opacities[part] = logits_of_bytes((color & np.uint32(255)).astype(np.uint8))
+        three = (_split(rotation, _BITS_ROT) - np.float32(0.5)) * np.float32(np.sqrt(2))
+        out.quats[part] = quats_of_three(rotation >> np.uint32(30), three)
         out.sh[part, 1:] = _sh_of_bytes(rest[part])
-    yield Progress("Read splats", n, n, path.name)
-    whole = Gaussians(
-        out.means, out.quats, out.log_scales, out.logit_opacities, out.sh, comments=comments
-    )
-    return without_broken_rows(path, whole)
+    yield reading(path, n, n)
+    return replace(out, comments=comments)
 
 
 def _checked(path: Path, elements: Mapping[str, AnyArray]) -> tuple[FloatArray, AnyArray, AnyArray]:
@@ -80,13 +87,11 @@ def _checked(path: Path, elements: Mapping[str, AnyArray]) -> tuple[FloatArray, 
     for i, name in enumerate(_LIMITS):
         if name in present:
             limits[:, i] = chunk[name]
-    sh = elements.get("sh")
-    names = (
-        [] if sh is None else [k for k in sh.dtype.names or () if re.fullmatch(r"f_rest_\d+", k)]
-    )
-    fits = len(names) in _N_SH and {f"f_rest_{i}" for i in range(len(names))} == set(names)
-    if sh is None or not names:
+    sh = elements.get("sh", np.zeros(0))
+    names = [k for k in sh.dtype.names or () if re.fullmatch(r"f_rest_\d+", k)]
+    if not names:
         return limits, rows, np.zeros((len(rows), 0), np.uint8)
+    fits = len(names) in _N_SH and {f"f_rest_{i}" for i in range(len(names))} == set(names)
     if not fits or len(sh) != len(rows) or any(sh.dtype[k] != np.uint8 for k in names):
         raise GagaError(f"{path.name} is damaged: its SH do not fit. Copy or export it again.")
     packed = sh.view(np.uint8).reshape(len(sh), -1)
@@ -95,20 +100,9 @@ def _checked(path: Path, elements: Mapping[str, AnyArray]) -> tuple[FloatArray, 
     return limits, rows, packed if in_order else packed[:, order]
 
 
-def _unpack(limits: FloatArray, rows: AnyArray, part: slice, out: Gaussians) -> None:
-    position, rotation, scale, color = (rows[name].astype(np.uint32) for name in _PACKED)
-    out.means[part] = _between(limits[:, 0:3], limits[:, 3:6], _split(position, _BITS_XYZ))
-    out.log_scales[part] = _between(limits[:, 6:9], limits[:, 9:12], _split(scale, _BITS_XYZ))
-    rgba = _split(color, _BITS_RGBA)
-    rgb = _between(limits[:, 12:15], limits[:, 15:18], rgba[:, :3])
-    out.sh[part, 0] = (rgb - np.float32(0.5)) / np.float32(SH_C0)
-    out.logit_opacities[part] = logits_of_bytes((color & np.uint32(255)).astype(np.uint8))
-    three = (_split(rotation, _BITS_ROT) - np.float32(0.5)) * np.float32(np.sqrt(2))
-    out.quats[part] = quats_of_three(rotation >> np.uint32(30), three)
-
-
-def _between(low: FloatArray, high: FloatArray, t: FloatArray) -> FloatArray:
-    result: FloatArray = low * (1 - t) + high * t
+def _between(limits: FloatArray, t: FloatArray) -> FloatArray:
+    """Numbers (N, 3) at ``t`` 0..1 between three lower and three upper limits (N, 6)."""
+    result: FloatArray = limits[:, :3] * (1 - t) + limits[:, 3:] * t
     return result
 
 
@@ -165,20 +159,17 @@ def write_compressed_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     words = np.empty((n, 4), "<u4")
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         file.write(_header(n, n_chunks, n_rest, gaussians.comments))
-        for start in range(0, n, CHUNK * _BLOCK):
-            yield Progress("Write splats", start // 2, n, path.name)
-            some = order[start : start + CHUNK * _BLOCK]
-            first = start // CHUNK
-            low_high, packed = _pack(gaussians, some)
+        for part in parts_of(n, CHUNK * _BLOCK):
+            yield writing(path, part.start // 2, n)
+            first = part.start // CHUNK
+            low_high, words[part] = _pack(gaussians, order[part])
             limits[first : first + len(low_high)] = low_high
-            words[start : start + len(some)] = packed
         file.write(limits.data)
         file.write(words.data)
-        for start in range(0, n if n_rest else 0, CHUNK * _BLOCK):
-            yield Progress("Write splats", (n + start) // 2, n, path.name)
-            some = order[start : start + CHUNK * _BLOCK]
-            file.write(_bytes_of_sh(gaussians.sh[some, 1 : 1 + n_rest]).data)
-    yield Progress("Write splats", n, n, path.name)
+        for part in parts_of(n if n_rest else 0, CHUNK * _BLOCK):
+            yield writing(path, (n + part.start) // 2, n)
+            file.write(_bytes_of_sh(gaussians.sh[order[part], 1 : 1 + n_rest]).data)
+    yield writing(path, n, n)
 
 
 def _pack(gaussians: Gaussians, some: LongArray) -> tuple[FloatArray, UInt32Array]:

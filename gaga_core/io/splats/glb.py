@@ -19,7 +19,7 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Any, cast
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -29,21 +29,44 @@ from gaga_core.color import sh_rotation
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, multiply_quats, quats_to_matrices
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import atomic_write
 from gaga_core.io.json_file import decode_json
-from gaga_core.io.splats.packing import unit_quats
-from gaga_core.io.splats.ply import without_broken_rows
+from gaga_core.io.splats.packing import (
+    EDGE,
+    TINY,
+    damaged,
+    joined_splats,
+    reading,
+    splat_reader,
+    unit_quats,
+    writing,
+)
 from gaga_core.io.splats.spz import decode_spz_stage, turned
-from gaga_core.progress import Progress, Stage
-
-# --- The chunks of a GLB or the files of a .gltf, and the numbers that its accessors name.
-
+from gaga_core.progress import Stage
 
 MAGIC = b"glTF"
 JSON, BIN = b"JSON", b"BIN\0"  # kinds of chunks
 _HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _MOST_BUFFERS = 100
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+MOST_DEGREE = 3  # of SH that the extension has room for
+_EXTENSION = "KHR_gaussian_splatting"
+_SPZ = (f"{_EXTENSION}_compression_spz_2", f"{_EXTENSION}_compression_spz")  # the draft's names
+_FORMER = "KHR_spz_gaussian_splats_compression"  # of the primitive itself, before the first of them
+_AXES = "LUF"
+_MOST_NODES = 10_000
+_FARTHEST = 1e15  # scene units: far beyond what float32 tells apart
+FLOAT, UNSIGNED, _POINTS = 5126, 5125, 0
+# What JSON of any shape raises where it is taken for a glTF.
+_DAMAGED = (
+    KeyError,
+    IndexError,
+    TypeError,
+    AttributeError,
+    ValueError,
+    OverflowError,
+    struct.error,
+)
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
@@ -113,14 +136,14 @@ def _chunks(content: bytes, name: str) -> tuple[dict[str, Any], bytes]:
     if magic != MAGIC or version != 2:
         raise GagaError(f"{name} is not a GLB of glTF 2.0. Choose another file.")
     if total > len(content):
-        raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
+        raise damaged(name)
     chunks: dict[bytes, bytes] = {}
     at = _HEAD.size
     while at + _CHUNK.size <= total:
         size, kind = _CHUNK.unpack_from(content, at)
         at += _CHUNK.size
         if at + size > total:
-            raise GagaError(f"{name} is truncated or damaged. Copy or export it again.")
+            raise damaged(name)
         chunks.setdefault(kind, content[at : at + size])
         at += size
     gltf = decode_json(chunks[JSON], dict[str, Any], name, "Export it again.")
@@ -155,84 +178,34 @@ def buffer_file(uri: str, path: Path) -> Path:
     return file
 
 
-def heads(sizes: Sequence[tuple[bytes, int]]) -> list[bytes]:
-    """What stands in a GLB before each chunk of these kinds and sizes (multiples of 4 bytes)."""
-    total = _HEAD.size + sum(_CHUNK.size + size for _, size in sizes)
-    found = [_CHUNK.pack(size, kind) for kind, size in sizes]
-    return [_HEAD.pack(MAGIC, 2, total) + found[0], *found[1:]]
-
-
-def padded(text: bytes) -> bytes:
-    """JSON with spaces up to a multiple of 4 bytes."""
-    return text + b" " * (-len(text) % 4)
-
-
 def _natural(value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise ValueError(f"{value!r} where a whole number is expected")
     return value
 
 
-# --- glTF 2.0 (.glb, .gltf) with splats of the extension ``KHR_gaussian_splatting``.
-# Numbers are as the extension has them: quaternions xyzw, sizes linear, opacities 0..1, SH in the
-# order of a .ply. Axes are left, up, front, in which other programs write them; ours are turned
-# half around z. Reading takes every mesh of the scene with the places of its nodes. Layout:
-# github.com/KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting.
-#
-# Splats that are compressed as SPZ are read too (``KHR_gaussian_splatting_compression_spz_2``,
-# pull request 2531, and its two former names), but not written: it is a draft, and which way its
-# axes point is not settled. It says left, up, front after Niantic's library has turned them;
-# CesiumJS and cesium-native, the only implementations that it names, take the stored numbers for
-# those of the glTF. We read as they do, unless the SPZ says which way its axes point.
-
-
-MOST_DEGREE = 3  # of SH that the extension has room for
-_EXTENSION = "KHR_gaussian_splatting"
-_SPZ = (f"{_EXTENSION}_compression_spz_2", f"{_EXTENSION}_compression_spz")  # the draft's names
-_FORMER = "KHR_spz_gaussian_splats_compression"  # of the primitive itself, before the first of them
-_AXES = "LUF"
-_MOST_NODES = 10_000
-_FARTHEST = 1e15  # scene units: far beyond what float32 tells apart
-_FLOAT, _POINTS = 5126, 0
-_TINY = 1e-20  # scene units: a splat of size 0 has no logarithm
-_EDGE = 1e-6  # opacities of exactly 0 and 1 have no finite logit
-# What JSON of any shape raises where it is taken for a glTF.
-_DAMAGED = (
-    KeyError,
-    IndexError,
-    TypeError,
-    AttributeError,
-    ValueError,
-    OverflowError,
-    struct.error,
-)
-
-
 # --- reading
 
 
+@splat_reader
 def read_glb_stage(path: Path) -> Stage[Gaussians]:
     """Read the splats of a .glb or .gltf with progress; its buffers lie in its folder.
 
     ``GagaError`` with one sentence when it is damaged, has no splats, or has them compressed by
     another extension than SPZ.
     """
-    path = Path(path)
-    yield Progress("Read splats", 0, 2, path.name)
+    yield reading(path, 0, 2)
     try:
-        content = path.read_bytes()
-        buffers = Buffers.of(content, path)
-        parts = yield from _splats_of(buffers, path)
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
+        parts = yield from _splats_of(Buffers.of(path.read_bytes(), path), path)
     except _DAMAGED as error:
         raise GagaError(f"{path.name} is not a valid glTF ({error}). Export it again.") from error
     if not parts:
         raise GagaError(f"{path.name} holds no splats ({_EXTENSION}). Choose another file.")
-    yield Progress("Read splats", 1, 2, path.name)
-    whole = turned(_joined(parts), _AXES)
-    yield Progress("Read splats", 2, 2, path.name)
-    return without_broken_rows(path, whole)
+    yield reading(path, 1, 2)
+    alike = parts[0].comments if len({part.comments for part in parts}) == 1 else ()
+    whole = turned(replace(joined_splats(parts, path.name), comments=alike), _AXES)
+    yield reading(path, 2, 2)
+    return whole
 
 
 def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
@@ -245,7 +218,9 @@ def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
             packed = next((inside[name] for name in _SPZ if name in inside), None)
             packed = extensions.get(_FORMER) if packed is None else packed
             if packed is not None:
-                splats = yield from _unpacked(buffers, packed, path)
+                inner = io.BytesIO(buffers.view(packed["bufferView"]))
+                stored = yield from decode_spz_stage(path, inner, _AXES)
+                splats = turned(stored, _AXES)  # the half turn is its own inverse
             elif any("compression" in str(key) for key in inside):
                 raise GagaError(
                     f"{path.name} holds compressed splats ({', '.join(map(str, inside))}), of "
@@ -257,13 +232,6 @@ def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
                 continue
             found.append(_moved(splats, place))
     return found
-
-
-def _unpacked(buffers: Buffers, extension: Mapping[str, Any], path: Path) -> Stage[Gaussians]:
-    """The splats of an SPZ in a buffer view, with the axes of the glTF."""
-    content = io.BytesIO(buffers.view(extension["bufferView"]))
-    splats = yield from decode_spz_stage(path, content, _AXES)
-    return turned(splats, _AXES)  # the half turn is its own inverse
 
 
 def _placed_meshes(gltf: Mapping[str, Any]) -> Iterator[tuple[DoubleArray, int]]:
@@ -316,7 +284,7 @@ def _decoded(buffers: Buffers, attributes: Mapping[str, int]) -> Gaussians:
 
     means = column("POSITION", 3)
     scales = column(f"{_EXTENSION}:SCALE", 3)
-    opacity = np.clip(column(f"{_EXTENSION}:OPACITY", 1)[:, 0], _EDGE, 1 - _EDGE)
+    opacity = np.clip(column(f"{_EXTENSION}:OPACITY", 1)[:, 0], EDGE, 1 - EDGE)
     sh = [column(f"{_EXTENSION}:SH_DEGREE_0_COEF_0", 3)]
     for degree in range(1, MOST_DEGREE + 1):
         names = [f"{_EXTENSION}:SH_DEGREE_{degree}_COEF_{k}" for k in range(2 * degree + 1)]
@@ -327,7 +295,7 @@ def _decoded(buffers: Buffers, attributes: Mapping[str, int]) -> Gaussians:
         means=means,
         quats=unit_quats(np.roll(column(f"{_EXTENSION}:ROTATION", 4), 1, axis=1)),
         # Sizes are linear; programs of before the extension was settled wrote logarithms.
-        log_scales=scales if (scales < 0).any() else np.log(np.maximum(scales, _TINY)),
+        log_scales=scales if (scales < 0).any() else np.log(np.maximum(scales, TINY)),
         logit_opacities=np.log(opacity / (1 - opacity)).astype(np.float32),
         sh=np.ascontiguousarray(np.stack(sh, axis=1)),
     )
@@ -358,55 +326,81 @@ def _moved(gaussians: Gaussians, place: DoubleArray) -> Gaussians:
     )
 
 
-def _joined(parts: Sequence[Gaussians]) -> Gaussians:
-    n_sh = max(part.sh.shape[1] for part in parts)
-    sh = [np.pad(p.sh, ((0, 0), (0, n_sh - p.sh.shape[1]), (0, 0))) for p in parts]
-    return Gaussians(
-        means=np.concatenate([part.means for part in parts]),
-        quats=np.concatenate([part.quats for part in parts]),
-        log_scales=np.concatenate([part.log_scales for part in parts]),
-        logit_opacities=np.concatenate([part.logit_opacities for part in parts]),
-        sh=np.ascontiguousarray(np.concatenate(sh)),
-        comments=parts[0].comments if len({part.comments for part in parts}) == 1 else (),
-    )
-
-
 # --- writing
 
 
 def write_glb_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     """Write a .glb with progress: float32 throughout, SH up to degree 3. Whole or not at all."""
-    there = turned(gaussians, _AXES)  # the half turn is its own inverse
-    columns = _columns(there)
+    columns = _columns(turned(gaussians, _AXES))  # the half turn is its own inverse
+    if sum(values.nbytes for values in columns.values()) > 0xFFFFFFFF - (1 << 20):
+        raise GagaError(f"{len(gaussians):,} splats do not fit into a GLB (4 GB). Export objects.")
+    kernel = {
+        "kernel": "ellipse",
+        "colorSpace": "srgb_rec709_display",
+        "sortingMethod": "cameraDistance",
+        "projection": "perspective",
+    }
+    primitive = {
+        "attributes": dict(zip(columns, range(len(columns)), strict=True)),
+        "mode": _POINTS,
+        "extensions": {_EXTENSION: kernel},
+    }
+    described = {
+        "extensionsUsed": [_EXTENSION],
+        "nodes": [{"mesh": 0, "name": "splats"}],
+        "meshes": [{"primitives": [primitive]}],
+    }
+    blocks = glb_blocks(described, columns)
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        file.write(next(blocks))
+        for i, block in enumerate(blocks):
+            yield writing(path, i, len(columns))
+            file.write(block)
+    yield writing(path, len(columns), len(columns))
+
+
+def glb_blocks(
+    described: Mapping[str, object], columns: Mapping[str, AnyArray]
+) -> Iterator[bytes | memoryview]:
+    """A GLB of one scene with one node: what stands before the numbers, then each column's.
+
+    ``described`` holds the properties of its JSON but for those of numbers; ``columns`` are float32
+    (N, 1 to 4) attributes in order, or uint32 (N, 1) indices, which come last.
+    """
     views: list[object] = []
     accessors: list[object] = []
     offset = 0
     for name, values in columns.items():
-        width = values.shape[1]
-        view = {"buffer": 0, "byteOffset": offset, "byteLength": values.nbytes, "target": 34962}
+        is_index = values.dtype.kind == "u"
+        place = {"buffer": 0, "byteOffset": offset, "byteLength": values.nbytes}
+        views.append({**place, "target": 34963 if is_index else 34962})
         accessor: dict[str, object] = {
-            "bufferView": len(views),
-            "componentType": _FLOAT,
+            "bufferView": len(accessors),
+            "componentType": UNSIGNED if is_index else FLOAT,
             "count": len(values),
-            "type": {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[width],
+            "type": {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[values.shape[1]],
         }
         if name == "POSITION":
             accessor["min"] = [float(v) for v in values.min(axis=0)]
             accessor["max"] = [float(v) for v in values.max(axis=0)]
-        views.append(view)
         accessors.append(accessor)
         offset += values.nbytes
-    if offset > 0xFFFFFFFF - (1 << 20):
-        raise GagaError(f"{len(there):,} splats do not fit into a GLB (4 GB). Export objects.")
-    gltf = _gltf(views, accessors, dict(zip(columns, range(len(columns)), strict=True)), offset)
-    text = padded(json.dumps(gltf, separators=(",", ":")).encode())
-    head, middle = heads([(JSON, len(text)), (BIN, offset)])
-    with atomic_write(path) as temporary, temporary.open("wb") as file:
-        file.write(head + text + middle)
-        for i, values in enumerate(columns.values()):
-            yield Progress("Write splats", i, len(columns), path.name)
-            file.write(np.ascontiguousarray(values, "<f4").data)
-    yield Progress("Write splats", len(columns), len(columns), path.name)
+    gltf = {
+        "asset": {"version": "2.0", "generator": "gaga-studio"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        **described,
+        "buffers": [{"byteLength": offset}],
+        "bufferViews": views,
+        "accessors": accessors,
+    }
+    text = json.dumps(gltf, separators=(",", ":"), ensure_ascii=False).encode()
+    text += b" " * (-len(text) % 4)
+    total = _HEAD.size + 2 * _CHUNK.size + len(text) + offset
+    first = _HEAD.pack(MAGIC, 2, total) + _CHUNK.pack(len(text), JSON)
+    yield first + text + _CHUNK.pack(offset, BIN)
+    for values in columns.values():
+        yield np.ascontiguousarray(values, values.dtype.newbyteorder("<")).data
 
 
 def _columns(there: Gaussians) -> dict[str, FloatArray]:
@@ -422,29 +416,3 @@ def _columns(there: Gaussians) -> dict[str, FloatArray]:
             name = f"{_EXTENSION}:SH_DEGREE_{degree}_COEF_{k}"
             columns[name] = there.sh[:, degree * degree + k]
     return {name: np.ascontiguousarray(values, np.float32) for name, values in columns.items()}
-
-
-def _gltf(
-    views: Sequence[object], accessors: Sequence[object], attributes: Mapping[str, int], n: int
-) -> dict[str, object]:
-    kernel = {
-        "kernel": "ellipse",
-        "colorSpace": "srgb_rec709_display",
-        "sortingMethod": "cameraDistance",
-        "projection": "perspective",
-    }
-    primitive = {"attributes": attributes, "mode": _POINTS, "extensions": {_EXTENSION: kernel}}
-    return cast(
-        dict[str, object],
-        {
-            "asset": {"version": "2.0", "generator": "gaga-studio"},
-            "extensionsUsed": [_EXTENSION],
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0, "name": "splats"}],
-            "meshes": [{"primitives": [primitive]}],
-            "buffers": [{"byteLength": n}],
-            "bufferViews": views,
-            "accessors": accessors,
-        },
-    )

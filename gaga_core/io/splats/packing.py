@@ -1,14 +1,24 @@
-"""What the compact splat formats share: opacities in a byte, quaternions in three parts, room.
+"""What the formats of splats share: a frame around readers, rows that are whole, small numbers.
 
-A unit quaternion is known by its three smaller parts once the largest one is positive; the
+Opacities in a byte, quaternions in three parts, tables of 256 numbers, palettes of SH, positions in
+16 bits. A unit quaternion is known by its three smaller parts once the largest one is positive; the
 formats differ in how they round the three, and in the order of the four.
 """
+
+import functools
+import logging
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Concatenate, ParamSpec
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from gaga_core.arrays import (
     AnyArray,
+    BoolArray,
     DoubleArray,
     FloatArray,
     IntArray,
@@ -16,20 +26,111 @@ from gaga_core.arrays import (
     UInt8Array,
     UInt16Array,
 )
+from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import explain_os_error
+from gaga_core.progress import Progress, Stage
 
-# --- What the compact splat formats share: opacities in a byte, quaternions in three parts, room.
-# A unit quaternion is known by its three smaller parts once the largest one is positive; the
-# formats differ in how they round the three, and in the order of the four.
-
-
+COLUMNS = ("means", "quats", "log_scales", "logit_opacities", "sh")
 CHUNK = 1 << 16  # splats worked on at once
+TINY = 1e-20  # scene units: a splat of size 0 has no logarithm
+_BLOCK = 1 << 12  # splats: about 1 MB, so that each column finds them in the processor's cache
 _LONGEST = 1e18  # of a part of a quaternion: its square is a float32
-_EDGE = 1e-6  # opacities of exactly 0 and 1 have no finite logit
 _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-_OPACITIES = np.clip(np.arange(256) / 255, _EDGE, 1 - _EDGE)
+EDGE = 1e-6  # opacities of exactly 0 and 1 have no finite logit
+_OPACITIES = np.clip(np.arange(256) / 255, EDGE, 1 - EDGE)
 _LOGITS = np.log(_OPACITIES / (1 - _OPACITIES)).astype(np.float32)
+_N_CODES = 256
+_CODE_ROUNDS = 12  # of Lloyd's algorithm for a table of numbers
+PALETTE = 65536  # entries at most: labels have 16 bits
+_COARSE = 256  # clusters of the first level
+_ROUNDS = 4  # of Lloyd's algorithm in each
+_CELLS = 1 << 22  # distances that are held at once
+_SAMPLE = 1 << 18  # numbers or splats that tables are made from
+_P = ParamSpec("_P")
+_log = logging.getLogger(__name__)
+
+
+# --- the frame of readers and writers
+
+
+def damaged(name: str) -> GagaError:
+    """What is wrong with a file whose sizes do not fit."""
+    return GagaError(f"{name} is truncated or damaged. Copy or export it again.")
+
+
+def splat_reader(
+    read: Callable[Concatenate[Path, _P], Stage[Gaussians]],
+) -> Callable[Concatenate[Path, _P], Stage[Gaussians]]:
+    """A reader whose errors are one sentence and whose result has no broken rows."""
+
+    @functools.wraps(read)
+    def reader(path: Path, /, *args: _P.args, **options: _P.kwargs) -> Stage[Gaussians]:
+        path = Path(path)
+        try:
+            splats = yield from read(path, *args, **options)
+        except (EOFError, zlib.error, struct.error) as error:
+            raise damaged(path.name) from error
+        except OSError as error:
+            raise GagaError(explain_os_error(error, path)) from error
+        return without_broken_rows(path, splats)
+
+    return reader
+
+
+def parts_of(n: int, step: int = CHUNK) -> Iterator[slice]:
+    """The rows 0..n in slices of ``step``."""
+    return (slice(start, min(start + step, n)) for start in range(0, n, step))
+
+
+def reading(path: Path, done: int, n: int) -> Progress:
+    """A step of a reader: ``done`` of ``n``."""
+    return Progress("Read splats", done, n, path.name)
+
+
+def writing(path: Path, done: int, n: int) -> Progress:
+    """A step of a writer: ``done`` of ``n``."""
+    return Progress("Write splats", done, n, path.name)
+
+
+def without_broken_rows(path: Path, gaussians: Gaussians) -> Gaussians:
+    """``gaussians`` without the splats that hold numbers which are not finite, with a warning.
+
+    An opacity of +-inf is a legal logit (exactly 0 or 1), so only NaN is broken there. Raises
+    ``GagaError`` when they are the majority.
+    """
+    good = np.ones(len(gaussians), np.bool_)
+    for part in parts_of(len(good), _BLOCK):
+        good[part] = finite_rows({name: getattr(gaussians, name)[part] for name in COLUMNS})
+    return kept_rows(path, gaussians, good)
+
+
+def finite_rows(columns: Mapping[str, FloatArray]) -> BoolArray:
+    """Rows (N,) of the five columns by name that are whole, see `without_broken_rows`."""
+    good: BoolArray = ~np.isnan(columns["logit_opacities"])
+    for name in ("means", "quats", "log_scales", "sh"):
+        flat = columns[name].reshape(len(good), -1)
+        # A sum is finite if all terms are (or overflows, then look closely): one fast pass.
+        with np.errstate(invalid="ignore", over="ignore"):
+            if np.isfinite(flat.sum()):
+                continue
+        good &= np.isfinite(flat).all(axis=1)
+    return good
+
+
+def kept_rows(path: Path, gaussians: Gaussians, good: BoolArray) -> Gaussians:
+    """The splats that are ``good`` (N,), see `without_broken_rows`."""
+    n_bad = int((~good).sum())
+    if n_bad == 0:
+        return gaussians
+    if 2 * n_bad > len(good):
+        raise GagaError(
+            f"{path.name} is damaged: {n_bad:,} of {len(good):,} splats are not finite numbers. "
+            "Train or export the model again."
+        )
+    _log.warning("%s: %s splats with values that are not finite were left out", path.name, n_bad)
+    return gaussians.take(good)
 
 
 def room_for(n: int, n_sh: int, name: str) -> Gaussians:
@@ -47,6 +148,29 @@ def room_for(n: int, n_sh: int, name: str) -> Gaussians:
             f"{name} says that it holds {n:,} splats, more than fit into memory. Split it, or "
             "get it again."
         ) from error
+
+
+def joined_splats(pieces: Sequence[Gaussians], name: str) -> Gaussians:
+    """All pieces, without extra columns and comments; those of fewer SH get zeros.
+
+    ``GagaError`` that names the file ``name`` when memory does not hold them.
+    """
+    n_sh = max(piece.sh.shape[1] for piece in pieces)
+    out, first = room_for(sum(len(piece) for piece in pieces), n_sh, name), 0
+    for piece in pieces:
+        part = slice(first, first + len(piece))
+        for column in COLUMNS[:-1]:
+            getattr(out, column)[part] = getattr(piece, column)
+        out.sh[part, : piece.sh.shape[1]] = piece.sh
+        out.sh[part, piece.sh.shape[1] :] = 0
+        first += len(piece)
+    return out
+
+
+def dc_of_bytes(rgb: UInt8Array, scale: float = SH_C0) -> FloatArray:
+    """DC coefficients (N, 3) of colors in bytes; ``scale``: what a coefficient of 1 adds to 0.5."""
+    unit = rgb.astype(np.float32) / np.float32(255)
+    return (unit - np.float32(0.5)) / np.float32(scale)
 
 
 def logits_of_bytes(opacities: UInt8Array) -> FloatArray:
@@ -127,17 +251,7 @@ def _spread(cells: AnyArray) -> AnyArray:
     return cells
 
 
-# --- Rounding that suits a scene: tables of 256 numbers, palettes of SH, positions in 16 bits.
-# What a SOG file and a web page share.
-
-
-_N_CODES = 256
-_CODE_ROUNDS = 12  # of Lloyd's algorithm for a table of numbers
-PALETTE = 65536  # entries at most: labels have 16 bits
-_COARSE = 256  # clusters of the first level
-_ROUNDS = 4  # of Lloyd's algorithm in each
-_CELLS = 1 << 22  # distances that are held at once
-_SAMPLE = 1 << 18  # numbers or splats that tables are made from
+# --- rounding that suits a scene, for SOG and web pages
 
 
 def log_words(means: FloatArray) -> tuple[UInt16Array, DoubleArray, DoubleArray]:

@@ -5,10 +5,10 @@ the result and little more; writing streams blocks into a temporary file that re
 the end. plyfile is used here alone.
 """
 
-import logging
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 from types import MappingProxyType
@@ -16,12 +16,21 @@ from types import MappingProxyType
 import numpy as np
 import plyfile
 
-from gaga_core.arrays import AnyArray, BoolArray, FloatArray
+from gaga_core.arrays import AnyArray, FloatArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.splats.packing import (
+    COLUMNS,
+    finite_rows,
+    kept_rows,
+    parts_of,
+    reading,
+    room_for,
+    writing,
+)
 from gaga_core.io.splats.ply_kernels import pack_rows
-from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.progress import Stage, run_stage
 
 _BLOCK = 1 << 12  # rows: about 1 MB, so that each column finds them in the cache
 _STEP = 16  # blocks between two steps of progress
@@ -32,8 +41,6 @@ _QUATS = ("rot_0", "rot_1", "rot_2", "rot_3")
 _DC = ("f_dc_0", "f_dc_1", "f_dc_2")
 _REQUIRED = (*_MEANS, *_DC, "opacity", *_SCALES, *_QUATS)
 _SH_BY_REST = {0: 1, 9: 4, 24: 9, 45: 16, 72: 25}
-
-_log = logging.getLogger(__name__)
 
 
 def read_ply(path: Path) -> Gaussians:
@@ -60,13 +67,7 @@ def read_ply_stage(path: Path) -> Stage[Gaussians]:
     n_sh = _check_columns(path, names)
     rest = tuple(f"f_rest_{i}" for i in range((n_sh - 1) * 3))
     n = len(rows)
-    columns = {
-        "means": np.empty((n, 3), np.float32),
-        "quats": np.empty((n, 4), np.float32),
-        "log_scales": np.empty((n, 3), np.float32),
-        "logit_opacities": np.empty(n, np.float32),
-        "sh": np.empty((n, n_sh, 3), np.float32),
-    }
+    out = room_for(n, n_sh, path.name)
     standard = {*_REQUIRED, *rest}
     extra = {
         name: np.empty(n, rows.dtype[name].newbyteorder("="))
@@ -76,23 +77,22 @@ def read_ply_stage(path: Path) -> Stage[Gaussians]:
     good = np.ones(n, np.bool_)
     for start, block in _blocks(path, rows):
         if start % (_STEP * _BLOCK) == 0:
-            yield Progress("Read splats", start, n, path.name)
+            yield reading(path, start, n)
         part = slice(start, start + len(block))
-        _copy_block(block, part, columns, rest)
-        for name, column in extra.items():
-            column[part] = block[name]
-        good[part] = _finite_rows({name: column[part] for name, column in columns.items()})
-    yield Progress("Read splats", n, n, path.name)
-    gaussians = Gaussians(
-        means=columns["means"],
-        quats=columns["quats"],
-        log_scales=columns["log_scales"],
-        logit_opacities=columns["logit_opacities"],
-        sh=columns["sh"],
-        extra=MappingProxyType(extra),
-        comments=comments,
-    )
-    return _without(path, gaussians, good)
+        columns = {name: getattr(out, name)[part] for name in COLUMNS}
+        for column, ours in (("means", _MEANS), ("quats", _QUATS), ("log_scales", _SCALES)):
+            for i, name in enumerate(ours):
+                columns[column][:, i] = block[name]
+        columns["logit_opacities"][:] = block["opacity"]
+        for i, name in enumerate(_DC):
+            columns["sh"][:, 0, i] = block[name]
+        for i, name in enumerate(rest):  # all coefficients of red, then of green, then of blue
+            columns["sh"][:, 1 + i % (n_sh - 1), i // (n_sh - 1)] = block[name]
+        for name, values in extra.items():
+            values[part] = block[name]
+        good[part] = finite_rows(columns)
+    yield reading(path, n, n)
+    return kept_rows(path, replace(out, extra=MappingProxyType(extra), comments=comments), good)
 
 
 def write_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
@@ -109,10 +109,9 @@ def write_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     n_rest = (gaussians.sh.shape[1] - 1) * 3
     rest = tuple(f"f_rest_{i}" for i in range(n_rest))
     head = (*_MEANS, *_NORMALS, *_DC, *rest, "opacity", *_SCALES, *_QUATS)
-    fields = [(name, _dtype_of(gaussians, name)) for name in head]
     others = [name for name in gaussians.extra if name not in _NORMALS]
-    fields += [(name, _dtype_of(gaussians, name)) for name in others]
-    dtype = np.dtype(fields)
+    extra = {k: column.dtype.newbyteorder("<").str for k, column in gaussians.extra.items()}
+    dtype = np.dtype([(name, extra.get(name, "<f4")) for name in (*head, *others)])
     # One thread writes a block while the next one is packed.
     with (
         atomic_write(path) as temporary,
@@ -121,16 +120,15 @@ def write_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     ):
         written = writer.submit(file.write, _header(dtype, n, gaussians.comments))
         buffers = cycle([np.zeros(min(_BLOCK, n), dtype) for _ in range(2)])
-        for start, buffer in zip(range(0, n, _BLOCK), buffers, strict=False):
-            if start % (_STEP * _BLOCK) == 0:
-                yield Progress("Write splats", start, n, path.name)
-            part = slice(start, min(start + _BLOCK, n))
-            block = buffer[: part.stop - start]
+        for part, buffer in zip(parts_of(n, _BLOCK), buffers, strict=False):
+            if part.start % (_STEP * _BLOCK) == 0:
+                yield writing(path, part.start, n)
+            block = buffer[: part.stop - part.start]
             _pack(gaussians, part, block)
             written.result()  # raises what stopped it; then the other buffer is free
             written = writer.submit(file.write, block.data)
         written.result()
-    yield Progress("Write splats", n, n, path.name)
+    yield writing(path, n, n)
 
 
 def read_elements(path: Path) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
@@ -178,8 +176,9 @@ def _parsed(path: Path) -> plyfile.PlyData:
             "Remove them, or export the model again."
         ) from error
     except (plyfile.PlyParseError, ValueError, IndexError, OverflowError, MemoryError) as error:
+        why = (str(error) or type(error).__name__).splitlines()[0][:100]
         raise GagaError(
-            f"{path.name} is truncated or damaged ({_short(error)}). Copy or export it again."
+            f"{path.name} is truncated or damaged ({why}). Copy or export it again."
         ) from error
 
 
@@ -248,77 +247,18 @@ def _blocks(path: Path, rows: AnyArray) -> Iterator[tuple[int, AnyArray]]:
         raise GagaError(explain_os_error(error, path)) from error
 
 
-def _copy_block(
-    block: AnyArray, part: slice, columns: Mapping[str, FloatArray], rest: tuple[str, ...]
-) -> None:
-    for i, name in enumerate(_MEANS):
-        columns["means"][part, i] = block[name]
-    for i, name in enumerate(_QUATS):
-        columns["quats"][part, i] = block[name]
-    for i, name in enumerate(_SCALES):
-        columns["log_scales"][part, i] = block[name]
-    columns["logit_opacities"][part] = block["opacity"]
-    sh = columns["sh"][part]
-    for i, name in enumerate(_DC):
-        sh[:, 0, i] = block[name]
-    per_channel = len(rest) // 3
-    for i, name in enumerate(rest):  # channel-major: all coefficients of red, then green, blue
-        sh[:, 1 + i % per_channel, i // per_channel] = block[name]
-
-
-def without_broken_rows(path: Path, gaussians: Gaussians) -> Gaussians:
-    """``gaussians`` without the splats that hold numbers which are not finite, as `read_ply` does.
-
-    Raises ``GagaError`` when they are the majority.
-    """
-    good = np.ones(len(gaussians), np.bool_)
-    columns = ("means", "quats", "log_scales", "logit_opacities", "sh")
-    for start in range(0, len(good), _BLOCK):
-        part = slice(start, start + _BLOCK)
-        good[part] = _finite_rows({name: getattr(gaussians, name)[part] for name in columns})
-    return _without(path, gaussians, good)
-
-
-def _without(path: Path, gaussians: Gaussians, good: BoolArray) -> Gaussians:
-    n_bad = int((~good).sum())
-    if n_bad == 0:
-        return gaussians
-    if 2 * n_bad > len(good):
-        raise GagaError(
-            f"{path.name} is damaged: {n_bad:,} of {len(good):,} splats are not finite numbers. "
-            "Train or export the model again."
-        )
-    _log.warning("%s: %s splats with values that are not finite were left out", path.name, n_bad)
-    return gaussians.take(good)
-
-
-def _finite_rows(columns: Mapping[str, FloatArray]) -> BoolArray:
-    # An opacity of +-inf is a legal logit (exactly 0 or 1), so only NaN is broken there.
-    good: BoolArray = ~np.isnan(columns["logit_opacities"])
-    for name in ("means", "quats", "log_scales", "sh"):
-        flat = columns[name].reshape(len(good), -1)
-        # A sum is finite if all terms are (or overflows, then look closely): one fast pass.
-        with np.errstate(invalid="ignore", over="ignore"):
-            if np.isfinite(flat.sum()):
-                continue
-        good &= np.isfinite(flat).all(axis=1)
-    return good
-
-
-def _dtype_of(gaussians: Gaussians, name: str) -> str:
-    if name in gaussians.extra:
-        return gaussians.extra[name].dtype.newbyteorder("<").str
-    return "<f4"
-
-
 def _pack(gaussians: Gaussians, part: slice, rows: AnyArray) -> None:
     """Fill ``rows``, whose normals are 0 already, with the splats of ``part``."""
+
+    def chosen(name: str) -> FloatArray:
+        return np.ascontiguousarray(getattr(gaussians, name)[part])
+
     pack_rows(
-        np.ascontiguousarray(gaussians.means[part]),
-        np.ascontiguousarray(gaussians.sh[part]),
-        np.ascontiguousarray(gaussians.logit_opacities[part]),
-        np.ascontiguousarray(gaussians.log_scales[part]),
-        np.ascontiguousarray(gaussians.quats[part]),
+        chosen("means"),
+        chosen("sh"),
+        chosen("logit_opacities"),
+        chosen("log_scales"),
+        chosen("quats"),
         _side_by_side(rows, "x", 3),
         _side_by_side(rows, "f_dc_0", 3 * gaussians.sh.shape[1] + 8),
     )
@@ -340,8 +280,3 @@ def _header(dtype: np.dtype[np.void], n: int, comments: tuple[str, ...]) -> byte
     data = plyfile.PlyData([element], byte_order="<", comments=list(comments))
     text: str = data.header.replace("element vertex 0", f"element vertex {n}")
     return (text + "\n").encode("ascii", "replace")
-
-
-def _short(error: Exception) -> str:
-    text = str(error).splitlines()[0] if str(error) else type(error).__name__
-    return text[:100]

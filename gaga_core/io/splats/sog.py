@@ -4,55 +4,62 @@ A pixel is a splat. Positions are 16 bits in two pictures, on a scale of ``sign(
 sizes and colors are places in a table of 256 numbers (version 2) or between two limits (version
 1); rotations are the three smaller parts of wxyz and the place of the largest; SH of degree 1 to 3
 come from a palette of up to 65,536 entries. Layout: github.com/playcanvas/splat-transform.
+
+Streamed SOG, version 1: the leaves of a tree of boxes in a lod-meta.json name, for each level of
+detail they have, a range of splats of a chunk; level 0 is the finest. A chunk is a SOG in a folder
+of its own. See developer.playcanvas.com/user-manual/gaussian-splatting/formats/streamed-sog.
 """
 
 import io
 import json
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, cast
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, cast
 
+import msgspec
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
-from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
+from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.json_file import decode_json, read_foreign_json
 from gaga_core.io.splats.packing import (
-    CHUNK,
     bytes_of_logits,
+    damaged,
+    joined_splats,
     log_words,
     logits_of_bytes,
     nearest,
     palette_of,
+    parts_of,
     quat_bytes,
     quats_of_three,
+    reading,
     room_for,
+    splat_reader,
     table_of,
+    writing,
 )
-from gaga_core.io.splats.ply import without_broken_rows
 from gaga_core.progress import Progress, Stage
 
-# --- SOG, PlayCanvas' format of lossless WebP pictures: a .sog (zip), or a folder with meta.json.
-# A pixel is a splat. Positions are 16 bits in two pictures, on a scale of ``sign(x) ln(1 + |x|)``;
-# sizes and colors are places in a table of 256 numbers (version 2) or between two limits (version
-# 1); rotations are the three smaller parts of wxyz and the place of the largest; SH of degree 1 to
-# 3 come from a palette of up to 65,536 entries. Layout: github.com/playcanvas/splat-transform.
-
-
-META = "meta.json"
-_MOST_META = 1 << 24  # bytes
+META, LOD_META = "meta.json", "lod-meta.json"
+_MOST_META, _MOST_LOD_META = 1 << 24, 1 << 28  # bytes
+_MOST_DEPTH = 64  # of the tree of a streamed SOG
 _MOST_SIDE = 16384  # of a WebP
 _SLACK = 1 << 20  # pixels that a picture may hold beyond its splats
 _ZIP_RATIO = 20  # WebP does not shrink in a zip; what does is not a picture
 _PER_ROW = 64  # palette entries in a row of pixels
 _COEFFICIENTS = {1: 3, 2: 8, 3: 15}
+MOST_DEGREE = 3  # of SH
+_MOST = 16383  # pixels of a side of a WebP that is written
+
+_Index = Annotated[int, msgspec.Meta(ge=0, lt=1 << 31)]
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -102,34 +109,32 @@ def is_sog_meta(path: Path) -> bool:
     return {"means", "quats", "scales", "sh0"} <= set(content)
 
 
+@splat_reader
 def read_sog_stage(path: Path) -> Stage[Gaussians]:
     """Read a .sog file, or the folder of a meta.json, with progress.
 
     Sizes of pictures are checked against the number of splats before they are unpacked.
     ``GagaError`` with one sentence when something is missing or damaged.
     """
-    path = Path(path)
     path = path / META if path.is_dir() else path
     try:
         if path.name == META:
-            sog = _opened(path, lambda name: _of_folder(path.parent, name))
-            return without_broken_rows(path, (yield from _decoded(sog)))
+            return (yield from _decoded(_opened(path, lambda name: _of_folder(path, name))))
         with zipfile.ZipFile(path) as archive:
-            sog = _opened(path, lambda name: _of_zip(archive, name))
-            return without_broken_rows(path, (yield from _decoded(sog)))
+            return (yield from _decoded(_opened(path, lambda name: _of_zip(archive, name))))
     # The last two are zipfile's words for an unknown compression and for a password.
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
-        raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+        raise damaged(path.name) from error
     except (ValueError, KeyError, TypeError, IndexError, OverflowError, SyntaxError) as error:
         raise GagaError(f"{path.name} is not a valid SOG ({error}). Export it again.") from error
     except Image.DecompressionBombError as error:
         raise GagaError(f"{path.name} has a picture too large to be true.") from error
-    except UnidentifiedImageError as error:
-        raise GagaError(f"{path.name} holds a damaged picture. Copy or export it again.") from error
     except OSError as error:
         if error.errno is None:  # Pillow's word for a damaged picture
-            raise GagaError(f"{path.name} holds a damaged picture. Export it again.") from error
-        raise GagaError(explain_os_error(error, path)) from error
+            raise GagaError(
+                f"{path.name} holds a damaged picture. Copy or export it again."
+            ) from error
+        raise
 
 
 def _opened(path: Path, load: Callable[[str], bytes]) -> _Sog:
@@ -143,10 +148,10 @@ def _opened(path: Path, load: Callable[[str], bytes]) -> _Sog:
     return _Sog(path, n, version, meta, load)
 
 
-def _of_folder(folder: Path, name: str) -> bytes:
+def _of_folder(meta: Path, name: str) -> bytes:
     if Path(name).name != name:
         raise ValueError(f"file name {name!r}")
-    return (folder / name).read_bytes()
+    return meta.with_name(name).read_bytes()
 
 
 def _of_zip(archive: zipfile.ZipFile, name: str) -> bytes:
@@ -157,44 +162,40 @@ def _of_zip(archive: zipfile.ZipFile, name: str) -> bytes:
 
 
 def _decoded(sog: _Sog) -> Stage[Gaussians]:
-    n = sog.n
+    n, is_antialiased = sog.n, sog.meta.get("model") == "antialiased"
     steps = 4 + ("shN" in sog.meta)
-
-    def step(i: int) -> Progress:
-        return Progress("Read splats", i * n // steps, n, sog.path.name)
-
-    yield step(0)
+    yield reading(sog.path, 0, n)
     low, high = sog.picture("means", 0), sog.picture("means", 1)  # before room is made for n
-    rest = _Palette.of(sog) if "shN" in sog.meta else None
-    out = room_for(n, 1 + (rest.n_rest if rest else 0), sog.path.name)
+    palette = _palette(sog) if "shN" in sog.meta else np.zeros((1, 0, 3), np.float32)
+    out = room_for(n, 1 + palette.shape[1], sog.path.name)
     lows, highs = (sog.numbers("means", name, 3) for name in ("mins", "maxs"))
-    for part in _parts(n):
+    for part in parts_of(n):
         words = low[part, :3].astype(np.float32) + high[part, :3].astype(np.float32) * 256
         logs = lows + (highs - lows) * (words / np.float32(65535))
         out.means[part] = np.sign(logs) * np.expm1(np.abs(logs))
     del low, high
-    yield step(1)
+    yield reading(sog.path, n // steps, n)
     pixels = sog.picture("quats", 0)
-    for part in _parts(n):
+    for part in parts_of(n):
         out.quats[part] = _quats(pixels[part])
-    yield step(2)
+    yield reading(sog.path, 2 * n // steps, n)
     pixels = sog.picture("scales", 0)
     out.log_scales[:] = _values(sog, "scales", pixels[:n])
-    yield step(3)
+    yield reading(sog.path, 3 * n // steps, n)
     pixels = sog.picture("sh0", 0)
     out.sh[:, 0] = _values(sog, "sh0", pixels[:n])
-    out.logit_opacities[:] = _opacities(sog, pixels[:n, 3])
-    if rest is not None:
+    if sog.version == 2:
+        out.logit_opacities[:] = logits_of_bytes(pixels[:n, 3])
+    else:
+        least, most = (float(sog.numbers("sh0", name, 4)[3]) for name in ("mins", "maxs"))
+        out.logit_opacities[:] = least + (most - least) * (pixels[:n, 3] / np.float32(255))
+    if "shN" in sog.meta:
         pixels = sog.picture("shN", 1)
-        for part in _parts(n):
-            yield step(4)
-            out.sh[part, 1:] = rest.of_labels(pixels[part])
-    is_antialiased = sog.meta.get("model") == "antialiased"
+        for part in parts_of(n):
+            yield reading(sog.path, 4 * n // steps, n)
+            labels = pixels[part, 0].astype(np.int64) + pixels[part, 1].astype(np.int64) * 256
+            out.sh[part, 1:] = palette[np.minimum(labels, len(palette) - 1)]
     return replace(out, comments=("antialiased 1",)) if is_antialiased else out
-
-
-def _parts(n: int) -> list[slice]:
-    return [slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK)]
 
 
 def _quats(pixels: UInt8Array) -> FloatArray:
@@ -213,56 +214,26 @@ def _values(sog: _Sog, part: str, pixels: UInt8Array) -> FloatArray:
     return between
 
 
-def _opacities(sog: _Sog, alpha: UInt8Array) -> FloatArray:
+def _palette(sog: _Sog) -> FloatArray:
+    """SH (E, S - 1, 3) of degree 1 and up that splats choose from; the last one is zeros: what a
+    label beyond the palette means."""
+    pixels = sog.image("shN", 0, _PER_ROW * 15 * 1024 + _SLACK)
+    height, width = pixels.shape[:2]
+    n_rest = {_PER_ROW * k: k for k in _COEFFICIENTS.values()}[width]
     if sog.version == 2:
-        return logits_of_bytes(alpha)
-    low, high = (float(sog.numbers("sh0", name, 4)[3]) for name in ("mins", "maxs"))
-    return (low + (high - low) * (alpha / np.float32(255))).astype(np.float32)
-
-
-@dataclass(frozen=True, eq=False)
-class _Palette:
-    """SH of degree 1 and up that splats choose from."""
-
-    entries: FloatArray  # (E, S - 1, 3), the last one zeros
-
-    @property
-    def n_rest(self) -> int:
-        return int(self.entries.shape[1])
-
-    @staticmethod
-    def of(sog: _Sog) -> "_Palette":
-        pixels = sog.image("shN", 0, _PER_ROW * 15 * 1024 + _SLACK)
-        height, width = pixels.shape[:2]
-        by_width = {_PER_ROW * k: k for k in _COEFFICIENTS.values()}
-        n_rest = by_width[width]
-        if sog.version == 2 and _COEFFICIENTS[cast(int, sog.part("shN")["bands"])] != n_rest:
+        if _COEFFICIENTS[cast(int, sog.part("shN")["bands"])] != n_rest:
             raise ValueError("shN has another width than its bands")
-        if sog.version == 2:
-            values = sog.numbers("shN", "codebook", 256)[pixels[:, :, :3]]
-        else:
-            low, high = (float(sog.numbers("shN", name, 1)[0]) for name in ("mins", "maxs"))
-            values = (low + (high - low) * (pixels[:, :, :3] / np.float32(255))).astype(np.float32)
-        entries = values.reshape(height * _PER_ROW, n_rest, 3)
-        if sog.version == 2:
-            entries = entries[: cast(int, sog.part("shN")["count"])]
-        return _Palette(np.concatenate([entries, np.zeros((1, n_rest, 3), np.float32)]))
-
-    def of_labels(self, pixels: AnyArray) -> FloatArray:
-        """SH (K, S - 1, 3); a label beyond the palette means none."""
-        labels = pixels[:, 0].astype(np.int64) + pixels[:, 1].astype(np.int64) * 256
-        chosen: FloatArray = self.entries[np.minimum(labels, len(self.entries) - 1)]
-        return chosen
+        values = sog.numbers("shN", "codebook", 256)[pixels[:, :, :3]]
+        count = cast(int, sog.part("shN")["count"])
+    else:
+        low, high = (float(sog.numbers("shN", name, 1)[0]) for name in ("mins", "maxs"))
+        values = (low + (high - low) * (pixels[:, :, :3] / np.float32(255))).astype(np.float32)
+        count = height * _PER_ROW
+    entries = values.reshape(height * _PER_ROW, n_rest, 3)[:count]
+    return np.concatenate([entries, np.zeros((1, n_rest, 3), np.float32)])
 
 
-# --- Writing SOG version 2: one .sog (a zip), or the pictures next to a meta.json in a folder.
-# Positions keep 16 bits on a scale of ``sign(x) ln(1 + |x|)``, sizes and colors the nearest of 256
-# numbers that suit the scene, rotations 8 bits a part, SH the nearest of a palette. `sog` reads
-# it.
-
-
-MOST_DEGREE = 3  # of SH
-_MOST = 16383  # pixels of a side of a WebP
+# --- writing
 
 
 def write_sog_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
@@ -270,26 +241,21 @@ def write_sog_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
 
     Whole or not at all. Raises ``GagaError`` when the place cannot be written.
     """
-    path = Path(path)
+    path, n, n_files = Path(path), len(gaussians), 6 + 2 * bool(gaussians.sh_degree)
     if path.name != META:
         with atomic_write(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
             for done, (name, content) in enumerate(_files(gaussians)):
-                yield _step(path, gaussians, done)
+                yield writing(path, n * done // n_files, n)
                 # A zip holds the time of its parts: the same scene gives the same bytes.
                 archive.writestr(zipfile.ZipInfo(name), content)
         return
     with staging_folder(path.parent) as staging:
         names = []
         for done, (name, content) in enumerate(_files(gaussians)):
-            yield _step(path, gaussians, done)
+            yield writing(path, n * done // n_files, n)
             (staging / name).write_bytes(content)
             names.append(name)
         publish_all(staging, names, path.parent)
-
-
-def _step(path: Path, gaussians: Gaussians, done: int) -> Progress:
-    n, n_files = len(gaussians), 6 + 2 * bool(gaussians.sh_degree)
-    return Progress("Write splats", n * done // n_files, n, path.name)
 
 
 def _files(gaussians: Gaussians) -> Iterator[tuple[str, bytes]]:
@@ -315,11 +281,11 @@ def _files(gaussians: Gaussians) -> Iterator[tuple[str, bytes]]:
         "means": {
             "mins": low.tolist(),
             "maxs": high.tolist(),
-            "files": _names("means_l", "means_u"),
+            "files": ["means_l.webp", "means_u.webp"],
         },
-        "scales": {"codebook": sizes.tolist(), "files": _names("scales")},
-        "quats": {"files": _names("quats")},
-        "sh0": {"codebook": colors.tolist(), "files": _names("sh0")},
+        "scales": {"codebook": sizes.tolist(), "files": ["scales.webp"]},
+        "quats": {"files": ["quats.webp"]},
+        "sh0": {"codebook": colors.tolist(), "files": ["sh0.webp"]},
     }
     degree = min(gaussians.sh_degree, MOST_DEGREE)
     if degree:
@@ -333,13 +299,9 @@ def _files(gaussians: Gaussians) -> Iterator[tuple[str, bytes]]:
             "count": len(entries),
             "bands": degree,
             "codebook": table.tolist(),
-            "files": _names("shN_centroids", "shN_labels"),
+            "files": ["shN_centroids.webp", "shN_labels.webp"],
         }
     yield META, json.dumps(meta).encode()
-
-
-def _names(*stems: str) -> list[str]:
-    return [f"{stem}.webp" for stem in stems]
 
 
 def _webp(rgb: UInt8Array, alpha: UInt8Array | None = None) -> bytes:
@@ -368,3 +330,106 @@ def _rows(codes: UInt8Array) -> UInt8Array:
     pixels[..., 3] = 255
     pixels[:n, :, :3] = codes
     return pixels.reshape(-1, _PER_ROW * n_rest, 4)
+
+
+# --- streamed SOG
+
+
+class Bound(msgspec.Struct, frozen=True):
+    """A box, scene units."""
+
+    min: Vector
+    max: Vector
+
+
+class Range(msgspec.Struct, frozen=True):
+    """Splats of a chunk."""
+
+    file: _Index  # place in `LodMeta.filenames`
+    offset: _Index
+    count: _Index
+
+
+class Node(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A box of the tree: divided, or with splats at some levels of detail."""
+
+    bound: Bound
+    children: "list[Node]" = []
+    lods: dict[str, Range] = {}
+
+
+class LodMeta(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Content of lod-meta.json."""
+
+    lodLevels: _Index  # noqa: N815  as the format names it
+    filenames: list[str]
+    tree: Node
+    version: int = 1
+    asset: dict[str, str] = {}
+    count: _Index = 0  # of all levels
+    counts: list[_Index] = []  # of each level
+    environment: str = ""
+
+
+def is_streamed_sog(path: Path) -> bool:
+    """Whether ``path`` is a lod-meta.json, by its name."""
+    return path.name == LOD_META and path.is_file()
+
+
+def read_streamed_sog_stage(path: Path) -> Stage[Gaussians]:
+    """Read the finest level of every leaf, and the environment, with progress.
+
+    ``GagaError`` with one sentence when something is missing or damaged.
+    """
+    path = Path(path)
+    meta = read_foreign_json(path, LodMeta, most_bytes=_MOST_LOD_META)
+    if meta.version != 1:
+        raise GagaError(f"{path} is version {meta.version} of streamed SOG; only 1 can be read.")
+    wanted: dict[int, list[Range]] = {}
+    for leaf in _leaves(meta.tree, path, 0):
+        if not leaf.lods:
+            continue
+        finest = leaf.lods[min(leaf.lods, key=_level)]
+        if finest.file >= len(meta.filenames):
+            raise GagaError(f"{path} names chunk {finest.file}, which it does not list.")
+        wanted.setdefault(finest.file, []).append(finest)
+    pieces: list[Gaussians] = []
+    names = [(meta.filenames[file], parts) for file, parts in sorted(wanted.items())]
+    if meta.environment:
+        names.append((meta.environment, []))
+    if not names:
+        raise GagaError(f"{path} names no splats. Export it again.")
+    for done, (name, parts) in enumerate(names):
+        yield Progress("Read splats", done, len(names), name)
+        chunk = yield from read_sog_stage(chunk_path(path, name))
+        n_asked = sum(part.count for part in parts)  # at one level none is asked for twice
+        if n_asked > len(chunk) or any(part.offset + part.count > len(chunk) for part in parts):
+            raise GagaError(f"{name} has fewer splats than {path} says. Export it again.")
+        rows = [np.arange(part.offset, part.offset + part.count) for part in parts]
+        pieces.append(chunk.take(np.concatenate(rows)) if rows else chunk)
+    yield Progress("Read splats", len(names), len(names))
+    return replace(joined_splats(pieces, path.name), comments=pieces[0].comments)
+
+
+def _leaves(node: Node, path: Path, depth: int) -> Iterator[Node]:
+    if depth > _MOST_DEPTH:
+        raise GagaError(f"{path} is damaged: its tree is deeper than {_MOST_DEPTH} levels.")
+    if node.lods or not node.children:
+        yield node
+    for child in node.children:
+        yield from _leaves(child, path, depth + 1)
+
+
+def _level(name: str) -> int:
+    if not name.isdecimal() or len(name) > 4:
+        raise GagaError(f"lod-meta.json is damaged: {name[:20]!r} is no level of detail.")
+    return int(name)
+
+
+def chunk_path(path: Path, name: str) -> Path:
+    """The meta.json of a chunk; ``GagaError`` when it leads out of the folder."""
+    parts = PurePosixPath(name)
+    inside = name and not parts.is_absolute() and ".." not in parts.parts and "\\" not in name
+    if not inside or parts.name != META:
+        raise GagaError(f"{path} names {name!r}, which is no {META} in its folder.")
+    return path.parent / Path(*parts.parts)

@@ -4,9 +4,9 @@ A kind is told by what a file holds, not by its name; only .splat has no mark, a
 """
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from enum import StrEnum
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -23,36 +23,39 @@ from gaga_core.io.splats.compressed_ply import read_compressed_ply_stage, write_
 from gaga_core.io.splats.glb import buffer_file, read_glb_stage, write_glb_stage
 from gaga_core.io.splats.ksplat import read_ksplat_stage
 from gaga_core.io.splats.ply import read_ply_stage, write_ply_stage
-from gaga_core.io.splats.sog import META, is_sog_meta, read_sog_stage, write_sog_stage
+from gaga_core.io.splats.sog import (
+    LOD_META,
+    META,
+    chunk_path,
+    is_sog_meta,
+    is_streamed_sog,
+    read_sog_stage,
+    read_streamed_sog_stage,
+    write_sog_stage,
+)
 from gaga_core.io.splats.splat import read_splat_stage, write_splat_stage
 from gaga_core.io.splats.spz import OURS, fraction_bits, read_spz_stage, write_spz_stage
-from gaga_core.io.splats.streamed_sog import (
-    LOD_META,
-    chunk_path,
-    is_streamed_sog,
-    read_streamed_sog_stage,
-)
 from gaga_core.io.splats.web_page import plain_page, write_page_stage
 from gaga_core.progress import Stage, run_stage
 
-# --- Files of splats of every kind: which kind one is, reading it, writing it, and what that
-# loses.
-# A kind is told by what a file holds, not by its name; only .splat has no mark, and needs its
-# suffix.
-
-
-READ_SUFFIXES = (
-    ".ply",
-    ".splat",
-    ".spz",
-    ".sog",
-    ".ksplat",
-    ".glb",
-    ".gltf",
-)  # .compressed.ply ends in .ply
+READ_SUFFIXES = (".ply", ".splat", ".spz", ".sog", ".ksplat", ".glb", ".gltf")
 WRITE_SUFFIXES = (".ply", ".compressed.ply", ".splat", ".spz", ".sog", ".glb", ".html")
 _HEADER = 1 << 16  # bytes in which the header of a compressed PLY names its columns
+_BY_START: Mapping[bytes, Callable[[Path], Stage[Gaussians]]] = {
+    b"ply": read_ply_stage,
+    spz.GZIP_MAGIC: read_spz_stage,
+    spz.MAGIC: read_spz_stage,
+    glb.MAGIC: read_glb_stage,
+    b"PK": read_sog_stage,
+}
+_BY_SUFFIX: Mapping[str, Callable[[Path], Stage[Gaussians]]] = {
+    ".sog": read_sog_stage,
+    ".splat": read_splat_stage,
+    ".ksplat": read_ksplat_stage,
+    ".gltf": read_glb_stage,
+}
 _NORMALS = ("nx", "ny", "nz")
+_MOST_BYTES = 1 << 30  # of a .gltf with its numbers in the text
 _NAMED = 4  # columns that a sentence names; the others are counted
 
 
@@ -72,14 +75,6 @@ class SplatFormat(StrEnum):
     def suffix(self) -> str:
         """What a file of this form ends in."""
         return {"compressed-ply": ".compressed.ply", "spz4": ".spz"}.get(self.value, f".{self}")
-
-
-_THREE_DEGREES = (
-    SplatFormat.COMPRESSED_PLY,
-    SplatFormat.SOG,
-    SplatFormat.GLB,
-    SplatFormat.HTML,
-)
 
 
 def form_of(path: Path) -> SplatFormat:
@@ -125,41 +120,25 @@ def read_splats_stage(path: Path, spz_axes: str = OURS) -> Stage[Gaussians]:
 
 def _reader_of(path: Path) -> Callable[[Path], Stage[Gaussians]]:
     """Who reads a file; ``GagaError`` when nobody does."""
-    start, suffix = _start_of(path), path.suffix.lower()
+    try:
+        with path.open("rb") as file:
+            start = file.read(_HEADER)
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
     if start.startswith(b"ply") and b"packed_position" in start:
         return read_compressed_ply_stage
-    by_start = {
-        b"ply": read_ply_stage,
-        spz.GZIP_MAGIC: read_spz_stage,
-        spz.MAGIC: read_spz_stage,
-        glb.MAGIC: read_glb_stage,
-        b"PK": read_sog_stage,
-    }
-    for magic, reader in by_start.items():
+    for magic, reader in _BY_START.items():
         if start.startswith(magic):
             return reader
+    suffix = path.suffix.lower()
     if suffix == ".ply" or not start:
         return read_ply_stage  # which says what is wrong
-    by_suffix = {
-        ".sog": read_sog_stage,
-        ".splat": read_splat_stage,
-        ".ksplat": read_ksplat_stage,
-        ".gltf": read_glb_stage,
-    }
-    if suffix in by_suffix:
-        return by_suffix[suffix]
+    if suffix in _BY_SUFFIX:
+        return _BY_SUFFIX[suffix]
     raise GagaError(
         f"{path.name} is not a splat file that gaga-studio can read. Choose a .ply, .splat, .spz, "
         ".sog, .ksplat, .glb or .gltf file."
     )
-
-
-def _start_of(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(_HEADER)
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
 
 
 def write_splats(path: Path, gaussians: Gaussians, form: SplatFormat | None = None) -> None:
@@ -179,20 +158,47 @@ def write_splats_stage(
     form = form_of(path) if form is None else form
     if len(gaussians) == 0:
         raise GagaError(f"There is nothing to write to {path.name}: no splats are visible.")
-    if form is SplatFormat.PLY:
-        yield from write_ply_stage(path, gaussians)
-    elif form is SplatFormat.COMPRESSED_PLY:
-        yield from write_compressed_ply_stage(path, gaussians)
-    elif form is SplatFormat.SPLAT:
-        yield from write_splat_stage(path, gaussians)
-    elif form is SplatFormat.SOG:
-        yield from write_sog_stage(path, gaussians)
-    elif form is SplatFormat.GLB:
-        yield from write_glb_stage(path, gaussians)
-    elif form is SplatFormat.HTML:
-        yield from write_page_stage(path, plain_page(path.stem, gaussians))
-    else:
-        yield from write_spz_stage(path, gaussians, 4 if form is SplatFormat.SPZ4 else 3)
+    yield from _WRITERS[form](path, gaussians)
+
+
+def _write_page(path: Path, gaussians: Gaussians) -> Stage[None]:
+    return write_page_stage(path, plain_page(path.stem, gaussians))
+
+
+_WRITERS: Mapping[SplatFormat, Callable[[Path, Gaussians], Stage[None]]] = {
+    SplatFormat.PLY: write_ply_stage,
+    SplatFormat.COMPRESSED_PLY: write_compressed_ply_stage,
+    SplatFormat.SPLAT: write_splat_stage,
+    SplatFormat.SPZ: write_spz_stage,
+    SplatFormat.SPZ4: partial(write_spz_stage, version=4),
+    SplatFormat.SOG: write_sog_stage,
+    SplatFormat.GLB: write_glb_stage,
+    SplatFormat.HTML: _write_page,
+}
+_PRECISION = {
+    SplatFormat.SPLAT: "Colors, opacities and rotations are rounded to 8 bits a number.",
+    SplatFormat.COMPRESSED_PLY: (
+        "All numbers are rounded (positions to 1/2047 of the extent of 256 neighbours, colors "
+        "and SH to 8 bits), and the splats are put in another order."
+    ),
+    SplatFormat.SOG: (
+        "All numbers are rounded: positions to 16 bits, sizes and colors to the nearest of "
+        "256, opacities and rotations to 8 bits, and SH to the nearest of a palette."
+    ),
+    SplatFormat.SPZ: (
+        "All numbers are rounded: positions to {step:.2g} scene units, sizes to 3 percent, colors "
+        "and opacities to 8 bits, SH to 5 bits or 4."
+    ),
+}
+_PRECISION[SplatFormat.HTML] = _PRECISION[SplatFormat.SOG]
+_PRECISION[SplatFormat.SPZ4] = _PRECISION[SplatFormat.SPZ]
+# The most of a DC coefficient and of the others, for which a form has room; the others have all.
+_LIMITS = {
+    SplatFormat.SPLAT: (0.5 / SH_C0, np.inf),
+    SplatFormat.COMPRESSED_PLY: (np.inf, compressed_ply.SH_RANGE),
+    SplatFormat.SPZ: (0.5 / spz.COLOR_SCALE, 1.0),
+    SplatFormat.SPZ4: (0.5 / spz.COLOR_SCALE, 1.0),
+}
 
 
 def losses(gaussians: Gaussians, form: SplatFormat) -> tuple[str, ...]:
@@ -203,12 +209,12 @@ def losses(gaussians: Gaussians, form: SplatFormat) -> tuple[str, ...]:
 def _losses(gaussians: Gaussians, form: SplatFormat) -> Iterator[str]:
     if form is SplatFormat.HTML:
         yield "No program opens a page as splats again: keep the scene itself, too."
-    if form is not SplatFormat.GLB:
-        yield _precision(gaussians, form)
+    if form in _PRECISION:
+        yield _PRECISION[form].format(step=2.0 ** -fraction_bits(gaussians.means))
     degree = gaussians.sh_degree
     if form is SplatFormat.SPLAT and degree:
         yield f"The view-dependent color (SH of degree {degree}) is left out."
-    if form in _THREE_DEGREES and degree > 3:
+    if form not in (SplatFormat.SPLAT, SplatFormat.SPZ, SplatFormat.SPZ4) and degree > 3:
         yield "The SH of degree 4 are left out."
     columns = [name for name in gaussians.extra if name not in _NORMALS]
     normals = [gaussians.extra[name] for name in _NORMALS if name in gaussians.extra]
@@ -226,51 +232,23 @@ def _losses(gaussians: Gaussians, form: SplatFormat) -> Iterator[str]:
         yield f"Colors or sizes out of range are clipped: those of {clipped:,} splat{s}."
 
 
-def _precision(gaussians: Gaussians, form: SplatFormat) -> str:
-    if form is SplatFormat.SPLAT:
-        return "Colors, opacities and rotations are rounded to 8 bits a number."
-    if form is SplatFormat.COMPRESSED_PLY:
-        return (
-            "All numbers are rounded (positions to 1/2047 of the extent of 256 neighbours, colors "
-            "and SH to 8 bits), and the splats are put in another order."
-        )
-    if form in (SplatFormat.SOG, SplatFormat.HTML):
-        return (
-            "All numbers are rounded: positions to 16 bits, sizes and colors to the nearest of "
-            "256, opacities and rotations to 8 bits, and SH to the nearest of a palette."
-        )
-    step = 2.0 ** -fraction_bits(gaussians.means)
-    return (
-        f"All numbers are rounded: positions to {step:.2g} scene units, sizes to 3 percent, colors "
-        "and opacities to 8 bits, SH to 5 bits or 4."
-    )
-
-
 def _clipped(gaussians: Gaussians, form: SplatFormat) -> int:
     """Splats with a color or size that the form has no room for."""
-    limit = {SplatFormat.SPLAT: 0.5 / SH_C0, SplatFormat.COMPRESSED_PLY: np.inf}.get(
-        form, 0.5 / spz.COLOR_SCALE
-    )
-    if form in (SplatFormat.SOG, SplatFormat.GLB, SplatFormat.HTML):
+    if form not in _LIMITS:
         return 0
-    out: BoolArray = np.any(np.abs(gaussians.sh[:, 0]) > limit, axis=1)
-    if gaussians.sh_degree and form is not SplatFormat.SPLAT:
-        most = compressed_ply.SH_RANGE if form is SplatFormat.COMPRESSED_PLY else 1.0
+    most_dc, most_rest = _LIMITS[form]
+    out: BoolArray = np.any(np.abs(gaussians.sh[:, 0]) > most_dc, axis=1)
+    if gaussians.sh_degree and most_rest < np.inf:
         rest = gaussians.sh[:, 1:].reshape(len(out), -1)
-        out |= (rest.max(axis=1) > most) | (rest.min(axis=1) < -most)
+        out |= (rest.max(axis=1) > most_rest) | (rest.min(axis=1) < -most_rest)
     if form in (SplatFormat.SPZ, SplatFormat.SPZ4):
         sizes = gaussians.log_scales
         out |= (sizes.min(axis=1) < -10) | (sizes.max(axis=1) > 255 / 16 - 10)
     return int(out.sum())
 
 
-# --- The files of a model that lies in several, and whether one of them has changed.
-# A .gltf takes its numbers from buffers next to it, the meta.json of a SOG folder from pictures,
-# and the lod-meta.json of a streamed SOG from such folders.
-
-
-_MOST_BYTES = 1 << 30  # of a .gltf with its numbers in the text
-_GONE = "gone"
+# --- the files of a model that lies in several: a .gltf takes its numbers from buffers next to it,
+# the meta.json of a SOG folder from pictures, a lod-meta.json from such folders
 
 
 def files_of_model(path: Path) -> tuple[Path, ...]:
@@ -300,7 +278,7 @@ def model_fingerprint(path: Path) -> str:
     files = files_of_model(path)
     if len(files) == 1:
         return fingerprint(path)
-    digests = [fingerprint(file) if _is_there(file) else _GONE for file in files]
+    digests = [fingerprint(file) if _is_there(file) else "gone" for file in files]
     return hashlib.sha256("\n".join(digests).encode()).hexdigest()
 
 
@@ -326,24 +304,14 @@ def _parts(path: Path, stamp: tuple[int, int, int]) -> tuple[Path, ...]:
     try:
         content = read_foreign_json(path, dict[str, Any], most_bytes=_MOST_BYTES)
         if path.name == LOD_META:
-            return _chunks(content, path)
-        return _pictures(content, path) if path.name == META else _buffers(content, path)
+            names = [*content.get("filenames", []), *filter(None, [content.get("environment")])]
+            return tuple(chunk_path(path, str(name)) for name in names)
+        if path.name == META:
+            described = [part for part in content.values() if isinstance(part, dict)]
+            names = [str(name) for part in described for name in part.get("files", ())]
+            return tuple(path.parent / name for name in names if Path(name).name == name)
+        uris = [row.get("uri") for row in content.get("buffers", [])]
+        named = [uri for uri in uris if isinstance(uri, str) and not uri.startswith("data:")]
+        return tuple(buffer_file(uri, path) for uri in named)
     except (GagaError, OSError, ValueError, TypeError, AttributeError):
         return ()  # the reader of the model says what is wrong with it
-
-
-def _buffers(gltf: dict[str, Any], path: Path) -> tuple[Path, ...]:
-    uris = [row.get("uri") for row in gltf.get("buffers", [])]
-    named = [uri for uri in uris if isinstance(uri, str) and not uri.startswith("data:")]
-    return tuple(buffer_file(uri, path) for uri in named)
-
-
-def _chunks(meta: dict[str, Any], path: Path) -> tuple[Path, ...]:
-    names = [*meta.get("filenames", []), *filter(None, [meta.get("environment")])]
-    return tuple(chunk_path(path, str(name)) for name in names)
-
-
-def _pictures(meta: dict[str, Any], path: Path) -> tuple[Path, ...]:
-    parts = [part["files"] for part in meta.values() if isinstance(part, dict) and "files" in part]
-    names = [str(name) for files in parts for name in files]
-    return tuple(path.parent / name for name in names if Path(name).name == name)

@@ -2,16 +2,19 @@
 
 Versions 1 to 3 are one gzip stream, or are not compressed: a header of 16 bytes, each attribute of
 all splats, extensions. Version 4 has a header of 32 bytes, extensions, a table of sizes, and each
-attribute as a Zstandard stream. Axes: `spz_axes`; writing: `spz_writer`.
-Layout: github.com/nianticlabs/spz.
+attribute as a Zstandard stream. Layout: github.com/nianticlabs/spz.
+
+Which way axes point: Niantic's page says right, up, back (RUB); its own command and other programs
+store what a .ply holds: right, down, front (RDF), which is ours. The extension
+``SPZ_ADOBE_coordinate_system`` says what a file holds; without it, a file is read as those programs
+do. See github.com/nianticlabs/spz, extensions/README.md, and its issue 84.
 """
 
 import gzip
 import os
 import struct
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Literal, Protocol
@@ -26,25 +29,21 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, multiply_quats
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.splats.packing import (
-    CHUNK,
     bytes_of_logits,
+    damaged,
+    dc_of_bytes,
     logits_of_bytes,
+    parts_of,
     quats_of_three,
+    reading,
     room_for,
+    splat_reader,
     three_of_quats,
     to_bytes,
     unit_quats,
+    writing,
 )
-from gaga_core.io.splats.ply import without_broken_rows
-from gaga_core.progress import Progress, Stage
-
-# --- Which way the axes of an SPZ file point: the extension that says so, and turning splats to
-# ours.
-# Niantic's page says right, up, back (RUB); its own command and other programs store what a .ply
-# holds: right, down, front (RDF), which is ours. The extension ``SPZ_ADOBE_coordinate_system``
-# says what a file holds; without it, a file is read as those programs do. See
-# github.com/nianticlabs/spz, extensions/README.md, and its issue 84.
-
+from gaga_core.progress import Stage
 
 # Numbers of the extension: where x, y and z point (left, right; up, down; front, back).
 AXES = (
@@ -62,6 +61,20 @@ _DIRECTIONS = {
     **{"D": (0, 1, 0), "U": (0, -1, 0)},
     **{"F": (0, 0, 1), "B": (0, 0, -1)},
 }
+
+GZIP_MAGIC, MAGIC = b"\x1f\x8b", b"NGSP"
+COLOR_SCALE = 0.15  # of a DC coefficient in a byte
+HEAD = struct.Struct("<4sIIBBBB")
+HEAD_4 = struct.Struct("<4sIIBBBBI12x")
+SIZES = struct.Struct("<QQ")
+AA, HAS_EXTENSIONS = 1, 2  # flags
+_ANTIALIASED = "antialiased 1"
+_DAMAGED = (EOFError, gzip.BadGzipFile, zlib.error, zstandard.ZstdError, struct.error)
+_MOST_RATIO = 1040  # deflate cannot do better, so a header that promises more is wrong
+_MOST_EXTENSIONS = 1 << 20  # bytes
+MOST_BITS = 16  # after the point of a position, when the scene is small enough
+SH_BUCKETS = (8, 16)  # of 256: SH of degree 1 keep 5 bits, the others 4, as Niantic's writer does
+_GZIP_LEVEL, _ZSTD_LEVEL = 6, 9
 
 
 def extension() -> bytes:
@@ -120,26 +133,12 @@ def turned(gaussians: Gaussians, axes: str) -> Gaussians:
     )
 
 
-# --- SPZ, Niantic's compact format: fixed-point positions and a byte for most other numbers.
-# Versions 1 to 3 are one gzip stream, or are not compressed: a header of 16 bytes, each attribute
-# of all splats, extensions. Version 4 has a header of 32 bytes, extensions, a table of sizes, and
-# each attribute as a Zstandard stream. Axes: `spz_axes`; writing: `spz_writer`. Layout:
-# github.com/nianticlabs/spz.
-
-
-GZIP_MAGIC, MAGIC = b"\x1f\x8b", b"NGSP"
-COLOR_SCALE = 0.15  # of a DC coefficient in a byte
-HEAD = struct.Struct("<4sIIBBBB")
-HEAD_4 = struct.Struct("<4sIIBBBBI12x")
-SIZES = struct.Struct("<QQ")
-AA, HAS_EXTENSIONS = 1, 2  # flags
-_ANTIALIASED = "antialiased 1"
-_MOST_RATIO = 1040  # deflate cannot do better, so a header that promises more is wrong
-_MOST_EXTENSIONS = 1 << 20  # bytes
-
-
 class _Stream(Protocol):
     def read(self, size: int, /) -> bytes: ...
+
+
+class _Sink(Protocol):
+    def write(self, data: memoryview, /) -> int: ...
 
 
 @dataclass(frozen=True)
@@ -150,17 +149,7 @@ class Head:
     n: int
     degree: int
     fraction_bits: int
-    flags: int
-
-    @property
-    def is_antialiased(self) -> bool:
-        """Whether the splats are to be drawn antialiased."""
-        return bool(self.flags & AA)
-
-    @property
-    def has_extensions(self) -> bool:
-        """Whether records of extensions follow."""
-        return bool(self.flags & HAS_EXTENSIONS)
+    flags: int  # `AA`, `HAS_EXTENSIONS`
 
     @property
     def n_rest(self) -> int:
@@ -184,6 +173,7 @@ class Head:
 # --- reading
 
 
+@splat_reader
 def read_spz_stage(path: Path, silent_axes: str = OURS) -> Stage[Gaussians]:
     """Read an .spz file of version 1 to 4 with progress.
 
@@ -192,13 +182,8 @@ def read_spz_stage(path: Path, silent_axes: str = OURS) -> Stage[Gaussians]:
     grows with what the streams really hold, not with what the header says. ``GagaError`` with one
     sentence when the file is damaged or newer.
     """
-    path = Path(path)
-    try:
-        with path.open("rb") as file:
-            splats = yield from decode_spz_stage(path, file, silent_axes)
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
-    return without_broken_rows(path, splats)
+    with path.open("rb") as file:
+        return (yield from decode_spz_stage(path, file, silent_axes))
 
 
 def decode_spz_stage(path: Path, file: BinaryIO, silent_axes: str) -> Stage[Gaussians]:
@@ -211,13 +196,13 @@ def decode_spz_stage(path: Path, file: BinaryIO, silent_axes: str) -> Stage[Gaus
         file.seek(0)
         if start[:2] != GZIP_MAGIC and start != MAGIC:
             raise GagaError(f"{path.name} is not an SPZ file. Choose another file.")
-        reading = _read_4 if _is_version_4(file) else _read_stream
-        head, out, records = yield from reading(path, file)
+        read = _read_4 if _is_version_4(file) else _read_stream
+        head, out, records = yield from read(path, file)
         axes = axes_in(records, path.name) or silent_axes
-    except (EOFError, gzip.BadGzipFile, zlib.error, zstandard.ZstdError, struct.error) as error:
-        raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
-    yield Progress("Read splats", head.n, head.n, path.name)
-    if head.is_antialiased:
+    except _DAMAGED as error:
+        raise damaged(path.name) from error
+    yield reading(path, head.n, head.n)
+    if head.flags & AA:
         out = replace(out, comments=(_ANTIALIASED,))
     return turned(out, axes)
 
@@ -231,10 +216,10 @@ def states_axes(path: Path) -> bool:
         with path.open("rb") as file:
             is_packed = file.read(2) == GZIP_MAGIC
             file.seek(0)
-            with _unzipped(file, is_packed=is_packed) as stream:
+            with gzip.GzipFile(fileobj=file) if is_packed else nullcontext(file) as stream:
                 magic, *_, flags, _ = HEAD.unpack(_exactly(stream, HEAD.size))
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.") from error
+    except _DAMAGED as error:
+        raise damaged(path.name) from error
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     return bool(magic == MAGIC and flags & HAS_EXTENSIONS)
@@ -248,31 +233,22 @@ def _is_version_4(file: BinaryIO) -> bool:
     return start[:4] == MAGIC and not 1 <= version <= 3
 
 
-@contextmanager
-def _unzipped(file: BinaryIO, *, is_packed: bool) -> Iterator[_Stream]:
-    if not is_packed:
-        yield file
-        return
-    with gzip.GzipFile(fileobj=file) as stream:
-        yield stream
-
-
 def _read_stream(path: Path, file: BinaryIO) -> Stage[tuple[Head, Gaussians, bytes]]:
     size = _size_of(file)
     is_packed = file.read(2) == GZIP_MAGIC
     file.seek(0)
-    with _unzipped(file, is_packed=is_packed) as stream:
+    with gzip.GzipFile(fileobj=file) if is_packed else nullcontext(file) as stream:
         magic, version, n, degree, bits, flags, _ = HEAD.unpack(_exactly(stream, HEAD.size))
         head = _checked(path, magic, Head(version, n, degree, bits, flags))
         ratio = _MOST_RATIO if is_packed else 1
         if version > 3 or n * sum(head.widths.values()) > ratio * size:
-            raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.")
+            raise damaged(path.name)
         out = room_for(n, 1 + head.n_rest, path.name)
         done = 0
         for name in head.widths:
             yield from _read_section(path, stream, head, name, (out, done))
             done += head.widths[name]
-        records = stream.read(_MOST_EXTENSIONS) if head.has_extensions else b""
+        records = stream.read(_MOST_EXTENSIONS) if head.flags & HAS_EXTENSIONS else b""
     return head, out, records
 
 
@@ -286,13 +262,13 @@ def _read_4(path: Path, file: BinaryIO) -> Stage[tuple[Head, Gaussians, bytes]]:
     at = toc + n_streams * SIZES.size
     if version < 4 or n_streams != len(widths) or toc < HEAD_4.size or at > size:
         raise GagaError(f"{path.name} is damaged: its table does not fit. Export it again.")
-    n_records = min(toc - HEAD_4.size, _MOST_EXTENSIONS) if head.has_extensions else 0
+    n_records = min(toc - HEAD_4.size, _MOST_EXTENSIONS) if head.flags & HAS_EXTENSIONS else 0
     records = _exactly(file, n_records) if n_records else b""
     file.seek(toc)
     table = [SIZES.unpack(_exactly(file, SIZES.size)) for _ in widths]
     wanted = [n * width for width in widths.values()]
     if [plain for _, plain in table] != wanted or at + sum(p for p, _ in table) > size:
-        raise GagaError(f"{path.name} is truncated or damaged. Copy or export it again.")
+        raise damaged(path.name)
     out = room_for(n, 1 + head.n_rest, path.name)
     done = 0
     for name, (packed, _) in zip(widths, table, strict=True):
@@ -321,29 +297,22 @@ def _read_section(
     """Decode one attribute of all splats; ``into``: the target, and bytes a splat before it."""
     out, before = into
     width, total = head.widths[name], sum(head.widths.values())
-    for start in range(0, head.n, CHUNK):
-        done = (head.n * before + start * width) // total
-        yield Progress("Read splats", done, head.n, path.name)
-        k = min(CHUNK, head.n - start)
+    for part in parts_of(head.n):
+        yield reading(path, (head.n * before + part.start * width) // total, head.n)
+        k = part.stop - part.start
         raw = np.frombuffer(_exactly(stream, k * width), np.uint8).reshape(k, width)
-        _unpack(name, raw, slice(start, start + k), (head, out))
-
-
-def _unpack(name: str, raw: UInt8Array, part: slice, into: tuple[Head, Gaussians]) -> None:
-    head, out = into
-    if name == "means":
-        out.means[part] = _positions(raw, head)
-    elif name == "opacities":
-        out.logit_opacities[part] = logits_of_bytes(raw[:, 0])
-    elif name == "colors":
-        out.sh[part, 0] = (raw / np.float32(255) - np.float32(0.5)) / np.float32(COLOR_SCALE)
-    elif name == "scales":
-        out.log_scales[part] = raw / np.float32(16) - 10
-    elif name == "quats":
-        out.quats[part] = _quats(raw) if head.version >= 3 else _quats_xyz(raw)
-    else:
-        sh = (raw.reshape(len(raw), -1, 3).astype(np.float32) - 128) / 128
-        out.sh[part, 1:] = sh
+        if name == "means":
+            out.means[part] = _positions(raw, head)
+        elif name == "opacities":
+            out.logit_opacities[part] = logits_of_bytes(raw[:, 0])
+        elif name == "colors":
+            out.sh[part, 0] = dc_of_bytes(raw, COLOR_SCALE)
+        elif name == "scales":
+            out.log_scales[part] = raw / np.float32(16) - 10
+        elif name == "quats":
+            out.quats[part] = _quats(raw) if head.version >= 3 else _quats_xyz(raw)
+        else:
+            out.sh[part, 1:] = (raw.reshape(k, -1, 3).astype(np.float32) - 128) / 128
 
 
 def _positions(raw: UInt8Array, head: Head) -> FloatArray:
@@ -390,12 +359,7 @@ def _exactly(stream: _Stream, size: int) -> bytes:
     return pieces[0] if len(pieces) == 1 else b"".join(pieces)
 
 
-# --- Writing SPZ, versions 3 and 4: our own axes, and an extension that says so. See `spz`.
-
-
-MOST_BITS = 16  # after the point of a position, when the scene is small enough
-SH_BUCKETS = (8, 16)  # of 256: SH of degree 1 keep 5 bits, the others 4, as Niantic's writer does
-_GZIP_LEVEL, _ZSTD_LEVEL = 6, 9
+# --- writing
 
 
 def write_spz_stage(path: Path, gaussians: Gaussians, version: int = 3) -> Stage[None]:
@@ -410,50 +374,42 @@ def write_spz_stage(path: Path, gaussians: Gaussians, version: int = 3) -> Stage
     bits = fraction_bits(gaussians.means)
     flags = HAS_EXTENSIONS | (AA if gaussians.is_antialiased else 0)
     head = Head(version, len(gaussians), gaussians.sh_degree, bits, flags)
+    numbers = (head.n, head.degree, head.fraction_bits, head.flags)
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         if version == 3:
             with gzip.GzipFile("", "wb", _GZIP_LEVEL, file, 0) as stream:
-                stream.write(HEAD.pack(MAGIC, 3, *_numbers(head), 0))
-                done = 0
-                for name, width in head.widths.items():
-                    for piece, raw in enumerate(_packed(gaussians, head, name)):
-                        yield _step(path, head, done, piece * CHUNK * width)
-                        stream.write(raw)
-                    done += width
+                stream.write(HEAD.pack(MAGIC, 3, *numbers, 0))
+                for name in head.widths:
+                    yield from _write_section(path, stream, gaussians, head, name)
                 stream.write(extension())
         else:
-            yield from _write_4(path, file, gaussians, head)
-    yield Progress("Write splats", head.n, head.n, path.name)
+            records, widths = extension(), head.widths
+            toc = HEAD_4.size + len(records)
+            file.write(HEAD_4.pack(MAGIC, 4, *numbers, len(widths), toc) + records)
+            file.write(bytes(SIZES.size * len(widths)))  # the table, known at the end
+            table = []
+            for name, width in widths.items():
+                start = file.tell()
+                compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
+                packed = compressor.stream_writer(file, size=head.n * width, closefd=False)
+                yield from _write_section(path, packed, gaussians, head, name)
+                packed.flush(zstandard.FLUSH_FRAME)  # not when cancelled: it would be too short
+                table.append(SIZES.pack(file.tell() - start, head.n * width))
+            file.seek(toc)
+            file.write(b"".join(table))
+    yield writing(path, head.n, head.n)
 
 
-def _write_4(path: Path, file: BinaryIO, gaussians: Gaussians, head: Head) -> Stage[None]:
-    widths = head.widths
-    records = extension()
-    toc = HEAD_4.size + len(records)
-    file.write(HEAD_4.pack(MAGIC, 4, *_numbers(head), len(widths), toc) + records)
-    file.write(bytes(SIZES.size * len(widths)))  # the table, known at the end
-    table, done = [], 0
-    for name, width in widths.items():
-        start = file.tell()
-        compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
-        stream = compressor.stream_writer(file, size=head.n * width, closefd=False)
-        for piece, raw in enumerate(_packed(gaussians, head, name)):
-            yield _step(path, head, done, piece * CHUNK * width)
-            stream.write(raw)
-        stream.flush(zstandard.FLUSH_FRAME)  # not when cancelled: the frame would be too short
-        table.append((file.tell() - start, head.n * width))
-        done += width
-    file.seek(toc)
-    file.write(b"".join(SIZES.pack(*sizes) for sizes in table))
-
-
-def _numbers(head: Head) -> tuple[int, int, int, int]:
-    return head.n, head.degree, head.fraction_bits, head.flags
-
-
-def _step(path: Path, head: Head, before: int, done: int) -> Progress:
-    total = sum(head.widths.values())
-    return Progress("Write splats", (head.n * before + done) // total, head.n, path.name)
+def _write_section(
+    path: Path, stream: _Sink, gaussians: Gaussians, head: Head, name: str
+) -> Stage[None]:
+    """Write one attribute of all splats."""
+    names, widths = list(head.widths), list(head.widths.values())
+    at = names.index(name)
+    for part in parts_of(head.n):
+        done = head.n * sum(widths[:at]) + part.start * widths[at]
+        yield writing(path, done // sum(widths), head.n)
+        stream.write(np.ascontiguousarray(_pack(gaussians, head, name, part)).data)
 
 
 def fraction_bits(means: FloatArray) -> int:
@@ -461,13 +417,6 @@ def fraction_bits(means: FloatArray) -> int:
     most = float(np.abs(means[np.isfinite(means)]).max(initial=0))
     fits = [bits for bits in range(MOST_BITS + 1) if most * (1 << bits) < (1 << 23) - 1]
     return max(fits, default=0)
-
-
-def _packed(gaussians: Gaussians, head: Head, name: str) -> Iterator[memoryview]:
-    """One attribute of all splats, in pieces of bytes."""
-    for start in range(0, head.n, CHUNK):
-        part = slice(start, min(start + CHUNK, head.n))
-        yield np.ascontiguousarray(_pack(gaussians, head, name, part)).data
 
 
 def _pack(gaussians: Gaussians, head: Head, name: str, part: slice) -> AnyArray:

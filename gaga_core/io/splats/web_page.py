@@ -1,7 +1,7 @@
 """A web page of a scene: one .html that shows the splats and lists the objects, without a network.
 
 The viewer is `assets/web` with the shaders of the window; this writes it together with the splats,
-rounded as in a SOG (`code_books`), as gzipped columns in base64. What comes from a scene is data of
+rounded as in a SOG, as gzipped columns in base64. What comes from a scene is data of
 the page: JSON that cannot end its element, put on the page as text. The page's policy lets nothing
 run but its own script, and nothing load.
 """
@@ -20,12 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.arrays import AnyArray, IntArray
-from gaga_core.assets import assets
 from gaga_core.camera import NEAR
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, matrices_to_quats
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import assets, atomic_write
 from gaga_core.io.splats.packing import (
     bytes_of_logits,
     log_words,
@@ -105,8 +104,10 @@ def write_page_stage(path: Path, page: Page) -> Stage[None]:
     n = len(page.gaussians)
     columns: dict[str, str] = {}
     with atomic_write(path) as temporary:
-        head, parts = _splats(page)
-        for done, (name, content) in enumerate(parts):
+        gaussians, labels = _sound(page.gaussians, page.labels)
+        degree = min(gaussians.sh_degree, MOST_DEGREE)
+        head: dict[str, object] = {"count": len(gaussians), "nSh": (degree + 1) ** 2}
+        for done, (name, content) in enumerate(_columns(gaussians, labels, head)):
             yield Progress("Write page", n * done // _STEPS, n, path.name)
             columns[name] = base64.b64encode(gzip.compress(content, mtime=0)).decode("ascii")
         columns = {"scene": _json(_described(page, head)), **columns}
@@ -131,14 +132,6 @@ def viewer_bytes() -> int:
 # --- the scene as data
 
 
-def _splats(page: Page) -> tuple[dict[str, object], Iterator[tuple[str, bytes]]]:
-    """What is to be known of the columns, and the columns, which fill the rest of it in."""
-    gaussians, labels = _sound(page.gaussians, page.labels)
-    degree = min(gaussians.sh_degree, MOST_DEGREE)
-    head: dict[str, object] = {"count": len(gaussians), "nSh": (degree + 1) ** 2}
-    return head, _columns(gaussians, labels, head)
-
-
 def _sound(gaussians: Gaussians, labels: IntArray) -> tuple[Gaussians, IntArray]:
     """Splats that have a place and a size, neighbours next to each other."""
     sizes = gaussians.means.sum(axis=1) + gaussians.log_scales.sum(axis=1)
@@ -152,6 +145,7 @@ def _sound(gaussians: Gaussians, labels: IntArray) -> tuple[Gaussians, IntArray]
 def _columns(
     gaussians: Gaussians, labels: IntArray, head: dict[str, object]
 ) -> Iterator[tuple[str, bytes]]:
+    """The columns by name; ``head`` is filled with what is to be known of them."""
     words, low, high = log_words(gaussians.means)
     head["low"], head["high"] = low.tolist(), high.tolist()
     yield "means", b"".join(_planes(words[:, axis]) for axis in range(3))
@@ -255,21 +249,21 @@ def _assembled(title: str, columns: Mapping[str, str]) -> str:
 def _parts() -> tuple[str, str, str]:
     """The page with its gaps, its style and its script."""
     web = assets() / "web"
-    shaders = {name: _text(assets() / "shaders" / name) for name in _SHADERS}
+
+    def text(path: Path) -> str:
+        return path.read_text(encoding="utf-8")
+
+    shaders = {name: text(assets() / "shaders" / name) for name in _SHADERS}
     shaders["common.glsl"] = f"#define NEAR {NEAR}\n" + shaders["common.glsl"]
-    sort_worker = f"const NEAR = {NEAR};\n" + _text(web / "sort_worker.js")
+    sort_worker = f"const NEAR = {NEAR};\n" + text(web / "sort_worker.js")
     script = "\n".join(
         [
             f"const SHADERS = {_json(shaders)};",
             f"const SORT_WORKER = {_json(sort_worker)};",
-            *(_text(web / f"{name}.js") for name in _SCRIPTS),
+            *(text(web / f"{name}.js") for name in _SCRIPTS),
         ]
     )
-    return _text(web / "page.html"), _text(web / "page.css"), script
-
-
-def _text(path: Path) -> str:
-    return path.read_text(encoding="utf-8")
+    return text(web / "page.html"), text(web / "page.css"), script
 
 
 def _hash(text: str) -> str:

@@ -8,8 +8,7 @@ import numpy as np
 from gaga_core.arrays import FloatArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.folder.staging import publish_all, staging_folder
-from gaga_core.io.splats.sog import META, write_sog_stage
-from gaga_core.io.splats.streamed_sog import LOD_META, Bound, LodMeta, Node, Range
+from gaga_core.io.splats.sog import LOD_META, META, Bound, LodMeta, Node, Range, write_sog_stage
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.lod.tree import FAN, LodTree
 

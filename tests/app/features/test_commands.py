@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from PIL import ImageFont
 
-from gaga_core.assets import assets
+from gaga_core.io.files import assets
 from gaga_studio.features import objects, selection
 from gaga_studio.features.commands import COMMANDS, MENUS, command, for_shortcut, run
 from gaga_studio.features.find import association, masks

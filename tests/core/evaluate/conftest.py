@@ -6,7 +6,7 @@ import pytest
 
 from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
 from gaga_core.evaluate.benchmark.tables import BenchmarkReport
-from gaga_core.io.datasets.catalog import open_dataset
+from gaga_core.io.datasets import open_dataset
 from gaga_core.progress import run_stage
 from tests.datasets import (
     gaga_replica,

@@ -18,7 +18,7 @@ from gaga_core.evaluate.benchmark.tables import PromptScores
 from gaga_core.evaluate.published import PROMPTS as PUBLISHED
 from gaga_core.evaluate.published import PUBLISHED_RULE
 from gaga_core.grouping.votes import VOID_BELOW
-from gaga_core.io.datasets.catalog import open_dataset
+from gaga_core.io.datasets import open_dataset
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import choose

@@ -13,7 +13,7 @@ from gaga_core.evaluate.benchmark.tables import BenchmarkReport, InstanceScores
 from gaga_core.evaluate.published import INSTANCE, departures
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.grouping.votes import splat_groups
-from gaga_core.io.datasets.catalog import DATASETS, open_dataset
+from gaga_core.io.datasets import DATASETS, open_dataset
 from gaga_core.io.folder.scene_folder import read_model, select_views
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.progress import run_stage

@@ -20,15 +20,35 @@ from gaga_core.io.cameras.colmap import read_colmap, write_colmap
 from gaga_core.io.folder.scene_folder import open_scene_folder, with_entry
 from gaga_core.io.masks.label_maps import read_labels, write_labels
 from gaga_core.io.splats.ply import read_ply, write_ply
+from gaga_core.io.splats.splat_files import read_splats, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene.camera_path import load_path
 from gaga_core.scene.project import ModelChangedError, Project, open_path_stage, save_project
-from tests.core.io.damage import one_sentence_or_result
+from tests.core.io.splat_parts import ksplat, one_sentence_or_result
 from tests.scenes import orbit_cameras, random_gaussians
 
 
 def opened(path: Path) -> Project:
     return run_stage(open_path_stage(path))
+
+
+# How many of 250 damaged copies of a file are refused, at least; .splat has nothing to check.
+_REFUSED = {
+    "a.compressed.ply": 20, "a.splat": 60, "a.spz": 20, "a.glb": 10, "a.sog": 10, "a.ksplat": 10,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", _REFUSED)
+def test_damaged_splats_are_refused_in_one_sentence(tmp_path: Path, name: str) -> None:
+    path, n = tmp_path / name, 300
+    if name == "a.ksplat":
+        content, where = ksplat(2, 1)
+        path.write_bytes(content)
+        n = len(where)
+    else:
+        write_splats(path, random_gaussians(n, sh_degree=1))
+    assert one_sentence_or_result(path, lambda: read_splats(path), 5) > _REFUSED[name]
+    assert len(read_splats(path)) == n
 
 
 def bank_of(n: int) -> MemoryBank:

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.io.datasets.base import DatasetScene
-from gaga_core.io.datasets.catalog import DATASETS, open_dataset
+from gaga_core.io.datasets import DATASETS, DatasetScene, open_dataset
 from tests.datasets import (
     LAYOUTS,
     N_VIEWS,

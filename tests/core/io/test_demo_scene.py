@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.assets import assets
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras.colmap import count_points
 from gaga_core.io.demo_scene import STAMP, copy_demo_stage, ensure_demo, is_complete
+from gaga_core.io.files import assets
 from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import read_labels

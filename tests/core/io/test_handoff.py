@@ -16,15 +16,14 @@ from gaga_core.errors import GagaError
 from gaga_core.export.solids import box_mesh, convex_collider
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.meshes import MeshFile, write_mesh
+from gaga_core.io.splats import packing
 from gaga_core.io.splats.glb import Buffers
 from gaga_core.io.splats.packing import unit_quats
 from gaga_core.io.splats.splat_files import SplatFormat, form_of, losses, read_splats, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.selection.bounds import oriented_box
-from tests.core.io.covariances import covariances
-from tests.core.io.damage import one_sentence_or_result
-from tests.core.io.ksplat_parts import ksplat
+from tests.core.io.splat_parts import angles, covariances, ksplat
 from tests.gltf_files import glb_bytes, glb_of_spz, silent_spz
 from tests.peer_tools import node_tool
 from tests.scenes import random_gaussians
@@ -34,20 +33,13 @@ _TRANSFORM = node_tool("@playcanvas/splat-transform/bin/cli.mjs")
 _VALIDATOR = node_tool("gltf-validator/index.js")
 
 
-def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    dot = np.abs((a.astype(np.float64) * b).sum(axis=1))
-    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    angles: np.ndarray = 2 * np.arccos(np.clip(dot / lengths, 0, 1))
-    return angles
-
-
 def _check_close(back: Gaussians, g: Gaussians, *, loosely: bool) -> None:
     assert len(back) == len(g)
     spread = np.ptp(np.sign(g.means) * np.log1p(np.abs(g.means)), axis=0).max()
     most = np.abs(g.means).max() + 1
     np.testing.assert_allclose(back.means, g.means, atol=most * spread / 65535 if loosely else 1e-6)
     np.testing.assert_allclose(back.log_scales, g.log_scales, atol=0.06 if loosely else 1e-5)
-    assert _angles(back.quats, g.quats).max() < (0.02 if loosely else 2e-3)
+    assert angles(back.quats, g.quats).max() < (0.02 if loosely else 2e-3)
     np.testing.assert_allclose(back.opacities, g.opacities, atol=0.003 if loosely else 2e-6)
     np.testing.assert_allclose(back.sh[:, 0], g.sh[:, 0], atol=0.03 if loosely else 1e-6)
 
@@ -160,13 +152,13 @@ def test_splats_that_are_packed_as_spz_are_read_from_a_glb(tmp_path: Path, name:
     back = read_splats(glb)
     np.testing.assert_allclose(back.means, here.means + np.array([-1, -2, 3]), atol=1e-6)
     np.testing.assert_allclose(back.sh, here.sh, atol=1e-6)
-    assert _angles(back.quats, here.quats).max() < 2e-3
+    assert angles(back.quats, here.quats).max() < 2e-3
     assert back.is_antialiased
     glb.write_bytes(glb_of_spz(silent_spz(spz.read_bytes()), name))
     back = read_splats(glb)  # left, up, front
     np.testing.assert_array_equal(back.means, here.means * [-1, -1, 1])
     turned = here.quats * np.array([1, -1, -1, 1], np.float32)  # of the ellipsoid's own axes, too
-    assert _angles(back.quats, turned).max() < 2e-3
+    assert angles(back.quats, turned).max() < 2e-3
     odd = [False, True, False, True, False, True, False, True, False]  # in x and y, by coefficient
     np.testing.assert_allclose(back.sh, np.where(np.array(odd)[:, None], -here.sh, here.sh))
 
@@ -300,8 +292,6 @@ def test_a_sog_comes_back_within_its_steps(tmp_path: Path, name: str, degree: in
 def test_a_table_of_numbers_is_made_from_all_channels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from gaga_core.io.splats import packing
-
     monkeypatch.setattr(packing, "_SAMPLE", 500)  # of 1500: every third number
     g = random_gaussians(500, seed=2)
     g.sh[:, 0] = np.linspace([-0.1, 0, 1], [0.1, 1, 3], 500)
@@ -314,8 +304,6 @@ def test_a_palette_is_shared_where_sh_are_many(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Splats of few kinds with a little noise: the palette finds the kinds."""
-    from gaga_core.io.splats import packing
-
     rng = np.random.default_rng(5)
     kinds = rng.normal(0, 0.2, (40, 8, 3))
     chosen = rng.integers(0, 40, 4000)
@@ -370,7 +358,6 @@ def test_a_ksplat_from_its_bytes(tmp_path: Path, level: int, degree: int) -> Non
     if degree == 2:
         values = np.array([9, 14, 19]) * 10 / (255 / 4 if level == 2 else 100)
         np.testing.assert_allclose(g.sh[0, 4], values - (2 if level == 2 else 0), atol=1e-3)
-    assert one_sentence_or_result(path, lambda: read_splats(path), 7) > 10
 
 
 @pytest.mark.skipif(not _SHARED.is_dir(), reason="the data next to the checkout is not here")
@@ -378,11 +365,3 @@ def test_a_ksplat_of_the_viewer_itself() -> None:
     g = read_splats(_SHARED / "tiny_fixtures" / "minimal.ksplat")
     assert len(g) > 0
     assert np.isfinite(g.means).all()
-
-
-@pytest.mark.parametrize("name", ["a.glb", "a.sog"])
-def test_damaged_files_are_refused_in_one_sentence(tmp_path: Path, name: str) -> None:
-    path = tmp_path / name
-    write_splats(path, random_gaussians(60, sh_degree=1))
-    assert one_sentence_or_result(path, lambda: read_splats(path), 5) > 10
-    assert len(read_splats(path)) == 60

@@ -1,12 +1,14 @@
+"""Pictures and label maps: what is written is read, what cannot be read is a sentence."""
+
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, PngImagePlugin
 from PIL.PngImagePlugin import PngInfo
 
 from gaga_core.errors import GagaError
-from gaga_core.io.images import read_rgb, write_rgb
+from gaga_core.io.images import open_image, read_rgb, write_rgb
 from gaga_core.io.masks.label_maps import (
     list_label_files,
     mask_folder,
@@ -112,3 +114,16 @@ def test_written_pictures_are_clipped_and_rounded(tmp_path: Path) -> None:
     picture = np.array([[[-1, 0.5, 2]]], np.float32)
     write_rgb(tmp_path / "a.png", picture)
     assert read_rgb(tmp_path / "a.png").tolist() == [[[0, 128, 255]]]
+
+
+def test_a_picture_that_claims_more_than_the_memory_is_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Image.fromarray(np.zeros((4, 4), np.uint8)).save(tmp_path / "a.png")
+
+    def full(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(PngImagePlugin.PngImageFile, "load_end", full)
+    with pytest.raises(GagaError, match="too large"):
+        open_image(tmp_path / "a.png")

@@ -18,7 +18,7 @@ _LEAVE = """
 import sys, time
 from pathlib import Path
 from gaga_core.io.files import atomic_write
-from gaga_core.io.staging import staging_folder
+from gaga_core.io.folder.staging import staging_folder
 target = Path(sys.argv[1])
 with staging_folder(target) as staging, atomic_write(target / "a.ply") as temporary:
     temporary.write_bytes(b"half")
@@ -35,7 +35,7 @@ with atomic_write(Path(sys.argv[1]) / "b.ply") as temporary:
 """
 _CHILD = """
 import sys, time
-from gaga_core.io.child_process import end_with_parent
+from gaga_core.io.folder.processes import end_with_parent
 end_with_parent()
 print("up", flush=True)
 sys.stdout.close()

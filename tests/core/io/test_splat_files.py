@@ -13,7 +13,6 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from gaga_core.arrays import AnyArray, FloatArray
 from gaga_core.cli.main import main
 from gaga_core.color import SH_C0, sh_basis
 from gaga_core.errors import GagaError
@@ -27,8 +26,7 @@ from gaga_core.io.splats.splat_files import (
     write_splats_stage,
 )
 from gaga_core.io.splats.spz import AXES, axes_map, fraction_bits, states_axes, turned
-from tests.core.io.covariances import covariances
-from tests.core.io.damage import one_sentence_or_result
+from tests.core.io.splat_parts import angles, covariances
 from tests.peer_tools import node_tool
 from tests.scenes import random_gaussians
 
@@ -54,13 +52,6 @@ def in_order_of(back: Gaussians, gaussians: Gaussians, form: SplatFormat) -> Gau
     nearest = d.argmin(axis=1)
     assert len(set(nearest.tolist())) == len(back)
     return back.take(nearest)
-
-
-def angles(a: FloatArray, b: FloatArray) -> AnyArray:
-    """Angle (N,) of the rotation between unit quaternions of any sign."""
-    a, b = (q / np.linalg.norm(q, axis=1, keepdims=True) for q in (a.astype(np.float64), b))
-    turned: AnyArray = 2 * np.arccos(np.clip(np.abs((a * b).sum(axis=1)), 0, 1))
-    return turned
 
 
 def opacity_error(a: Gaussians, b: Gaussians) -> float:
@@ -155,12 +146,6 @@ def test_the_antialiased_look_survives(tmp_path: Path, form: SplatFormat) -> Non
     assert not round_trip(tmp_path, random_gaussians(20), form).is_antialiased
 
 
-# --- golden files, built byte by byte from the layouts
-
-
-# --- losses, names, cancel
-
-
 def test_the_sentences_name_what_is_lost(tmp_path: Path) -> None:
     g = random_gaussians(30, sh_degree=3)
     extra = {"group": np.arange(30, dtype=np.int32), "nx": np.zeros(30, np.float32)}
@@ -229,24 +214,10 @@ def test_commands_write_what_the_name_asks_for_and_say_what_is_lost(
     assert json.loads(capsys.readouterr().out)["gaussians"] == 60
 
 
-# --- damage
-
-
-@pytest.mark.parametrize("form", COMPACT)
-def test_damaged_files_are_refused_in_one_sentence(tmp_path: Path, form: SplatFormat) -> None:
-    path = written(tmp_path, random_gaussians(300, sh_degree=1), form)
-    refused = one_sentence_or_result(path, lambda: read_splats(path), 5)
-    assert refused > (20 if form is not SplatFormat.SPLAT else 60)
-    assert len(read_splats(path)) == 300
-
-
 def test_splats_that_are_no_numbers_are_left_out(tmp_path: Path) -> None:
     g = random_gaussians(100)
     g.means[7] = np.nan
     assert len(round_trip(tmp_path, g, SplatFormat.SPLAT)) == 99
-
-
-# --- another reader and writer of the same formats
 
 
 @pytest.mark.skipif(find_spec("gsply") is None, reason="gsply (extra dev) is not installed")

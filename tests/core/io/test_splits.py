@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.io.datasets.catalog import open_dataset
+from gaga_core.io.datasets import open_dataset
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.folder.splits import (
     EVERY_8TH,

@@ -18,7 +18,7 @@ _READ = """
 import os, sys
 from pathlib import Path
 from gaga_core.errors import GagaError
-from gaga_core.io.splat_files import read_splats_stage
+from gaga_core.io.splats.splat_files import read_splats_stage
 
 path, step = Path(sys.argv[1]), int(sys.argv[2])
 stage = read_splats_stage(path)

@@ -10,10 +10,10 @@ import pytest
 from scipy import ndimage
 
 from gaga_core.arrays import AnyArray, DoubleArray, IntArray
-from gaga_core.assets import assets
 from gaga_core.camera import Camera
 from gaga_core.color import sh_basis
 from gaga_core.io.cameras.colmap import read_colmap
+from gaga_core.io.files import assets
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.splat_files import read_splats

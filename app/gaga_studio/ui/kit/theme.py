@@ -13,8 +13,8 @@ from typing import ClassVar
 
 from imgui_bundle import ImVec2, ImVec4, hello_imgui, imgui
 
-from gaga_core.assets import assets
 from gaga_core.color import LUMA
+from gaga_core.io.files import assets
 from gaga_studio.system.fonts import fonts_with, foreign_letters
 
 # --- Names in Arabic and Hebrew script, in the order and the shapes in which they are read.

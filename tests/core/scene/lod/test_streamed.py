@@ -10,9 +10,8 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.splats.sog import read_sog_stage
+from gaga_core.io.splats.sog import LOD_META, read_sog_stage
 from gaga_core.io.splats.splat_files import read_splats
-from gaga_core.io.splats.streamed_sog import LOD_META
 from gaga_core.progress import run_stage
 from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.streamed import write_streamed_sog_stage

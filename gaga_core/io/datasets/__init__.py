@@ -1,1 +1,0 @@
-"""Benchmark data sets as they lie on disk: one reader a layout, one description for all."""
