@@ -30,7 +30,7 @@ def choose(name: str = "auto") -> Rasterizer:
                 _log.warning("CUDA passed its self-test but is not to be had now: %s", error)
         wanted = "cpu"
     if wanted == "cpu":
-        from gaga_core.raster.cpu import CpuRasterizer
+        from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 
         return CpuRasterizer()
     if wanted == "reference":
@@ -52,7 +52,7 @@ def for_many_views(rasterizer: Rasterizer, chunks: SpatialChunks | None) -> Rast
     view may show, elsewhere all of it. Its results are the same."""
     if rasterizer.name != "cpu" or chunks is None:
         return rasterizer
-    from gaga_core.raster.cpu import CpuRasterizer
+    from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 
     return CpuRasterizer(chunks)
 

@@ -49,7 +49,9 @@ def object_picture(splats: Gaussians, view: ObjectView, side: int) -> UInt8Array
 
     Raises ``GagaError`` when there are none.
     """
-    from gaga_core.raster.cpu import CpuRasterizer  # numba is a good part of the launch time
+    from gaga_core.raster.cpu.rasterizer import (
+        CpuRasterizer,  # numba is a good part of the launch time
+    )
 
     if len(splats) == 0:
         raise GagaError("The object has no splats.")

@@ -8,7 +8,7 @@ from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks.label_maps import write_labels
 from gaga_core.io.splats.ply import write_ply
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from tests.scenes import Synthetic, objects_scene
 
 

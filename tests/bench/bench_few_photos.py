@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaga_core.progress import run_stage
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.training.settings import TrainConfig
 from gaga_core.training.start import first_splats_stage
 from gaga_core.training.train import train

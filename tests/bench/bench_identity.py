@@ -28,9 +28,9 @@ from gaga_core.identity.training_step import (
 )
 from gaga_core.progress import run_stage
 from gaga_core.raster.base import PixelWeights
-from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.raster.cpu.prepare import TiledView, prepare
 from gaga_core.raster.cpu.project_kernels import TILE
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from tests.bench.figures import Figure, cpu_median
 from tests.bench.rerender_kernels import blend_wide_backward
 from tests.bench.rooms import Kind, bench_scene

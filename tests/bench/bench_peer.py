@@ -21,7 +21,7 @@ from torch import Tensor
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Gradients
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.training.losses import photometric
 from gaga_core.training.optimizer import Rates, Splats, adam_step
 from gaga_core.training.settings import RateConfig

@@ -11,9 +11,8 @@ import torch
 
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.raster.cpu.prepare import prepare
-from gaga_core.raster.cpu.rasterizer import _blend, _colors
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer, _blend, _colors
 from gaga_core.raster.reference import ReferenceRasterizer
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.picking import pick

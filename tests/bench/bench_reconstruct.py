@@ -14,7 +14,7 @@ import numpy as np
 from gaga_core.io.cameras.colmap import read_colmap
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.progress import run_stage
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.training.settings import TrainConfig
 from gaga_core.training.start import first_splats_stage
 from gaga_core.training.train import TrainUpdate, train_stage

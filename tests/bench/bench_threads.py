@@ -9,7 +9,7 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray
 from gaga_core.camera import Camera
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from tests.bench.bench_raster import surfaces
 from tests.bench.figures import Figure, cpu_median, one_thread
 from tests.scenes import Synthetic, objects_scene, orbit_cameras

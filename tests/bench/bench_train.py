@@ -9,9 +9,9 @@ import torch
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Gradients
-from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.raster.cpu.prepare import prepare
 from gaga_core.raster.cpu.rasterizer import (
+    CpuRasterizer,
     _backward_sum_tiles,
     _blend,
     _colors,

@@ -25,7 +25,7 @@ from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene, train_scene
 from gaga_core.pipeline.run import run_missing
 from gaga_core.progress import run_stage
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.scene import Scene
 from tests.core.grouping.true_masks import permuted, true_map
 from tests.core.reconstruct.photo_scenes import FOCAL, write_photos

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from gaga_core.arrays import BoolArray, FloatArray
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.picking import pick
 from gaga_core.training.losses import psnr

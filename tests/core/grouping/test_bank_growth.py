@@ -11,7 +11,7 @@ from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.grouping.views import GatedViews
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from tests.core.grouping.true_masks import masks_of
 from tests.scenes import Synthetic, objects_scene
 

@@ -7,7 +7,7 @@ from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.figures import mask_splats, shares_of_groups
 from gaga_core.grouping.views import GatedViews, load_labels
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from tests.core.grouping.true_masks import masks_of
 from tests.scenes import objects_scene
 

@@ -27,7 +27,7 @@ from gaga_core.pipeline.film import (
     picture_stage,
 )
 from gaga_core.progress import Progress, run_stage
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene import edits
 from gaga_core.scene.camera_path import CameraPath, Keyframe, save_path, turntable
 from gaga_core.scene.edits.history import History

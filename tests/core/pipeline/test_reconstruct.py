@@ -21,7 +21,7 @@ from gaga_core.pipeline.reconstruct import (
 )
 from gaga_core.pipeline.run import missing_stages
 from gaga_core.progress import Progress, run_stage
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.training.losses import psnr
 from gaga_core.training.views import load_views_stage
 from tests.core.conftest import PlacedRoom

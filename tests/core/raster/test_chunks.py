@@ -9,8 +9,8 @@ from gaga_core.geometry import look_at
 from gaga_core.grouping.gate import ViewMasks, gaussians_of_masks, open_bounds
 from gaga_core.raster import base, for_many_views
 from gaga_core.raster.base import SpatialChunks
-from gaga_core.raster.cpu import CpuRasterizer
 from gaga_core.raster.cpu.prepare import prepare
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.raster.vote_slots import VoteSlots
 
 _N, _WIDTH, _HEIGHT = 6000, 64, 48

@@ -14,7 +14,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster import base, probe
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.raster.cuda import CudaRasterizer
 from tests import gsplat_stand_in
 from tests.scenes import Synthetic, objects_scene, orbit_cameras, random_gaussians

@@ -12,7 +12,7 @@ import pytest
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster import base, probe
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.raster.cuda import CudaRasterizer
 from gaga_core.training.losses import photometric
 from tests import gsplat_stand_in, torch_reference

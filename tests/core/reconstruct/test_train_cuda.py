@@ -12,7 +12,7 @@ import torch
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import run_stage
 from gaga_core.raster import base, probe
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.training import cuda_train
 from gaga_core.training.engine import thinned
 from gaga_core.training.losses import photometric

@@ -8,7 +8,7 @@ import pytest
 from gaga_core.arrays import AnyArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import empty_gradients
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.training.densification import (
     ScreenSums,
     control_density,

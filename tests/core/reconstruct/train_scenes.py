@@ -6,7 +6,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, UInt8Array
 from gaga_core.gaussians import Gaussians
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.training.settings import TrainConfig
 from gaga_core.training.start import initial_gaussians
 from gaga_core.training.views import TrainView, TrainViews

@@ -12,7 +12,7 @@ import numpy as np
 
 from gaga_core.progress import run_stage
 from gaga_core.raster.base import Gradients
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.training.distributed import joined_team
 from gaga_core.training.engine import Team
 from gaga_core.training.optimizer import COLUMNS

@@ -12,7 +12,7 @@ from gaga_core.export.options import ExportOptions
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splats.splat_files import read_splats
 from gaga_core.progress import run_stage
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.reduce import decimate_stage, picture_loss_stage
 from gaga_core.scene.scene import Scene
 from tests.scenes import Synthetic, objects_scene

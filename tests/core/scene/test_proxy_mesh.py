@@ -15,7 +15,7 @@ from gaga_core.geometry import matrices_to_quats, quats_to_matrices
 from gaga_core.io.meshes import MeshFile, TriangleMesh, write_mesh
 from gaga_core.io.splats.glb import Buffers
 from gaga_core.progress import run_stage
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.selection.bounds import oriented_box
 
 trimesh = pytest.importorskip("trimesh")

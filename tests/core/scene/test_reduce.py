@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from gaga_core.edit_script.run import run_script
 from gaga_core.errors import GagaError
 from gaga_core.progress import run_stage
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene import edits, reduce
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.append import append_made, spread

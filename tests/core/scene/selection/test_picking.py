@@ -10,7 +10,7 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.splats.ply import read_ply
-from gaga_core.raster.cpu import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.bake import bake
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_core.scene.selection.picking import Pick, pick
