@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import Positional
 
 from gaga_core.cli import output as out
+from gaga_core.cli.output import AsJson, Backend
 from gaga_core.errors import GagaError
 
 if TYPE_CHECKING:
@@ -60,17 +61,14 @@ class BenchmarkCommand:
     """Folder of the results, one JSON a scene; default: gaga-benchmark in the data set's folder."""
     redo: bool = False
     """Run again what is finished."""
-    backend: Literal["auto", "cpu", "cuda"] = "auto"
-    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
-    json: bool = False
-    """Print the report as JSON."""
+    backend: Backend = "auto"
+    json: AsJson = False
 
     def run(self) -> int:
         """Print the tables; exit status 1 when a scene has no result."""
         from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
         from gaga_core.io.datasets.catalog import open_dataset
-        from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.pipeline.reconstruct import ReconstructConfig
+        from gaga_core.pipeline.settings import ReconstructConfig
         from gaga_core.raster import choose
 
         if self.pred is not None and not self.pred.is_dir():
@@ -91,7 +89,7 @@ class BenchmarkCommand:
         target = self.out or self.folder / "gaga-benchmark"
         engine = None if self.pred is not None else choose(self.backend)
         stage = run_benchmark(dataset, target, config, rasterizer=engine)
-        report = out.follow(stage if self.pred is not None else after_warm_up(stage))
+        report = out.follow(stage, compiles=self.pred is None)
         for sentence in report.sentences():
             out.say(sentence)
         if self.json:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from gaga_core.cli import output as out
+from gaga_core.cli.output import AnyScene, AsJson, options
 from gaga_core.errors import GagaError
+from gaga_core.pipeline.settings import SegmentConfig
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.click import ViewBox, ViewClick
@@ -16,13 +18,14 @@ if TYPE_CHECKING:
     from gaga_core.segmentation.choose import ProviderEntry
     from gaga_core.segmentation.sam import Prompter
 
-# --- The command that makes 2D masks.
-
 
 @dataclass(frozen=True)
 class MasksCommand:
     """Make 2D masks of a scene's photos with a model, or without any (regions)."""
 
+    pictures: Annotated[
+        SegmentConfig, options(SegmentConfig, "longest_side", "order", "stop_after")
+    ]
     scene: Positional[Path | None] = None
     """Scene folder; may be left out with --list."""
     provider: str = ""
@@ -50,21 +53,13 @@ class MasksCommand:
     """2: about twice the regions, 0.5: half of them (regions)."""
     kind: Literal["entity", "panoptic"] = "entity"
     """How queries become masks (Mask2Former-like models)."""
-    longest_side: int = 1600
-    """Larger photos are shrunk to this many pixels; 0 = never."""
     device: Literal["auto", "cpu", "cuda", "mps"] = "auto"
     """Where models run: auto takes CUDA where torch has it."""
-    order: Literal["auto", "coverage", "name"] = "auto"
-    """Which photos come first. coverage: those that tell most of what none before them showed, so
-    that a run may be stopped early (needs splats). auto: coverage for models, name for regions."""
-    stop_after: float = 0.0
-    """Begin no further photo after so many seconds, and use what is there; 0 = make all."""
     redo: bool = False
     """Make masks again that are there already."""
     list: bool = False
     """Print the providers: which can be used here, sizes, licences, and what to put where."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Write SCENE/masks/<name>/<stem>.png, 16-bit label maps."""
@@ -77,14 +72,9 @@ class MasksCommand:
                 "Name a scene folder and a provider of masks (--provider). --list shows them all."
             )
         from gaga_core.io.folder.scene_folder import find_mask_folders, open_scene_folder
-        from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.pipeline.segment import SegmentConfig, segment_scene
+        from gaga_core.pipeline.segment import segment_scene
         from gaga_core.segmentation.models.status import record
 
-        if self.longest_side < 0:
-            raise GagaError("--longest-side counts pixels: choose 0 (never shrink) or more.")
-        if not 0 <= self.stop_after < float("inf"):
-            raise GagaError("--stop-after counts seconds: choose 0 (make all) or more.")
         folder = open_scene_folder(self.scene)
         provider = self._provider()
         stage = segment_scene(
@@ -93,14 +83,10 @@ class MasksCommand:
             views=self.views,
             name=self.name,
             redo=self.redo,
-            config=SegmentConfig(
-                longest_side=self.longest_side,
-                order=self.order,
-                stop_after_s=self.stop_after,
-            ),
+            config=self.pictures,
         )
         draws_depth = "depth" in provider.cues and folder.model_path is not None
-        report = out.follow(after_warm_up(stage) if draws_depth else stage)
+        report = out.follow(stage, compiles=draws_depth)
         if report.made and provider.name != "regions":
             record(report.provider, report.seconds / len(report.made))
         for note in report.notes:
@@ -127,8 +113,7 @@ class MasksCommand:
         for note in report.notes():
             out.say(note)
         shown = {"folder": report.folder, "views": len(report.views), "masks": report.n_masks}
-        out.result(report.to_json() if self.json else shown, as_json=self.json)
-        return 0
+        return out.result(report.to_json() if self.json else shown, as_json=self.json)
 
     def _provider(self) -> "Provider":
         from gaga_core.segmentation.base import FlattenConfig
@@ -191,9 +176,7 @@ class _Listing:
 class SegmentCommand:
     """Make an object of what clicks in views mean: VIEW,U,V with U and V in pixels of the photo."""
 
-    scene: Positional[Path]
-    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
-    saved project."""
+    scene: AnyScene
     click: UseAppendAction[tuple[str, ...]] = ()
     """On the object: VIEW,U,V. May be given again. Views of a lone file of splats are 0 to 18."""
     not_: Annotated[UseAppendAction[tuple[str, ...]], arg(name="not")] = ()
@@ -207,8 +190,7 @@ class SegmentCommand:
     """Name of the new object."""
     dry_run: bool = False
     """Change nothing; print the figures only."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Select, make the object in the saved project, and print its number and size."""
@@ -218,13 +200,11 @@ class SegmentCommand:
         if box is None and not self.click:
             raise GagaError("Say where the object is: --click VIEW,U,V or --box VIEW,U0,V0,U1,V1.")
         from gaga_core.pipeline.click import click_stage
-        from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.scene.project import open_path_stage
 
-        project = out.follow(open_path_stage(self.scene))
+        project = out.open_project(self.scene)
         start = time.perf_counter()
         prompter = None if self.model is None else _prompter(self.model)
-        found = out.follow(after_warm_up(click_stage(project, clicks, box, prompter=prompter)))
+        found = out.follow(click_stage(project, clicks, box, prompter=prompter), compiles=True)
         values: dict[str, object] = {
             "splats": len(found.splats),
             "clicks": found.n_clicks,
@@ -240,8 +220,7 @@ class SegmentCommand:
                 history.do(edits.rename(scene, int(scene.labels[found.splats[0]]), self.name))
             values["group"] = int(scene.labels[found.splats[0]])
             values["project"] = str(save_project(project))
-        out.result(values, as_json=self.json)
-        return 0
+        return out.result(values, as_json=self.json)
 
 
 def _prompter(model: str) -> "Prompter":

@@ -23,7 +23,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Literal, cast, get_args
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from PIL import Image
@@ -41,8 +41,10 @@ from gaga_core.io.folder.scene_folder import (
 from gaga_core.io.folder.staging import staging_folder
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import read_labels, view_key
-from gaga_core.pipeline.reconstruct import find_photos, source_of
+from gaga_core.pipeline.place import find_photos
+from gaga_core.pipeline.reconstruct import source_of
 from gaga_core.pipeline.run import RunConfig, run_folder
+from gaga_core.pipeline.settings import EngineConfig
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene.objects import group_colors
 
@@ -358,37 +360,12 @@ def _inline(picture: UInt8Array) -> str:
 # again, and goes on where it was. Engines that are started here listen on this machine alone.
 
 
-Engine = Literal["local", "dask", "ray"]
-ENGINES = get_args(Engine)
 SUMMARY = "gaga-run.json"  # in the folder of scenes, next to `PAGE`
 _HERE = "127.0.0.1"
 _SECONDS = 0.2  # between two polls of the engine
 _PATIENCE_S = 60.0  # with a scheduler that has no workers
 _STAGE = "Run scenes"
 _ENDED = ("finished", "error", "lost", "cancelled")  # of a dask future
-
-
-@dataclass(frozen=True)
-class EngineConfig:
-    """Who runs the scenes."""
-
-    engine: Engine = "local"
-    workers: int = 2  # scenes at once, where the engine is started here
-    threads: int = 0  # of each worker; 0 = an equal share
-    address: str = ""  # of a dask scheduler or a ray cluster that is running; "" = start one here
-
-    def __post_init__(self) -> None:
-        if self.engine not in ENGINES:
-            raise ValueError(f"engine: {self.engine!r} is none of {ENGINES}")
-        if self.workers < 1:
-            raise GagaError("--workers must be at least 1.")
-        if self.address and self.engine == "local":
-            raise GagaError("--address is of a dask or ray cluster. Choose --executor dask or ray.")
-
-    @property
-    def threads_each(self) -> int:
-        """Threads of one worker."""
-        return self.threads or max(1, (os.cpu_count() or 1) // self.workers)
 
 
 def run_scenes(
@@ -405,12 +382,14 @@ def run_scenes(
     """
     root, tasks = list_tasks([scenes] if isinstance(scenes, Path) else scenes)
     engine, config = engine or EngineConfig(), config or RunConfig()
-    engines = {"local": _run_local, "dask": _run_dask, "ray": _run_ray}
+    if engine.address and engine.engine != "dask":
+        raise GagaError("--address is of a dask scheduler. Choose --executor dask.")
+    run = _run_dask if engine.engine == "dask" else _run_local
     done: dict[str, SceneOutcome] = {}
     with staging_folder(root) as starts:
         counted = [replace(task, starts=starts / f"{i}") for i, task in enumerate(tasks)]
         folders = {task.name: task.folder for task in tasks}
-        answers = engines[engine.engine](counted, _shared(config, engine), engine)
+        answers = run(counted, _shared(config, engine), engine)
         with closing(answers):
             yield Progress(_STAGE, 0, len(tasks), "start the workers")
             for outcome in answers:
@@ -614,43 +593,3 @@ def _sentence(problem: BaseException) -> str:
     """The first line of an exception."""
     text = str(problem).strip().splitlines()
     return f"{type(problem).__name__}: {text[0][:160]}" if text else type(problem).__name__
-
-
-def _run_ray(tasks: Sequence[SceneTask], config: RunConfig, engine: EngineConfig) -> Answers:
-    """The workers of a ray cluster, or of one that is started here."""
-    if not engine.address:
-        # Ray's own switch, read when it is imported: without a cluster it stays on this machine.
-        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
-    try:
-        import ray
-    except ImportError as error:
-        raise GagaError("Ray is not installed. Install it with: pip install ray") from error
-    try:
-        if engine.address:
-            ray.init(address=engine.address, log_to_driver=False, logging_level=logging.ERROR)
-        else:
-            ray.init(
-                num_cpus=engine.workers,
-                log_to_driver=False,
-                logging_level=logging.ERROR,
-                include_dashboard=False,
-            )
-    except (ConnectionError, ValueError) as problem:
-        raise GagaError(
-            f"There is no ray cluster at {engine.address}. Start it, or leave --address out."
-        ) from problem
-    try:
-        remote = ray.remote(max_retries=TRIES - 1, num_cpus=1)(run_one)
-        running = {remote.remote(task, config, engine.threads_each): task for task in tasks}
-        while running:
-            ready, _ = ray.wait(list(running), num_returns=1, timeout=_SECONDS)
-            yield None
-            for reference in ready:
-                task = running.pop(reference)
-                try:
-                    outcome: SceneOutcome = ray.get(reference)
-                except ray.exceptions.RayError as error:
-                    outcome = died(task, _sentence(error))
-                yield outcome
-    finally:
-        ray.shutdown()

@@ -343,7 +343,8 @@ def _fingerprint(source: Path, config: ReconstructConfig) -> str:
     files: Sequence[Path] = (source,) if source.is_file() else list_photos(source)
     stats = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     settings = asdict(replace(config.sfm(), threads=0))
-    task = [stats, settings, config.focal, config.video_fps, config.foreground]
+    masks = None if config.foreground is None else str(Path(config.foreground).absolute())
+    task = [stats, settings, config.focal, config.video_fps, masks]
     return hashlib.sha256(json.dumps(task).encode()).hexdigest()
 
 

@@ -34,14 +34,13 @@ from gaga_core.io.json_file import read_foreign_json
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.place import (
     WORKSPACE,
-    WrongModelError,
     find_photos,
     place_photos,
     read_entry,
     refuse,
     write_entry,
 )
-from gaga_core.pipeline.settings import QUALITIES, ReconstructConfig
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.photos import UNREAD_SUFFIXES, is_video, list_photos, unread_kinds
 from gaga_core.placing.pose_check import check_poses_stage
 from gaga_core.placing.undistort import ORIGINALS
@@ -57,21 +56,6 @@ from gaga_core.training.checkpoint import iteration_of
 # trained on them. What is finished of a run that was stopped lies in SCENE/.gaga-reconstruct and
 # is taken up the next time; when the scene is complete, that folder is gone.
 
-
-__all__ = [
-    "CHECKPOINT",
-    "QUALITIES",
-    "SETTINGS",
-    "WORKSPACE",
-    "ReconstructConfig",
-    "Reconstruction",
-    "WrongModelError",
-    "find_photos",
-    "place_photos",
-    "read_entry",
-    "reconstruct_scene",
-    "train_scene",
-]
 
 _RANDOM_POINTS = 100_000  # of cameras that come without points, as published
 SETTINGS, CHECKPOINT = "settings.json", "train.npz"  # of a training, in the workspace

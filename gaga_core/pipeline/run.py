@@ -31,9 +31,11 @@ from gaga_core.pipeline.associate import (
     views_to_add,
 )
 from gaga_core.pipeline.lift import lift_scene
-from gaga_core.pipeline.reconstruct import ReconstructConfig, find_photos, reconstruct_scene
+from gaga_core.pipeline.place import find_photos
+from gaga_core.pipeline.reconstruct import reconstruct_scene
 from gaga_core.pipeline.render import render_views
 from gaga_core.pipeline.segment import segment_scene
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import Stage
 from gaga_core.segmentation.choose import provider_named
 from gaga_core.segmentation.regions import NAME as REGIONS

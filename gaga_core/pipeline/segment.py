@@ -14,7 +14,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from PIL import Image
@@ -29,6 +28,7 @@ from gaga_core.io.images import read_rgb
 from gaga_core.io.json_file import read_json
 from gaga_core.io.masks.label_maps import RECORD, MaskRecord, read_labels, view_key, write_labels
 from gaga_core.masks import resize_labels
+from gaga_core.pipeline.settings import SegmentConfig
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
@@ -108,23 +108,6 @@ STAGE = "Make masks"
 _VERSION = 1
 _WITH_LEVELS = 2  # of the keys of models' masks, since wholes and parts are written next to them
 _BLOCK = 1 << 24  # bytes hashed between two steps
-PhotoOrder = Literal["auto", "coverage", "name"]
-
-
-@dataclass(frozen=True)
-class SegmentConfig:
-    """How pictures are given to a provider."""
-
-    longest_side: int = 1600
-    """Larger photos are shrunk to this many pixels, and their label maps have that size; 0 = never.
-    Association scales label maps to the views. 0 or 64..8192."""
-    use_depth: bool = True
-    """Give providers that can use it the depth of the splats, where the scene has some."""
-    order: PhotoOrder = "auto"
-    """coverage: photos that tell most of what none before them showed come first (needs splats).
-    auto: coverage for providers with weights, which take long; else name."""
-    stop_after_s: float = 0.0
-    """Begin no further photo after so many seconds; 0 = never stop. At least one is made."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +213,7 @@ def segment_scene(
         cameras = yield from _by_coverage(cameras, cues)
     done = _Done()
     for i, camera in enumerate(cameras):
-        if done.made and 0 < config.stop_after_s <= time.perf_counter() - start:
+        if done.made and 0 < config.stop_after <= time.perf_counter() - start:
             break
         view = view_key(camera.name)
         yield Progress(STAGE, i, len(cameras), camera.name + done.time_left(len(cameras) - i))

@@ -12,7 +12,8 @@ from gaga_core.io.folder.scene_folder import SceneFolder, find_mask_folders
 from gaga_core.io.masks.label_maps import read_labels, view_key
 from gaga_core.io.masks.other_programs import recognise
 from gaga_core.pipeline.import_masks import ImportReport, import_masks
-from gaga_core.pipeline.segment import SegmentConfig, SegmentReport, segment_scene
+from gaga_core.pipeline.segment import SegmentReport, segment_scene
+from gaga_core.pipeline.settings import SegmentConfig
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings, available_providers
 from gaga_core.segmentation.models.status import record

@@ -44,8 +44,9 @@ from gaga_core.io.splats.splat_files import read_splats_stage
 from gaga_core.masks import resize_labels
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import lift_scene, read_identity, render_identity
-from gaga_core.pipeline.reconstruct import ReconstructConfig, train_scene
+from gaga_core.pipeline.reconstruct import train_scene
 from gaga_core.pipeline.render import render_views
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.pipeline.reconstruct import ReconstructConfig, look_at_photos, reconstruct_scene
+from gaga_core.pipeline.reconstruct import look_at_photos, reconstruct_scene
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing import ladder
 from gaga_core.placing.checks import Verdict
 from gaga_core.placing.photos import FEWEST

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene
+from gaga_core.pipeline.reconstruct import reconstruct_scene
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from gaga_studio.actions.reconstruction import ReconstructionPlan
 from tests.app.window.driver import Driver, drive

@@ -13,7 +13,7 @@ from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark, tra
 from gaga_core.evaluate.benchmark.tables import BenchmarkReport
 from gaga_core.evaluate.published import sparse_views
 from gaga_core.io.datasets.catalog import open_dataset
-from gaga_core.pipeline.reconstruct import ReconstructConfig
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.datasets import (

@@ -9,8 +9,8 @@ import pytest
 from gaga_core.cli.main import main
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.masks.label_maps import read_labels
-from gaga_core.pipeline.reconstruct import ReconstructConfig
 from gaga_core.pipeline.run import RunConfig, missing_stages, run_folder
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from tests.core.reconstruct.photo_scenes import write_photos
 

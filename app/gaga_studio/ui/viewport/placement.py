@@ -1,11 +1,11 @@
 """The placement of photos: its settings, and a picture of what is placed and what links it."""
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.settings import setting_of
 from gaga_studio.actions import reconstruction
 from gaga_studio.actions.reconstruction import ReconstructionPlan
 from gaga_studio.ui.kit import theme, widgets
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from gaga_core.pipeline.place import PlacementReport
     from gaga_core.pipeline.reconstruct import PhotoFind
 
-_MOST_MINUTES, _MOST_FPS, _MOST_SCENES = 10_000.0, 60.0, 9
 NAMES = 10.5  # width of the names of fields, ems
 _NAMED = 6  # photos without a place that are listed
 _FAINT, _STRONG = 0.10, 0.75  # opacity of a weak and of a strong link
@@ -25,42 +24,49 @@ _MANY = 150.0  # matches of a strong link
 def draw_fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     """Draw the settings of the placement; return the plan with what was changed."""
     config = plan.config
-    widgets.field_name("Focal length, pixels", em(NAMES))
-    changed, focal = imgui.input_float("##Focal length, pixels", config.focal or 0.0, 0, 0, "%.0f")
-    widgets.tooltip("Of the photos as they are; 0: from EXIF, else estimated")
-    if changed:
-        plan = reconstruction.plan_with(plan, focal=max(focal, 0.0))
+    tip = "Of the photos as they are; 0: from EXIF, else estimated"
+    plan = draw_setting(plan, "focal", config.focal or 0.0, tip)
     if found.is_video:
-        rate = config.video_fps or 0.0
-        widgets.field_name("Frames of each second", em(NAMES))
-        changed, rate = imgui.input_float("##Frames of each second", rate, 0, 0, "%.1f")
-        widgets.tooltip("0: as the camera moves, the sharpest ones")
-        if changed:
-            plan = reconstruction.plan_with(plan, video_fps=min(max(rate, 0.0), _MOST_FPS))
-    minutes = config.place_minutes or 0.0
-    widgets.field_name("Minutes for placing", em(NAMES))
-    changed, minutes = imgui.input_float("##Minutes for placing", minutes, 0, 0, "%.0f")
-    widgets.tooltip("For all attempts to place the photos; 0: as the quality says")
-    if changed:
-        plan = reconstruction.plan_with(plan, place_minutes=min(max(minutes, 0.0), _MOST_MINUTES))
-    widgets.field_name("Scene", em(NAMES))
-    changed, number = imgui.input_int("##Scene", config.scene)
-    widgets.tooltip("Which one, by its number of photos, when the photos show several")
-    if changed:
-        number = min(max(number, 1), _MOST_SCENES)
-        plan = replace(plan, config=replace(plan.config, scene=number))
-    widgets.under_fields(em(NAMES))
-    changed, turntable = widgets.checkbox("Object on a turntable", config.turntable)
-    widgets.tooltip("The object turned, the camera stood still: the background is left out")
-    if changed:
-        plan = replace(plan, config=replace(plan.config, turntable=turntable))
-    widgets.field_name("Masks of the object", em(NAMES))
-    changed, folder = imgui.input_text("##Masks of the object", config.foreground or "")
-    widgets.tooltip("A folder with NAME.png for each photo, black where the background is")
-    if changed:
-        masks = folder.strip() or None
-        plan = replace(plan, config=replace(plan.config, foreground=masks))
-    return plan
+        tip, rate = "0: as the camera moves, the sharpest ones", config.video_fps or 0.0
+        plan = draw_setting(plan, "video_fps", rate, tip, form="%.1f")
+    tip = "For all attempts to place the photos; 0: as the quality says"
+    plan = draw_setting(plan, "place_minutes", config.place_minutes or 0.0, tip)
+    tip = "Which one, by its number of photos, when the photos show several"
+    plan = draw_setting(plan, "scene", config.scene, tip)
+    tip = "The object turned, the camera stood still: the background is left out"
+    plan = draw_setting(plan, "turntable", config.turntable, tip)
+    tip = "A folder with NAME.png for each photo, black where the background is"
+    return draw_setting(plan, "foreground", config.foreground or "", tip)
+
+
+def draw_setting(
+    plan: ReconstructionPlan,
+    name: str,
+    shown: float | str,  # value of the field; its type says which field it is
+    tip: str = "",
+    *,
+    steps: tuple[int, int] = (1, 100),
+    form: str = "%.0f",
+) -> ReconstructionPlan:
+    """Draw the field ``name`` of the settings by its description; the plan with what was changed."""
+    about = setting_of(plan.config, name)
+    changed, value = False, shown
+    if isinstance(shown, bool):
+        widgets.under_fields(em(NAMES))
+        changed, value = widgets.checkbox(about.label, shown)
+    else:
+        widgets.field_name(about.label, em(NAMES))
+    if isinstance(shown, str):
+        changed, text = imgui.input_text(f"##{about.label}", shown)
+        value = text.strip()
+    elif isinstance(shown, float):
+        changed, number = imgui.input_float(f"##{about.label}", shown, 0, 0, form)
+        value = about.clamped(number)
+    elif not isinstance(shown, bool):
+        changed, count = imgui.input_int(f"##{about.label}", shown, *steps)
+        value = int(about.clamped(count))
+    widgets.tooltip(tip)
+    return reconstruction.plan_with(plan, name, value) if changed else plan
 
 
 def draw_placement(placement: "PlacementReport") -> None:

@@ -24,7 +24,7 @@ from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 from gaga_studio.ui.viewport import placement
-from gaga_studio.ui.viewport.placement import NAMES
+from gaga_studio.ui.viewport.placement import NAMES, draw_setting
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.reconstruct import PhotoFind
@@ -35,7 +35,6 @@ _QUALITIES = (
     ("standard", "Standard", "About an hour on a processor"),
     ("full", "Full", "The published schedule, for a graphics card or a night"),
 )
-_MOST_SIDE, _MOST_ITERATIONS = 8192, 1_000_000
 
 
 @dataclass
@@ -206,42 +205,24 @@ def sheet(session: Session, held: PlanSheet) -> None:
 
 
 def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
-    config = plan.config
     names = [name for name, _, _ in _QUALITIES]
-    at = names.index(config.quality)
+    at = names.index(plan.config.quality)
     widgets.field_name("Quality", em(NAMES))
     changed, at = imgui.combo("##Quality", at, [title for _, title, _ in _QUALITIES])
     if changed:
-        plan = reconstruction.plan_with(plan, quality=names[at])
+        plan = reconstruction.plan_with(plan, "quality", names[at])
     widgets.dim(_QUALITIES[at][2], wrap=True)
     settings = plan.config.train()
-    widgets.field_name("Longest side, pixels", em(NAMES))
-    changed, side = imgui.input_int("##Longest side, pixels", settings.longest_side, 80, 320)
-    if changed:
-        plan = reconstruction.plan_with(plan, max_side=min(max(side, 64), _MOST_SIDE))
-    widgets.field_name("Iterations", em(NAMES))
-    changed, count = imgui.input_int("##Iterations", settings.iterations, 500, 5000)
-    if changed:
-        plan = reconstruction.plan_with(plan, iterations=min(max(count, 1), _MOST_ITERATIONS))
+    plan = draw_setting(plan, "max_side", settings.longest_side, steps=(80, 320))
+    plan = draw_setting(plan, "iterations", settings.iterations, steps=(500, 5000))
     if not found.is_placed:
         plan = placement.draw_fields(plan, found)
-    widgets.under_fields(em(NAMES))
-    changed, hold = widgets.checkbox(
-        "Hold the test photos out, to measure on", plan.config.hold_out
-    )
-    widgets.tooltip("Those of split.json where there is one. Without, all photos are trained on.")
-    if changed:
-        plan = replace(plan, config=replace(plan.config, hold_out=hold))
-    widgets.under_fields(em(NAMES))
-    changed, antialiased = widgets.checkbox("Antialiased", plan.config.antialiased)
-    widgets.tooltip("Splats that also look right from nearer and from farther away (mip mode)")
-    if changed:
-        plan = replace(plan, config=replace(plan.config, antialiased=antialiased))
-    widgets.under_fields(em(NAMES))
-    changed, exposure = widgets.checkbox("Photos differ in brightness", plan.config.exposure)
-    widgets.tooltip("Train brightness and white balance of each photo along, and leave them out")
-    if changed:
-        plan = replace(plan, config=replace(plan.config, exposure=exposure))
+    tip = "Those of split.json where there is one. Without, all photos are trained on."
+    plan = draw_setting(plan, "hold_out", plan.config.hold_out, tip)
+    tip = "Splats that also look right from nearer and from farther away (mip mode)"
+    plan = draw_setting(plan, "antialiased", plan.config.antialiased, tip)
+    tip = "Train brightness and white balance of each photo along, and leave them out"
+    plan = draw_setting(plan, "exposure", plan.config.exposure, tip)
     if found.photos is not None:
         widgets.field_name("Scene folder", em(NAMES))
         changed, text = imgui.input_text("##Scene folder", str(plan.scene))
