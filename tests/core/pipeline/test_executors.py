@@ -224,6 +224,3 @@ def listeners() -> set[str]:
                 if connection.status == psutil.CONN_LISTEN:
                     found.add(connection.laddr.ip)
     return found
-
-
-@pytest.mark.slow

@@ -48,7 +48,7 @@ def draw_setting(
     steps: tuple[int, int] = (1, 100),
     form: str = "%.0f",
 ) -> ReconstructionPlan:
-    """Draw the field ``name`` of the settings by its description; the plan with what was changed."""
+    """Draw the field ``name`` of the settings by its description; return the plan."""
     about = setting_of(plan.config, name)
     changed, value = False, shown
     if isinstance(shown, bool):
