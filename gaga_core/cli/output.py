@@ -20,13 +20,11 @@ from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar, get_type_hints
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from tyro.conf import Positional, arg
 
 from gaga_core.errors import GagaError
-from gaga_core.progress import Progress as Step
-from gaga_core.progress import Stage, run_stage
+from gaga_core.progress import Stage, show_stage
 
 if TYPE_CHECKING:
     from gaga_core.grouping.associate import AssociateConfig
@@ -95,33 +93,8 @@ def follow(stage: Stage[T], *, compiles: bool = False) -> T:
         from gaga_core.pipeline.compile_kernels import after_warm_up
 
         stage = after_warm_up(stage)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=30),
-        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[message]}", style="dim"),
-    )
-    quiet = not _messages.is_terminal
-    bars = Progress(*columns, console=_messages, transient=True, disable=quiet)
-    with bars as bar, _interrupt_that_lasts() as raise_if_interrupted:
-        tasks: dict[str, TaskID] = {}
-
-        def show(step: Step) -> None:
-            raise_if_interrupted()
-            if step.stage not in tasks:
-                tasks[step.stage] = bar.add_task(step.stage, total=step.total or 1, message="")
-            bar.update(
-                tasks[step.stage],
-                completed=step.done,
-                total=step.total or max(step.done, 1),
-                message=step.message,
-            )
-
-        try:
-            return run_stage(stage, show)
-        finally:
-            stage.close()
+    with _interrupt_that_lasts() as raise_if_interrupted:
+        return show_stage(stage, _messages, lambda _: raise_if_interrupted())
 
 
 @contextmanager
