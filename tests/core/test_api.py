@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import gaga_core
+from gaga_core.arrays import AnyArray, IntArray, UInt8Array
 from gaga_core.progress import Progress
 from tests.app.folders import write_scene
 
@@ -31,9 +32,9 @@ def state(scene: gaga_core.Scene) -> list[bytes]:
     """Everything that an edit can change."""
     data = scene.project.scene
     placed = data.placements
-    columns = (data.labels, data.state, data.placement, placed.matrix, placed.color)
+    columns: list[AnyArray] = [data.labels, data.state, data.placement, placed.matrix, placed.color]
     gaussians = data.gaussians
-    columns += (gaussians.means, gaussians.sh, gaussians.logit_opacities, gaussians.quats)
+    columns += [gaussians.means, gaussians.sh, gaussians.logit_opacities, gaussians.quats]
     return [column.tobytes() for column in columns] + [repr(sorted(data.names.items())).encode()]
 
 
@@ -110,7 +111,7 @@ def test_objects_are_found_by_id_name_and_words(scene: gaga_core.Scene) -> None:
     assert scene.objects["largest"].id == largest.id
     for wrong in (999, "no such thing anywhere"):
         with pytest.raises(KeyError):
-            scene.objects[wrong]  # type: ignore[index]
+            scene.objects[wrong]
 
 
 def test_a_notebook_shows_a_picture_and_a_table(scene: gaga_core.Scene) -> None:
@@ -126,8 +127,8 @@ def test_a_notebook_shows_a_picture_and_a_table(scene: gaga_core.Scene) -> None:
 def test_masks_of_a_function_become_objects(folder: Path, tmp_path: Path) -> None:
     told: list[Progress] = []
 
-    def bright(image: np.ndarray) -> np.ndarray:
-        return (image.mean(axis=2) > 100).astype(np.int32)
+    def bright(image: UInt8Array) -> IntArray:
+        return np.array(image.mean(axis=2) > 100, np.int32)
 
     made = gaga_core.segment(folder, bright, on_progress=told.append)
     assert made == folder / "masks" / "bright"
