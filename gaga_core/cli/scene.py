@@ -127,18 +127,12 @@ class RenderCommand:
         if self.out is None:
             raise GagaError("Say where to write: --out FOLDER for pictures, --video FILE.mp4.")
         from gaga_core.io.folder.scene_folder import open_scene_folder
-        from gaga_core.pipeline.lift import render_encodings, render_identity
         from gaga_core.pipeline.render import render_views
         from gaga_core.raster import choose
 
         folder = open_scene_folder(self.scene, model=self.model)
-        engine, views = choose(self.backend), self.views
-        if self.what == "identity":
-            stage = render_identity(folder, self.out, views=views, rasterizer=engine)
-        elif self.what == "encodings":
-            stage = render_encodings(folder, self.out, views=views, rasterizer=engine)
-        else:
-            stage = render_views(folder, self.out, what=self.what, views=views, rasterizer=engine)
+        engine = choose(self.backend)
+        stage = render_views(folder, self.out, what=self.what, views=self.views, rasterizer=engine)
         written = out.follow(stage, compiles=True)
         return out.result({"folder": str(self.out), "pictures": len(written)}, as_json=self.json)
 

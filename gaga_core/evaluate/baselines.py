@@ -127,12 +127,6 @@ def _paired(value: FloatArray) -> IntArray:
     return found
 
 
-# --- What the paper's ablation compares the memory bank with, as far as it needs no other network.
-# Each baseline gives every mask of every view a group, as the bank does; `label_gaussians` then
-# labels the Gaussians by the same vote for all, so that only the association differs. ("All
-# Gaussians" is the bank itself without the depth gate: ``AssociateConfig(depth="none")``.)
-
-
 COVERED = 0.5  # share of a mask that a track must cover, else the mask begins a track of its own
 TRACK_IOU = 0.3  # least overlap at which a tracker keeps an id (SORT, Bewley et al. 2016)
 

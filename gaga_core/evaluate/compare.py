@@ -194,9 +194,6 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.mean(values))
 
 
-# --- All variants of the method on one scene folder, in one table (supplement; ablation).
-
-
 TITLES: Mapping[str, str] = {
     "robust": "robust",
     "paper": "paper",

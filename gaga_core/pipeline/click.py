@@ -38,9 +38,6 @@ from gaga_core.segmentation.sam import Candidates, Prompter
 if TYPE_CHECKING:
     from gaga_core.segmentation.sam import Prompter
 
-# --- Click to segment, headless: places in views of a scene -> one object of its splats.
-
-
 _LEAST = 0.25  # opacity of a pixel at which it counts as a surface
 
 

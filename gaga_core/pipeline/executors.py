@@ -354,12 +354,6 @@ def _inline(picture: UInt8Array) -> str:
     return "data:image/webp;base64," + base64.b64encode(data.getvalue()).decode()
 
 
-# --- Many scenes at once: every stage that is missing in each, by workers of an engine.
-# An engine only runs the function `run_one` somewhere and says what came back. All results lie in
-# the scene folders, each written as a whole or not at all: a scene whose worker died is simply run
-# again, and goes on where it was. Engines that are started here listen on this machine alone.
-
-
 SUMMARY = "gaga-run.json"  # in the folder of scenes, next to `PAGE`
 _HERE = "127.0.0.1"
 _SECONDS = 0.2  # between two polls of the engine

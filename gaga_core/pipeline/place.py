@@ -244,12 +244,6 @@ def _scene_notes(made: Ladder, placed: set[str]) -> list[str]:
     return found
 
 
-# --- From photos to a checked placement of them in a scene folder.
-# Photos are examined, placed by structure from motion in as many attempts as it takes, checked,
-# and undistorted. What is finished of a run that was stopped lies in SCENE/.gaga-reconstruct and
-# is taken up the next time.
-
-
 WORKSPACE = ".gaga-reconstruct"
 _PICTURE_SIDE = 1600  # pixels of the pictures in a scene folder (Kerbl 2023)
 

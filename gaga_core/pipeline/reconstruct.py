@@ -51,12 +51,6 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.threads import n_threads
 from gaga_core.training.checkpoint import iteration_of
 
-# --- From photos to a scene folder with splats: every step that is not there yet.
-# Photos are examined, placed by structure from motion, checked, undistorted, and splats are
-# trained on them. What is finished of a run that was stopped lies in SCENE/.gaga-reconstruct and
-# is taken up the next time; when the scene is complete, that folder is gone.
-
-
 _RANDOM_POINTS = 100_000  # of cameras that come without points, as published
 SETTINGS, CHECKPOINT = "settings.json", "train.npz"  # of a training, in the workspace
 

@@ -42,11 +42,6 @@ from gaga_core.scene.objects import object_table
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
 
-# --- Asking a scene: by words, by an index of pictures, by a detector in a view.
-# The functions on a `Scene` serve the window live; those on a `Project` also know where its index
-# lies: ``index.npz`` (vectors and thumbnails) and ``index_texts.npz`` in the folder of our work.
-
-
 INDEX_FILE = "index.npz"
 TEXTS_FILE = "index_texts.npz"
 MAX_VIEWS = 64  # views rendered for an index, spread evenly

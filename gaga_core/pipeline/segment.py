@@ -96,14 +96,6 @@ def greedy_cover(sees: BoolArray) -> IntArray:
     return np.array(order, np.int32)
 
 
-# --- 2D masks of the views of a scene folder, by any provider: SCENE/masks/<provider>/<stem>.png.
-# Masks of photos in a subfolder of images/ lie in one of its name (`io.masks.view_key`).
-#
-# Every finished view is written at once and recorded with a key of photo, model and settings, so a
-# second run, or one after a cancel, makes only what is missing. Maps of other settings are kept in
-# SCENE/gaga/cache/masks under the same keys and come back without work.
-
-
 STAGE = "Make masks"
 _VERSION = 1
 _WITH_LEVELS = 2  # of the keys of models' masks, since wholes and parts are written next to them

@@ -152,14 +152,6 @@ def _record_of(folder: SceneFolder, config: ReconstructConfig) -> dict[str, obje
     }
 
 
-# --- The published protocols over whole data sets: every stage, every scene, one table.
-# A scene is associated from the masks of its train views, lifted, rendered in its test views and
-# scored as its data set is: Algorithm 1, masks of text prompts, or pictures for people. Splats
-# that are missing are trained on the train views alone. Results lie in one folder, a JSON a scene,
-# written after every run: what is finished is not run again while its settings, masks and model
-# are the same.
-
-
 TITLE = "Benchmark"
 Lift = Literal["paper", "refine", "vote", "none"]  # how the scored maps are made; none: of groups
 _TRACKED = "object_mask"  # associated by a tracker already: only on request

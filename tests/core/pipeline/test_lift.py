@@ -38,7 +38,6 @@ from gaga_core.pipeline.lift import (
     decode_groups,
     lift_scene,
     read_identity,
-    render_encodings,
 )
 from gaga_core.pipeline.render import render_views
 from gaga_core.progress import run_stage
@@ -261,7 +260,7 @@ def _opened(folder: SceneFolder) -> tuple[str, IntArray]:
 
 def test_encodings_are_pictures_of_their_colors(folder: SceneFolder) -> None:
     run_stage(lift_scene(folder, "vote"))
-    (picture,) = run_stage(render_encodings(folder))
+    (picture,) = run_stage(render_views(folder, what="encodings"))
     gaussians, camera = run_stage(read_model(folder)), select_views(folder, "test")[0]
     field = read_identity(folder, len(gaussians)).field
     channels = encoding_colors(field.encodings).astype(np.float32) / np.float32(255)

@@ -18,7 +18,7 @@ from gaga_core.io.masks.label_maps import read_labels, write_labels
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline import run
 from gaga_core.pipeline.associate import associate_scene
-from gaga_core.pipeline.lift import lift_scene, read_identity, render_identity
+from gaga_core.pipeline.lift import lift_scene, read_identity
 from gaga_core.pipeline.render import render_views
 from gaga_core.pipeline.run import (
     JOIN,
@@ -141,10 +141,10 @@ def test_a_stage_that_fails_leaves_what_came_before(folder: SceneFolder) -> None
 def test_identities_are_drawn_as_groups_are(folder: SceneFolder, tmp_path: Path) -> None:
     """The closed form decodes to the label map but for pixels where two groups weigh the same."""
     with pytest.raises(GagaError, match="Lift the groups first"):
-        run_stage(render_identity(folder))
+        run_stage(render_views(folder, what="identity"))
     run_stage(associate_scene(folder))
     run_stage(lift_scene(folder, "vote"))
-    decoded = run_stage(render_identity(folder, views="all"))
+    decoded = run_stage(render_views(folder, what="identity", views="all"))
     assert [path.parent for path in decoded] == [folder.work / "renders" / "identity"] * 5
     splatted = run_stage(render_views(folder, tmp_path / "groups", views="all"))
     n = len(run_stage(read_model(folder)))
