@@ -22,12 +22,12 @@ from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from gaga_core.reconstruct.first_splats import first_splats_stage
-from gaga_core.reconstruct.settings import TrainConfig
-from gaga_core.reconstruct.train import train
-from gaga_core.reconstruct.views import TrainView, TrainViews
+from gaga_core.training.start import first_splats_stage
+from gaga_core.training.settings import TrainConfig
+from gaga_core.training.train import train
+from gaga_core.training.views import TrainView, TrainViews
 from gaga_core.scene.objects import object_table
-from gaga_core.scene.selection.click_graph import click_graph_stage
+from gaga_core.scene.selection.click import click_graph_stage
 from gaga_core.scene.selection.picking import pick
 from gaga_core.scene.scene import Scene
 from gaga_core.pipeline.compile_kernels import warm_up_stage
