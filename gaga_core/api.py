@@ -295,11 +295,7 @@ class Scene:
         ``groups`` shows the objects in their colors. At most ``longest_side`` pixels.
         """
         camera = view if isinstance(view, Camera) else self._camera(view)
-        longest = max(camera.width, camera.height)
-        if longest_side is not None and longest_side < longest:
-            scale = longest_side / longest
-            size = (round(camera.width * scale), round(camera.height * scale))
-            camera = camera.resized(max(size[0], 1), max(size[1], 1))
+        camera = camera if longest_side is None else camera.at_most(longest_side)
         stage = painter_stage(self.project.scene, [camera], FilmConfig(what))
         return run_stage(stage)(camera)
 

@@ -67,6 +67,13 @@ class Camera:
         scale = np.diag([width / self.width, height / self.height, 1.0])
         return replace(self, K=scale @ self.K, width=width, height=height)
 
+    def at_most(self, longest_side: int) -> "Camera":
+        """The same view with no side longer than ``longest_side`` pixels."""
+        scale = min(1.0, longest_side / max(self.width, self.height))
+        if scale == 1.0:
+            return self
+        return self.resized(max(1, round(self.width * scale)), max(1, round(self.height * scale)))
+
     def project(self, points_world: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
         """Pixels (N, 2) and depths (N,) along the viewing direction of world points (N, 3)."""
         p_cam = points_world @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3]

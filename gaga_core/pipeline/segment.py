@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt8Array
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -202,7 +202,8 @@ def segment_scene(
     cues = _Cues(folder, rasterizer, (yield from _model_id(folder)) if wants_depth else "")
     by_coverage = config.order == "coverage" or (config.order == "auto" and provider.card.source)
     if by_coverage and folder.model_path is not None:
-        cameras = yield from _by_coverage(cameras, cues)
+        order = yield from coverage_order((yield from cues.splats()), cameras)
+        cameras = tuple(cameras[i] for i in order)
     done = _Done()
     for i, camera in enumerate(cameras):
         if done.made and 0 < config.stop_after <= time.perf_counter() - start:
@@ -212,14 +213,15 @@ def segment_scene(
         try:
             keys = _keys(folder, camera, provider, config, cues)
             path = target / f"{view}.png"
-            key = "" if redo else _kept_key(folder, path, keys, record.get(view, ""))
-            if key:
+            cache, former = folder.work / "cache" / "masks", record.get(view, "")
+            kept = (key for key in keys if not redo and _is_in_place(path, key, former, cache))
+            if key := next(kept, ""):
                 done.keep(camera.name, is_flat=key != keys[0])
             else:
                 key, began = keys[0], time.perf_counter()
                 stage = _label_maps(folder, camera, provider, config, cues)
                 maps = yield from part(stage, i, len(cameras), STAGE, prefix=f"{camera.name}: ")
-                for place in (path, _cached(folder, key)):
+                for place in (path, cache / f"{key}.png"):
                     write_labels(place, *maps)
                 done.make(camera.name, time.perf_counter() - began)
         except _PhotoError as error:
@@ -239,7 +241,10 @@ def segment_scene(
         tuple(done.made),
         tuple(done.kept),
         done.failed,
-        _count_masks(target, done.names),
+        sum(
+            len(np.unique(labels[labels > 0]))
+            for labels in (read_labels(target / f"{view_key(name)}.png") for name in done.names)
+        ),
         time.perf_counter() - start,
         tuple(c.name for c in cameras if c.name not in {*done.names, *done.failed}),
         tuple(done.flat),
@@ -280,11 +285,6 @@ class _Done:
         return f" · about {left / 60:.0f} min left" if left >= 90 else f" · about {left:.0f} s left"
 
 
-def _by_coverage(cameras: tuple[Camera, ...], cues: _Cues) -> Stage[tuple[Camera, ...]]:
-    order = yield from coverage_order((yield from cues.splats()), cameras)
-    return tuple(cameras[i] for i in order)
-
-
 class _PhotoError(GagaError):
     """A photo that is missing or damaged: its view goes without masks."""
 
@@ -304,7 +304,8 @@ def _label_maps(
         raise _PhotoError(str(error)) from error
     height, width = image.shape[:2]
     if 0 < provider.work_width < width:
-        image = _shrunk(image, provider.work_width)
+        work = (provider.work_width, max(1, round(height * provider.work_width / width)))
+        image = np.array(Image.fromarray(image).resize(work, Image.Resampling.BOX))
     depth = yield from cues.depth(camera, image.shape[1], image.shape[0])
     further: Sequence[IntArray] = ()
     if isinstance(provider, RegionsProvider | ModelProvider):
@@ -312,11 +313,6 @@ def _label_maps(
     else:
         labels = yield from provider.label_map(Picture(image, depth))
     return resize_labels(labels, width, height), further
-
-
-def _shrunk(image: UInt8Array, width: int) -> UInt8Array:
-    height = max(1, round(image.shape[0] * width / image.shape[1]))
-    return np.array(Image.fromarray(image).resize((width, height), Image.Resampling.BOX))
 
 
 def _keys(
@@ -364,20 +360,11 @@ def _model_id(folder: SceneFolder) -> Stage[str]:
     return digest.hexdigest()
 
 
-def _cached(folder: SceneFolder, key: str) -> Path:
-    return folder.work / "cache" / "masks" / f"{key}.png"
-
-
-def _kept_key(folder: SceneFolder, path: Path, keys: Sequence[str], recorded: str) -> str:
-    """The first of the keys whose map is in its place, "" if none is."""
-    return next((key for key in keys if _restore(folder, path, key, recorded)), "")
-
-
-def _restore(folder: SceneFolder, path: Path, key: str, recorded: str) -> bool:
+def _is_in_place(path: Path, key: str, recorded: str, cache: Path) -> bool:
     """Whether the map of ``key`` is in its place, put there from the cache if need be."""
     if recorded == key and path.is_file():
         return True  # also when it was edited by hand since
-    cached = _cached(folder, key)
+    cached = cache / f"{key}.png"
     if not cached.is_file():
         return False
     with atomic_write(path) as temporary:
@@ -411,8 +398,3 @@ def _write_record(target: Path, provider: Provider, views: dict[str, str]) -> No
     }
     with atomic_write(target / RECORD) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-
-
-def _count_masks(target: Path, names: Sequence[str]) -> int:
-    maps = (read_labels(target / f"{view_key(name)}.png") for name in names)
-    return sum(len(np.unique(labels[labels > 0])) for labels in maps)

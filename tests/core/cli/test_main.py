@@ -9,12 +9,12 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
-from gaga_core.cli.main import main
+from gaga_core.cli.main import AnyCommand, main
 from gaga_core.cli.output import IdentitySwitches, follow, say_what_a_project_keeps
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.ply import read_ply
@@ -35,22 +35,16 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def test_every_command_explains_itself(capsys: Capture) -> None:
-    for name in (
-        "associate",
-        "lift",
-        "render",
-        "evaluate",
-        "edit",
-        "export",
-        "run",
-        "info",
-        "demo",
-    ):
-        with pytest.raises(SystemExit) as caught:
-            main([name, "--help"])
-        assert caught.value.code == 0
-        assert "--json" in capsys.readouterr().out
+@pytest.mark.parametrize("command", get_args(AnyCommand), ids=lambda kind: get_args(kind)[1].name)
+def test_every_command_explains_each_of_its_options(command: object, capsys: Capture) -> None:
+    """Each has a sentence, and ends with what is left out when it is not given."""
+    name = get_args(command)[1].name
+    with pytest.raises(SystemExit) as caught:
+        main([name, "--help"])
+    assert caught.value.code == 0
+    said = capsys.readouterr().out
+    assert name == "models" or "--json" in said
+    assert not re.search(r"--[a-z-]+(?: \S+)? +│?\s*\(default", said), "an option without a word"
 
 
 @pytest.mark.parametrize(("adds", "cure"), [(True, "Add new photos"), (False, "you associate")])
@@ -193,18 +187,8 @@ def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Ca
     below = ("--only", "1", "5", "--with-children")
     for switches, wanted in (((), {1, 2, 3}), (("--only", "3", "5"), {3}), (below, {1, 3})):
         out = str(tmp_path / f"out{len(wanted)}")
-        answer(
-            capsys,
-            "export",
-            saved,
-            "--what",
-            "objects",
-            "--out",
-            out,
-            "--folder",
-            "Kitchen",
-            *switches,
-        )
+        to = ("--what", "objects", "--out", out, "--folder", "Kitchen")
+        answer(capsys, "export", saved, *to, *switches)
         manifest = json.loads((Path(out) / "groups.json").read_text())
         assert {e["id"]: e["folder"] for e in manifest["groups"]} == {g: folders[g] for g in wanted}
     wrong = ("--what", "objects", "--out", str(tmp_path / "no"), "--folder", "Attic")
@@ -212,8 +196,8 @@ def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Ca
     alone = ("--what", "objects", "--out", str(tmp_path / "no"), "--with-children")
     assert "--only" in refusal(capsys, "export", saved, *alone, status=2)
     for chosen in (("--folder", "Kitchen"), ("--only", "3")):
-        to = ("--out", str(tmp_path / "whole.ply"), *chosen)
-        whole = refusal(capsys, "export", saved, *to, status=2)
+        target = str(tmp_path / "whole.ply")
+        whole = refusal(capsys, "export", saved, "--out", target, *chosen, status=2)
         assert "--what objects" in whole
     assert not (tmp_path / "whole.ply").exists()
 
@@ -308,7 +292,7 @@ def test_labels_of_another_model_are_refused(tmp_path: Path, capsys: Capture) ->
 _HEED_CTRL_C = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from gaga_core.cli.main import main
+from gaga_core.cli.main import AnyCommand, main
 sys.exit(main())
 """
 

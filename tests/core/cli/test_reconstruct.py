@@ -56,11 +56,3 @@ def test_a_folder_without_scenes_is_told(tmp_path: Path, capsys: Capture) -> Non
     assert "--workers" in refusal(
         capsys, "run", str(tmp_path), "--executor", "local", "--workers", "0"
     )
-
-
-def test_the_command_explains_itself(capsys: Capture) -> None:
-    with pytest.raises(SystemExit):
-        main(["reconstruct", "--help"])
-    said = capsys.readouterr().out
-    for option in ("--quality", "--focal", "--video-fps", "--only", "--max-side", "--seed"):
-        assert option in said

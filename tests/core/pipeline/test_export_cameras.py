@@ -137,9 +137,7 @@ def test_a_lone_file_has_no_cameras(
     assert not (tmp_path / "a.json").exists()
 
 
-def test_the_ground_of_a_turned_scene_is_below_it(
-    project: Project, tmp_path: Path
-) -> None:
+def test_the_ground_of_a_turned_scene_is_below_it(project: Project, tmp_path: Path) -> None:
     assert project.folder is not None
     up = estimate_up(project.folder.cameras)
     turn = np.eye(3)[[2, 0, 1]]  # axes take each other's places
@@ -153,9 +151,7 @@ def test_the_ground_of_a_turned_scene_is_below_it(
     assert abs(np.percentile(heights, 0.5)) < 1e-3
 
 
-def test_a_model_exported_from_another_scene_stays(
-    project: Project, tmp_path: Path
-) -> None:
+def test_a_model_exported_from_another_scene_stays(project: Project, tmp_path: Path) -> None:
     """A COLMAP model as text of another scene was overwritten; one of a moved scene was not."""
     other = tmp_path / "other"
     shutil.copytree(tmp_path / "table", other)
