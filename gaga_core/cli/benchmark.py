@@ -94,11 +94,10 @@ class BenchmarkCommand:
             out.say(sentence)
         if self.json:
             out.result(report.to_json(), as_json=True)
-        else:
-            for table in report.tables():
-                out.scores(table, as_json=False)
-                for note in table.notes:
-                    out.line(f"  {note}")
+        for table in () if self.json else report.tables():
+            out.table(table.table())
+            for note in table.notes:
+                out.line(f"  {note}")
         return 1 if report.failed else 0
 
     def _find(self) -> "FindConfig":

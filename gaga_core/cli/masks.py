@@ -13,10 +13,7 @@ from gaga_core.errors import GagaError
 from gaga_core.pipeline.settings import SegmentConfig
 
 if TYPE_CHECKING:
-    from gaga_core.pipeline.click import ViewBox, ViewClick
     from gaga_core.segmentation.base import Provider
-    from gaga_core.segmentation.choose import ProviderEntry
-    from gaga_core.segmentation.sam import Prompter
 
 
 @dataclass(frozen=True)
@@ -140,33 +137,20 @@ class MasksCommand:
         from gaga_core.segmentation.choose import available_providers
 
         entries = available_providers()
-        out.scores(_Listing(entries), as_json=self.json)
-        if not self.json:
-            for entry in entries:
-                if entry.reason or entry.note:
-                    note = f"{entry.note[:1].upper()}{entry.note[1:]}. " if entry.note else ""
-                    out.say(f"{entry.name}: {note}{entry.reason}")
-        return 0
-
-
-@dataclass(frozen=True)
-class _Listing:
-    """The providers, as a table or plain values."""
-
-    entries: "tuple[ProviderEntry, ...]"
-
-    def table(self) -> list[list[str]]:
-        """A row a provider."""
+        if self.json:
+            plain = [asdict(e) | {"path": str(e.path or "")} for e in entries]
+            return out.result({"providers": plain}, as_json=True)
         rows = [["provider", "model", "here", "MB", "licence"]]
-        for entry in self.entries:
+        for entry in entries:
             size = f"{entry.megabytes:,}" if entry.megabytes else ""
             here = "yes" if entry.is_available else "no"
             rows.append([entry.name, entry.title, here, size, entry.licence])
-        return rows
-
-    def to_json(self) -> dict[str, object]:
-        """Plain values."""
-        return {"providers": [asdict(e) | {"path": str(e.path or "")} for e in self.entries]}
+        out.table(rows)
+        for entry in entries:
+            if entry.reason or entry.note:
+                note = f"{entry.note[:1].upper()}{entry.note[1:]}. " if entry.note else ""
+                out.say(f"{entry.name}: {note}{entry.reason}")
+        return 0
 
 
 # --- ``gaga segment``: one object by clicks, without masks and without a model.
@@ -194,16 +178,27 @@ class SegmentCommand:
 
     def run(self) -> int:
         """Select, make the object in the saved project, and print its number and size."""
-        clicks = [_click(text, True) for text in self.click]
-        clicks += [_click(text, False) for text in self.not_]
-        box = None if self.box is None else _box(self.box)
+        from gaga_core.pipeline.click import ViewBox, ViewClick, click_stage
+        from gaga_core.scene import edits
+        from gaga_core.scene.edits.history import History
+        from gaga_core.scene.project import save_project
+        from gaga_core.segmentation.choose import prompter_named
+
+        clicks = []
+        for text, is_on in (*((t, True) for t in self.click), *((t, False) for t in self.not_)):
+            view, (u, v) = _place(text, 2, "VIEW,U,V")
+            clicks.append(ViewClick(view, u, v, is_on))
+        box = None
+        if self.box is not None:
+            view, (u0, v0, u1, v1) = _place(self.box, 4, "VIEW,U0,V0,U1,V1")
+            box = ViewBox(view, u0, v0, u1, v1)
         if box is None and not self.click:
             raise GagaError("Say where the object is: --click VIEW,U,V or --box VIEW,U0,V0,U1,V1.")
-        from gaga_core.pipeline.click import click_stage
-
         project = out.open_project(self.scene)
-        start = time.perf_counter()
-        prompter = None if self.model is None else _prompter(self.model)
+        start, prompter = time.perf_counter(), None
+        if self.model is not None:
+            folder = Path(self.model)
+            prompter = prompter_named(self.model, weights=folder if folder.exists() else None)
         found = out.follow(click_stage(project, clicks, box, prompter=prompter), compiles=True)
         values: dict[str, object] = {
             "splats": len(found.splats),
@@ -211,37 +206,12 @@ class SegmentCommand:
             "seconds": round(time.perf_counter() - start, 2),
         }
         if not self.dry_run:
-            from gaga_core.scene import edits
-            from gaga_core.scene.edits.history import History
-            from gaga_core.scene.project import save_project
-
             history, scene = History(project.scene), project.scene
             if history.do(edits.separate(scene, found.splats, "Make object")) and self.name:
                 history.do(edits.rename(scene, int(scene.labels[found.splats[0]]), self.name))
             values["group"] = int(scene.labels[found.splats[0]])
             values["project"] = str(save_project(project))
         return out.result(values, as_json=self.json)
-
-
-def _prompter(model: str) -> "Prompter":
-    from gaga_core.segmentation.choose import prompter_named
-
-    folder = Path(model)
-    return prompter_named(model, weights=folder if folder.exists() else None)
-
-
-def _click(text: str, is_on: bool) -> "ViewClick":
-    from gaga_core.pipeline.click import ViewClick
-
-    view, (u, v) = _place(text, 2, "VIEW,U,V")
-    return ViewClick(view, u, v, is_on)
-
-
-def _box(text: str) -> "ViewBox":
-    from gaga_core.pipeline.click import ViewBox
-
-    view, (u0, v0, u1, v1) = _place(text, 4, "VIEW,U0,V0,U1,V1")
-    return ViewBox(view, u0, v0, u1, v1)
 
 
 def _place(text: str, n: int, form: str) -> tuple[str, list[float]]:

@@ -197,12 +197,16 @@ def scores(report: Scores, *, as_json: bool) -> int:
     """Print a report on standard output: as one JSON object, or as a table; returns 0."""
     if as_json:
         return result(report.to_json(), as_json=True)
-    headings, *rows = report.table()
-    shown = Table(*headings)
-    for row in rows:
+    table(report.table())
+    return 0
+
+
+def table(rows: list[list[str]]) -> None:
+    """Print rows of text as a table, headings first."""
+    shown = Table(*rows[0])
+    for row in rows[1:]:
         shown.add_row(*row)
     _Console(highlight=False).print(shown)
-    return 0
 
 
 def _readable(value: object) -> str:
