@@ -94,8 +94,7 @@ class ExportCommand:
 
     def run(self) -> int:
         """Write plain 3DGS files that other tools open."""
-        from gaga_core.identity.classifier_io import CLASSIFIER_FILE as CLASSIFIER
-        from gaga_core.identity.classifier_io import write_classifier
+        from gaga_core.identity.classifier_io import CLASSIFIER_FILE, write_classifier
         from gaga_core.io.splats.splat_files import SplatFormat, form_of
 
         self._check()
@@ -106,22 +105,23 @@ class ExportCommand:
         project = out.open_project(self.scene)
         if self.what == "masks":
             return self._masks(project)
+        options = self._options(project)
         if self.what == "cameras":
-            return self._cameras(project)
+            from gaga_core.export.cameras import export_cameras
+
+            n = export_cameras(project, self.out, options)
+            return out.result({"file": str(self.out), "cameras": n}, as_json=self.json)
         if self.identity and (solid is not None or form is not SplatFormat.PLY):
             raise GagaError("Only .ply has room for identity encodings. Choose --form ply.")
-        options = self._options(project)
         field = _add_identity(project) if self.identity else None
-        folder = self.out.parent if self.what == "scene" else self.out
-        values: dict[str, object] = {}
-        if field is not None:
-            values["classifier"] = str(folder / CLASSIFIER)
         if self.what == "scene":
-            values = {**self._whole(project, form, options), **values}
+            values = self._whole(project, form, options)
         else:
-            values = {**self._objects(project, solid or form, options), **values}
+            values = self._objects(project, solid or form, options)
         if field is not None:
-            write_classifier(folder / CLASSIFIER, field.weight, field.bias)
+            folder = self.out.parent if self.what == "scene" else self.out
+            write_classifier(folder / CLASSIFIER_FILE, field.weight, field.bias)
+            values["classifier"] = str(folder / CLASSIFIER_FILE)
         return out.result(values, as_json=self.json)
 
     def _check(self) -> None:
@@ -227,12 +227,6 @@ class ExportCommand:
             )
         except ValueError as error:
             raise GagaError(f"That cannot be: {error}.") from error
-
-    def _cameras(self, project: "Project") -> int:
-        from gaga_core.export.cameras import export_cameras
-
-        n = export_cameras(project, self.out, self._options(project))
-        return out.result({"file": str(self.out), "cameras": n}, as_json=self.json)
 
     def _masks(self, project: "Project") -> int:
         if self.format == "png":

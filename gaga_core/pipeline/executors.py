@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import IntArray, UInt8Array
+from gaga_core.arrays import UInt8Array
 from gaga_core.errors import CancelledError, GagaError
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.folder.scene_folder import (
@@ -297,19 +297,17 @@ ended without an answer.</p>
 def _row(outcome: SceneOutcome, folder: Path) -> str:
     entry = read_report_entry(folder / "gaga" / "report.json", "associate", AssociateEntry)
     try:
-        pictures = _pictures(folder)
-        note = ""
+        shown = "".join(f'<img alt="" src="{_inline(p)}">' for p in _pictures(folder))
     except (GagaError, OSError) as error:  # a scene that failed may hold anything
-        pictures, note = [], str(error)
-    shown = "".join(f'<img alt="" src="{_inline(picture)}">' for picture in pictures)
+        shown = html.escape(str(error))
+    stages = ", ".join(outcome.stages_run) or "nothing"
+    texts = [html.escape(text) for text in (outcome.scene, outcome.failed or "yes", stages)]
     cells = [
-        f"<td>{html.escape(outcome.scene)}</td>",
-        f"<td>{html.escape(outcome.failed) or 'yes'}</td>",
+        f"<td>{texts[0]}</td><td>{texts[1]}</td>",
         f'<td class="number">{"" if entry is None else entry.groups_with_gaussians}</td>',
-        f"<td>{html.escape(', '.join(outcome.stages_run) or 'nothing')}</td>",
+        f"<td>{texts[2]}</td>",
         f'<td class="number">{outcome.seconds:.0f}</td>',
-        f'<td class="number">{outcome.attempts}</td>',
-        f"<td>{shown or html.escape(note)}</td>",
+        f'<td class="number">{outcome.attempts}</td><td>{shown}</td>',
     ]
     kind = ' class="failed"' if outcome.failed else ""
     return f"<tr{kind}>{''.join(cells)}</tr>"
@@ -322,30 +320,22 @@ def _pictures(root: Path) -> list[UInt8Array]:
     folder = open_scene_folder(root)
     for camera in folder.cameras:
         drawn = folder.work / "renders" / "groups" / f"{view_key(camera.name)}.png"
-        if drawn.is_file():
-            photo = folder.image_paths.get(camera.name)
-            return [*([] if photo is None else [_small(read_rgb(photo))]), _painted(drawn)]
+        if not drawn.is_file():
+            continue
+        groups = read_labels(drawn)
+        step = max(1, groups.shape[1] // _WIDTH)
+        ids, row = np.unique(groups[::step, ::step], return_inverse=True)
+        colors = group_colors(ids.astype(np.int32))
+        colors[ids == 0] = 0
+        shape = groups[::step, ::step].shape
+        painted = (colors[row.reshape(shape)] * 255 + 0.5).astype(np.uint8)
+        photo = folder.image_paths.get(camera.name)
+        if photo is None:
+            return [painted]
+        image = Image.fromarray(read_rgb(photo))
+        size = (_WIDTH, max(1, round(image.height * _WIDTH / image.width)))
+        return [np.asarray(image.resize(size)), painted]
     return []
-
-
-def _painted(path: Path) -> UInt8Array:
-    """A map of groups in the colors of the groups, small; no group is black."""
-    groups = _every_nth(read_labels(path))
-    ids, row = np.unique(groups, return_inverse=True)
-    colors = group_colors(ids.astype(np.int32))
-    colors[ids == 0] = 0
-    painted: UInt8Array = (colors[row.reshape(groups.shape)] * 255 + 0.5).astype(np.uint8)
-    return painted
-
-
-def _every_nth(labels: IntArray) -> IntArray:
-    step = max(1, labels.shape[1] // _WIDTH)
-    return labels[::step, ::step]
-
-
-def _small(image: UInt8Array) -> UInt8Array:
-    height = max(1, round(image.shape[0] * _WIDTH / image.shape[1]))
-    return np.asarray(Image.fromarray(image).resize((_WIDTH, height)))
 
 
 def _inline(picture: UInt8Array) -> str:
@@ -380,34 +370,30 @@ def run_scenes(
         raise GagaError("--address is of a dask scheduler. Choose --executor dask.")
     run = _run_dask if engine.engine == "dask" else _run_local
     done: dict[str, SceneOutcome] = {}
+    # A worker's share of this machine's memory for votes.
+    n = 1 if engine.address else engine.workers
+    memory = max(1, config.associate.histogram_bytes // n)
+    shared = replace(config, associate=replace(config.associate, histogram_bytes=memory))
+
+    def report() -> ScenesReport:
+        return ScenesReport(tuple(done[name] for name in sorted(done)))
+
     with staging_folder(root) as starts:
         counted = [replace(task, starts=starts / f"{i}") for i, task in enumerate(tasks)]
         folders = {task.name: task.folder for task in tasks}
-        answers = run(counted, _shared(config, engine), engine)
+        answers = run(counted, shared, engine)
         with closing(answers):
             yield Progress(_STAGE, 0, len(tasks), "start the workers")
             for outcome in answers:
                 message = ""
                 if outcome is not None:
                     done[outcome.scene] = outcome
-                    _note(root, folders[outcome.scene], outcome, ScenesReport(_by_name(done)))
+                    _note(root, folders[outcome.scene], outcome, report())
                     message = f"{outcome.scene}: {outcome.failed or 'complete'}"
                 yield Progress(_STAGE, len(done), len(tasks), message)
-    report = ScenesReport(_by_name(done), root / PAGE)
-    write_page(root / PAGE, report, folders)
-    return report
-
-
-def _shared(config: RunConfig, engine: EngineConfig) -> RunConfig:
-    """The settings with a worker's share of this machine's memory for votes."""
-    n = 1 if engine.address else engine.workers
-    associate = config.associate
-    share = replace(associate, histogram_bytes=max(1, associate.histogram_bytes // n))
-    return replace(config, associate=share)
-
-
-def _by_name(done: dict[str, SceneOutcome]) -> tuple[SceneOutcome, ...]:
-    return tuple(done[name] for name in sorted(done))
+    whole = replace(report(), page=root / PAGE)
+    write_page(root / PAGE, whole, folders)
+    return whole
 
 
 def _note(root: Path, folder: Path, outcome: SceneOutcome, report: ScenesReport) -> None:
@@ -580,10 +566,6 @@ def _dask_outcome(future: "Future[SceneOutcome]", task: SceneTask) -> SceneOutco
         problem = future.exception()  # type: ignore[no-untyped-call]
     if problem is None or isinstance(problem, KilledWorker):
         return None
-    return died(task, _sentence(problem))
-
-
-def _sentence(problem: BaseException) -> str:
-    """The first line of an exception."""
     text = str(problem).strip().splitlines()
-    return f"{type(problem).__name__}: {text[0][:160]}" if text else type(problem).__name__
+    first = f": {text[0][:160]}" if text else ""
+    return died(task, f"{type(problem).__name__}{first}")
