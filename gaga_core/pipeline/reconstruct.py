@@ -10,7 +10,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -266,20 +266,12 @@ def look_at_photos(path: Path) -> PhotoFind | None:
         if unread:
             raise GagaError(unread[0])
         return None
-    return PhotoFind(
-        outside, scene, len(files), _size_of(files), False, is_placed, going_on, iteration
-    )
-
-
-def _size_of(files: tuple[Path, ...]) -> tuple[int, int]:
-    """Size of the first photo that can be read."""
-    for file in files[:5]:
-        try:
-            with Image.open(file) as image:
-                return image.size
-        except (OSError, ValueError):
-            continue
-    return _VIDEO_SIZE
+    size = _VIDEO_SIZE
+    for file in files[:5]:  # the first that can be read
+        with suppress(OSError, ValueError), Image.open(file) as image:
+            size = image.size
+            break
+    return PhotoFind(outside, scene, len(files), size, False, is_placed, going_on, iteration)
 
 
 def scene_of(photos: Path) -> Path:
