@@ -160,15 +160,6 @@ def test_recorded_edits_give_the_edited_file(scene: Path, tmp_path: Path, capsys
     assert np.array_equal(after.extra["group"], labels[kept])
 
 
-def test_objects_are_exported_with_a_manifest(scene: Path, tmp_path: Path, capsys: Capture) -> None:
-    out = tmp_path / "objects"
-    values = answer(capsys, "export", str(scene), "--what", "objects", "--out", str(out))
-    manifest = json.loads((out / "groups.json").read_text())
-    assert values["files"] == len(manifest["groups"])
-    for entry in manifest["groups"]:
-        assert len(read_ply(out / entry["file"])) == entry["count"]
-
-
 def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Capture) -> None:
     project = run_stage(open_path_stage(scene))
     history = History(project.scene)
@@ -232,15 +223,6 @@ def test_masks_are_exported_as_the_edited_scene_shows_them(
     )
 
 
-def test_info_counts(scene: Path, capsys: Capture) -> None:
-    values = answer(capsys, "info", str(scene))
-    assert values["gaussians"] == len(read_ply(scene / "point_cloud.ply"))
-    assert values["views"] == 8
-    with np.load(scene / "gaga" / "labels.npz") as stored:
-        assert values["groups"] == len(np.unique(stored["labels"][stored["labels"] > 0]))
-    assert answer(capsys, "info", str(scene / "point_cloud.ply"))["sh_degree"] == 0
-
-
 def test_identities_are_lifted(scene: Path, tmp_path: Path, capsys: Capture) -> None:
     values = answer(capsys, "lift", str(scene), "--mode", "vote")
     assert values["mode"] == "vote"
@@ -251,11 +233,6 @@ def test_identities_are_lifted(scene: Path, tmp_path: Path, capsys: Capture) -> 
     assert columns == [f"obj_dc_{i}" for i in range(16)]
     lone = str(scene / "point_cloud.ply")
     assert "scene folder" in refusal(capsys, "export", lone, "--identity", "--out", str(target))
-
-
-def test_run_does_what_is_missing_once(scene: Path, capsys: Capture) -> None:
-    assert answer(capsys, "run", str(scene))["stages_run"] != []
-    assert answer(capsys, "run", str(scene))["stages_run"] == []
 
 
 def test_a_photo_folder_without_masks_or_model_is_told(tmp_path: Path, capsys: Capture) -> None:

@@ -51,6 +51,11 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys: Capture) -> None:
 
 
 def test_a_folder_without_scenes_is_told(tmp_path: Path, capsys: Capture) -> None:
+    alone = ("run", str(tmp_path))
+    assert "--masks and --masks-from" in refusal(
+        capsys, *alone, "--masks", "a", "--masks-from", "regions"
+    )
+    assert "--to are for one scene" in refusal(capsys, *alone, "--to", "a", "--executor", "local")
     said = refusal(capsys, "run", str(tmp_path), "--executor", "local")
     assert "no scene folders" in said
     assert "--workers" in refusal(

@@ -104,12 +104,3 @@ def test_masks_of_the_user_are_not_made_again(made: Path, tmp_path: Path) -> Non
     report = json.loads((scene / "gaga/report.json").read_text())
     assert Path(report["associate"]["mask_folder"]).name == "regions"
     assert run_stage(run_folder(scene, named)) == ()
-
-
-def test_what_does_not_go_together_is_one_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["run", str(tmp_path), "--masks", "a", "--masks-from", "regions"]) == 1
-    assert "--masks and --masks-from" in capsys.readouterr().err
-    assert main(["run", str(tmp_path), "--to", "a", "--executor", "local"]) == 1
-    assert "--to are for one scene" in capsys.readouterr().err
