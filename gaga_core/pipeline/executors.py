@@ -41,12 +41,12 @@ from gaga_core.io.folder.scene_folder import (
 from gaga_core.io.folder.staging import staging_folder
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import read_labels, view_key
+from gaga_core.pipeline.film import painted_labels
 from gaga_core.pipeline.place import find_photos
 from gaga_core.pipeline.reconstruct import source_of
 from gaga_core.pipeline.run import RunConfig, run_folder
 from gaga_core.pipeline.settings import EngineConfig
 from gaga_core.progress import Progress, Stage, run_stage
-from gaga_core.scene.objects import group_colors
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -324,11 +324,7 @@ def _pictures(root: Path) -> list[UInt8Array]:
             continue
         groups = read_labels(drawn)
         step = max(1, groups.shape[1] // _WIDTH)
-        ids, row = np.unique(groups[::step, ::step], return_inverse=True)
-        colors = group_colors(ids.astype(np.int32))
-        colors[ids == 0] = 0
-        shape = groups[::step, ::step].shape
-        painted = (colors[row.reshape(shape)] * 255 + 0.5).astype(np.uint8)
+        painted = painted_labels(groups[::step, ::step])
         photo = folder.image_paths.get(camera.name)
         if photo is None:
             return [painted]

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.color import depth_colors
 from gaga_core.errors import GagaError
@@ -20,7 +20,7 @@ from gaga_core.raster import choose
 from gaga_core.raster.base import NEAR, Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.camera_path import CameraPath
-from gaga_core.scene.objects import object_table
+from gaga_core.scene.objects import group_colors, object_table
 from gaga_core.scene.scene import RGB, Scene
 
 # --- Two pictures in one, with a line between them.
@@ -226,9 +226,9 @@ def painter_stage(
             image = depth_colors(frame.expected_depth, span) * frame.alpha[..., None]
         if transparent:
             straight = image / np.maximum(frame.alpha, 1e-6)[..., None]  # as PNG wants it
-            return _bytes(np.concatenate([straight, frame.alpha[..., None]], axis=2))
+            return as_bytes(np.concatenate([straight, frame.alpha[..., None]], axis=2))
         behind = np.asarray(config.background, np.float32)
-        return _bytes(image + (1 - frame.alpha[..., None]) * behind)
+        return as_bytes(image + (1 - frame.alpha[..., None]) * behind)
 
     return paint
 
@@ -250,6 +250,15 @@ def depth_span(gaussians: Gaussians, cameras: Sequence[Camera]) -> tuple[float, 
     return float(near), max(float(far), float(near) + 1e-6)
 
 
-def _bytes(image: FloatArray) -> UInt8Array:
+def painted_labels(labels: IntArray) -> UInt8Array:
+    """A map (H, W) of groups in their colors (H, W, 3); no group is black."""
+    ids, row = np.unique(labels, return_inverse=True)
+    colors = group_colors(ids.astype(np.int32))
+    colors[ids == 0] = 0
+    return as_bytes(colors[row.reshape(labels.shape)])
+
+
+def as_bytes(image: FloatArray) -> UInt8Array:
+    """A picture of colors 0..1 as 8-bit values."""
     result: UInt8Array = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
     return result

@@ -9,7 +9,7 @@ from PIL import Image
 
 from gaga_core.arrays import BoolArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.evaluate.benchmark.settings import FindConfig
 from gaga_core.evaluate.published import PUBLISHED_RULE
 from gaga_core.grouping.votes import VOID_BELOW
 from gaga_core.identity.field import IdentityField
@@ -45,34 +45,22 @@ Answers = Mapping[str, Sequence[int]]  # phrase -> group ids; without an entry: 
 Find = Callable[[Question, Sequence[str]], Stage[Answers]]
 
 
-@dataclass(frozen=True)
-class FindConfig:
-    """Who answers: a detector in the first view, else an index of pictures, else words alone."""
+def find_by(config: FindConfig) -> Find:
+    """The way of answering."""
+    if config.detector is None:
+        return by_words(config.embedder)
+    if config.segmenter is None:
+        return by_detector(config.detector)
+    return by_published_rule(config.detector, config.segmenter)
 
-    detector: Path | None = None  # folder of a Grounding DINO or OWLv2 model
-    embedder: Path | None = None  # folder of a CLIP or SigLIP model
-    segmenter: str | None = None  # name or folder of a Segment Anything model, for masks in boxes
 
-    def __post_init__(self) -> None:
-        if self.segmenter is not None and self.detector is None:
-            raise GagaError("Masks in boxes need a detector that finds the boxes. Name one, too.")
-
-    def find(self) -> Find:
-        """The way of answering."""
-        if self.detector is not None and self.segmenter is not None:
-            return by_published_rule(self.detector, self.segmenter)
-        if self.detector is not None:
-            return by_detector(self.detector)
-        return by_words(self.embedder)
-
-    @property
-    def words(self) -> str:
-        """The way of answering, for tables."""
-        if self.detector is not None and self.segmenter is not None:
-            return f"{PUBLISHED_RULE}, share inside over {CONTAINED}, probability over {PROBABLE}"
-        if self.detector is not None:
-            return "boxes of a detector, groups by area"
-        return "words alone" if self.embedder is None else "an index of pictures"
+def words_of(config: FindConfig) -> str:
+    """The way of answering, for tables."""
+    if config.detector is None:
+        return "words alone" if config.embedder is None else "an index of pictures"
+    if config.segmenter is None:
+        return "boxes of a detector, groups by area"
+    return f"{PUBLISHED_RULE}, share inside over {CONTAINED}, probability over {PROBABLE}"
 
 
 def by_published_rule(detector_folder: Path, segmenter: str) -> Find:

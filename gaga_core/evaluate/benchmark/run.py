@@ -11,10 +11,10 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -22,7 +22,8 @@ from gaga_core.arrays import IntArray
 from gaga_core.errors import CancelledError, GagaError
 from gaga_core.evaluate.benchmark.files import digest_of, made_by, read_runs, write_runs
 from gaga_core.evaluate.benchmark.gallery import show_scene
-from gaga_core.evaluate.benchmark.prompts import Find, FindConfig, Question, answer_prompts
+from gaga_core.evaluate.benchmark.prompts import Find, Question, answer_prompts, find_by, words_of
+from gaga_core.evaluate.benchmark.settings import BenchmarkConfig
 from gaga_core.evaluate.benchmark.tables import (
     BenchmarkReport,
     BenchmarkRun,
@@ -140,57 +141,7 @@ def trained_splats(
 
 
 TITLE = "Benchmark"
-Lift = Literal["paper", "refine", "vote", "none"]  # how the scored maps are made; none: of groups
 _TRACKED = "object_mask"  # associated by a tracker already: only on request
-
-
-@dataclass(frozen=True)
-class BenchmarkConfig:
-    """What is run over every scene."""
-
-    preset: str = "robust"  # of the association
-    lift: Lift | None = None  # None = as the preset says: paper of the paper, vote of robust
-    masks: str | None = None  # name of the mask folder in every scene; None = the only one
-    shares: tuple[float, ...] = ()  # of the train views, in addition to all of them
-    seed: int = 0  # of the choice of those views
-    find: FindConfig = field(default_factory=FindConfig)  # who answers text prompts
-    pred: Path | None = None  # predictions <scene>/...: they are scored, nothing is run
-    redo: bool = False  # run again what is finished
-    train: ReconstructConfig = field(  # of splats that are missing
-        default_factory=lambda: ReconstructConfig(quality="standard")
-    )
-    retrain_sparse: bool = False  # splats of few views are trained on those views alone
-
-    def __post_init__(self) -> None:
-        AssociateConfig.of(self.preset)
-        if self.lift is not None and self.lift not in get_args(Lift):
-            raise GagaError(f"There is no lift {self.lift!r}. Choose {', '.join(get_args(Lift))}.")
-        for share in self.shares:
-            if not 0 < share < 1:
-                raise GagaError(f"{share:.4g} is no share of the views. Choose one in (0, 1).")
-        if self.pred is not None and self.shares:
-            raise GagaError("Given predictions have no train views. Leave the shares of them out.")
-        if self.retrain_sparse and not self.shares:
-            raise GagaError(
-                "--retrain-sparse needs --sparse: which shares of the views to train on."
-            )
-
-    @property
-    def lifted_by(self) -> Lift:
-        """How identities are made from the groups: as asked for, else as the preset has it."""
-        return self.lift or ("paper" if self.preset == "paper" else "vote")
-
-    @property
-    def title(self) -> str:
-        """What is scored, for tables."""
-        if self.pred is not None:
-            return "given predictions"
-        kind = self.lifted_by
-        return f"{self.preset}, " + ("groups" if kind == "none" else f"identities by {kind}")
-
-    def runs(self) -> tuple[float, ...]:
-        """The share of the train views in every run, all of them first."""
-        return (1.0, *sorted(set(self.shares), reverse=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +261,7 @@ def _with_splats(
 def _conditions(task: _Task, splats: str) -> Conditions:
     """How the scene was scored, for tables."""
     scene, config = task.scene, task.config
-    queries = "" if scene.prompts is None or config.pred is not None else config.find.words
+    queries = "" if scene.prompts is None or config.pred is not None else words_of(config.find)
     truth = scene.truth if scene.prompts is None else set(scene.prompts.views.values())
     return Conditions(
         split=scene.folder.split,
@@ -413,7 +364,7 @@ def _run(task: _Task, share: float, gaussians: Gaussians | None) -> Stage[Benchm
         question = _question(task, own, gaussians, labels, maps)
         if config.lifted_by != "none":
             question = replace(question, field=read_identity(own, len(gaussians)).field)
-        find = task.find or config.find.find()
+        find = task.find or find_by(config.find)
         predictions = yield from answer_prompts(question, task.scene.prompts, root, find)
     scored = yield from part(score_scene(task.scene, predictions), 3, n_parts, TITLE)
     return replace(scored, share=share, n_views=len(train), n_groups=n_groups, seconds=seconds)

@@ -13,7 +13,8 @@ from PIL import Image
 from gaga_core.arrays import IntArray
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
+from gaga_core.evaluate.benchmark.run import run_benchmark
+from gaga_core.evaluate.benchmark.settings import BenchmarkConfig
 from gaga_core.evaluate.benchmark.tables import BenchmarkReport, InstanceScores
 from gaga_core.io.datasets.catalog import open_dataset
 from gaga_core.io.masks.label_maps import read_labels
@@ -205,7 +206,7 @@ def test_colmap_scenes_with_true_maps_are_scored_and_others_are_shown(tmp_path: 
     again = run_stage(run_benchmark(data, tmp_path / "out", VOTED))
     assert [scene.n_reused for scene in again.scenes] == [1, 1]
     with pytest.raises(GagaError, match="no preset"):
-        BenchmarkConfig(preset="magic")
+        BenchmarkConfig(preset="magic")  # type: ignore[arg-type]
 
 
 def test_a_scene_without_masks_gets_regions(tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark, trained_splats
+from gaga_core.evaluate.benchmark.run import run_benchmark, trained_splats
+from gaga_core.evaluate.benchmark.settings import BenchmarkConfig
 from gaga_core.evaluate.benchmark.tables import BenchmarkReport
 from gaga_core.evaluate.published import sparse_views
 from gaga_core.io.datasets.catalog import open_dataset
