@@ -127,11 +127,11 @@ def trained_splats(
         "photos": [digest_of(folder.image_paths[name]) for name in folder.train],
         "poses": hashlib.sha256(str(poses).encode()).hexdigest()[:16],
     }
-    model = out / "point_cloud.ply"
-    if model.is_file():
-        with suppress(GagaError):  # where it is not known what they were made of
-            if read_foreign_json(out / RECORD, dict[str, object]) == wanted:
-                return (yield from read_splats_stage(model))
+    model, recorded = out / "point_cloud.ply", dict[str, object]()
+    with suppress(GagaError):  # where it is not known what they were made of
+        recorded = read_foreign_json(out / RECORD, dict[str, object])
+    if model.is_file() and recorded == wanted:
+        return (yield from read_splats_stage(model))
     kept = {camera.name: camera for camera in folder.cameras}
     alone = replace(folder, cameras=tuple(kept[name] for name in folder.train), test=())
     gaussians = yield from train_scene(alone, config, rasterizer=rasterizer, out=out)
