@@ -1,6 +1,6 @@
 """Results of a data set, scene by scene, as the tables that the paper prints."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
@@ -196,16 +196,14 @@ class BenchmarkReport:
 
     def _instance_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
         """Counted as published: void is a label of both sides."""
+
+        def figures(run: BenchmarkRun) -> Sequence[float]:
+            return (*_instance_figures(run, with_void=True)[:3], run.n_groups, run.seconds)
+
         names = ("IoU", "P", "R", "groups", "seconds", "missing")
-        found = [
-            (*_instance_figures(run, with_void=True)[:3], float(run.n_groups), run.seconds)
-            for _, run in whole
-        ]
-        n_missing = [len(run.missing) for _, run in whole]
-        heads = [scene for scene, _ in whole]
         rows = [
             [head, *_hundredths(values[:3]), f"{values[3]:.0f}", f"{values[4]:.1f}", str(n)]
-            for head, values, n in self._with_mean(heads, found, n_missing)
+            for head, values, n in self._with_mean(whole, figures)
         ]
         rows[len(whole) : len(whole)] = [[s, *[""] * 5, "failed"] for s in self.failed]
         for p in () if self.departures() else INSTANCE.get(self.dataset, ()):
@@ -215,12 +213,8 @@ class BenchmarkReport:
 
     def _void_free_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
         """The same without pixels of true label 0."""
-        found = [_instance_figures(run, with_void=False) for _, run in whole]
-        heads = [scene for scene, _ in whole]
-        rows = [
-            [head, *_hundredths(values)]
-            for head, values, _ in self._with_mean(heads, found, [0] * len(whole))
-        ]
+        found = self._with_mean(whole, lambda run: _instance_figures(run, with_void=False))
+        rows = [[head, *_hundredths(values)] for head, values, _ in found]
         return _table([["void left out", "IoU", "P", "R", "pooled IoU"], *rows], VOID_LEFT_OUT)
 
     def _prompt_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
@@ -230,41 +224,34 @@ class BenchmarkReport:
         published = {} if departs else PROMPTS.get(self.dataset, {})
         beside = [] if departs else [f"published {name}" for name in names]
 
-        def theirs_of(values: Sequence[float]) -> list[str]:
+        def theirs(values: Sequence[float]) -> list[str]:
             return [] if departs else _tenths(values, n)
 
-        runs = [(scene, run) for scene, run in whole if isinstance(run.scores, PromptScores)]
-        ours = [
-            (100 * run.scores.miou, 100 * run.scores.mean_boundary_iou)[:n]
-            for _, run in runs
-            if isinstance(run.scores, PromptScores)
-        ]
-        n_missing = [len(run.missing) for _, run in runs]
         # Means over the same scenes: a published one counts where ours does.
-        known = [published[scene] for scene, _ in runs if scene in published]
-        mean = tuple(np.mean(known, axis=0).tolist()) if known else ()
-        heads = [scene for scene, _ in runs]
-        shown = [*(published.get(head, ()) for head in heads), mean]
+        known = [published[scene] for scene, _ in whole if scene in published]
+        mean = np.mean(known, axis=0).tolist() if known else ()
+        shown = [*(published.get(scene, ()) for scene, _ in whole), mean]
+        found = self._with_mean(whole, lambda run: _prompt_figures(run)[:n])
         rows = [
-            [head, *_tenths(values, n), *theirs_of(theirs), str(missing)]
-            for (head, values, missing), theirs in zip(
-                self._with_mean(heads, ours, n_missing), shown, strict=False
-            )
+            [head, *_tenths(values, n), *theirs(of_paper), str(missing)]
+            for (head, values, missing), of_paper in zip(found, shown, strict=False)
         ]
-        rows[len(runs) : len(runs)] = [
-            [scene, *_tenths((), n), *theirs_of(published.get(scene, ())), "failed"]
+        rows[len(whole) : len(whole)] = [
+            [scene, *_tenths((), n), *theirs(published.get(scene, ())), "failed"]
             for scene in self.failed
         ]
         return _table([[f"{self.title}, {self.preset}", *names, *beside, "missing"], *rows])
 
     def _with_mean(
-        self, heads: Sequence[str], found: Sequence[Sequence[float]], n_missing: Sequence[int]
+        self,
+        runs: Sequence[tuple[str, BenchmarkRun]],
+        figures: Callable[[BenchmarkRun], Sequence[float]],
     ) -> list[tuple[str, Sequence[float], int]]:
         """Head, figures and missing predictions of each scene, then of all, if there is any."""
-        rows = list(zip(heads, found, n_missing, strict=True))
-        if found:
-            mean = np.mean(found, axis=0).tolist()
-            rows.append((self._mean_title(len(found)), mean, sum(n_missing)))
+        rows = [(scene, figures(run), len(run.missing)) for scene, run in runs]
+        if rows:
+            mean = np.mean([values for _, values, _ in rows], axis=0).tolist()
+            rows.append((self._mean_title(len(rows)), mean, sum(n for *_, n in rows)))
         return rows
 
     def _sparse_table(self) -> TextTable:
@@ -315,6 +302,12 @@ def _instance_figures(run: BenchmarkRun, *, with_void: bool) -> list[float]:
     score = run.scores.with_void if with_void else run.scores.without_void
     values = (score.iou, score.precision, score.recall, score.pooled_iou)
     return [100 * value for value in values]
+
+
+def _prompt_figures(run: BenchmarkRun) -> list[float]:
+    """Percent: IoU, boundary IoU."""
+    assert isinstance(run.scores, PromptScores)
+    return [100 * run.scores.miou, 100 * run.scores.mean_boundary_iou]
 
 
 def _hundredths(values: Sequence[float]) -> list[str]:
