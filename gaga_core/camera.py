@@ -67,9 +67,11 @@ class Camera:
         scale = np.diag([width / self.width, height / self.height, 1.0])
         return replace(self, K=scale @ self.K, width=width, height=height)
 
-    def at_most(self, side: int) -> "Camera":
-        """The same view with no side longer than ``side`` pixels."""
-        scale = min(1.0, side / max(self.width, self.height))
+    def at_most(self, longest_side: int) -> "Camera":
+        """The same view with no side longer than ``longest_side`` pixels."""
+        scale = min(1.0, longest_side / max(self.width, self.height))
+        if scale == 1.0:
+            return self
         return self.resized(max(1, round(self.width * scale)), max(1, round(self.height * scale)))
 
     def project(self, points_world: DoubleArray) -> tuple[DoubleArray, DoubleArray]:

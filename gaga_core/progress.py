@@ -7,7 +7,10 @@ Cancelling is closing the generator: between two steps ``GeneratorExit`` is rais
 from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 T = TypeVar("T")
 _STEPS = 1000  # progress units of one part; parts differ in their number of steps
@@ -41,6 +44,43 @@ def run_stage(stage: Stage[T], on_progress: Callable[[Progress], None] | None = 
             return value
         if on_progress is not None:
             on_progress(progress)
+
+
+def show_stage(
+    stage: Stage[T],
+    console: "Console | None" = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> T:
+    """Drive ``stage`` with a bar and the time left in a terminal or notebook; it is closed at once
+    when this is interrupted.
+
+    The bar is on standard error unless ``console`` says where; there is none in a file or a pipe.
+    """
+    from rich import progress as bars
+    from rich.console import Console
+
+    console = console or Console(stderr=True)
+    columns = (
+        bars.TextColumn("{task.description}"),
+        bars.BarColumn(bar_width=30),
+        bars.TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        bars.TimeRemainingColumn(),
+        bars.TextColumn("{task.fields[message]}", style="dim"),
+    )
+    quiet = not (console.is_terminal or console.is_jupyter)
+    tasks: dict[str, bars.TaskID] = {}
+    with bars.Progress(*columns, console=console, transient=True, disable=quiet) as bar:
+
+        def show(step: Progress) -> None:
+            if on_progress is not None:
+                on_progress(step)
+            total = step.total or max(step.done, 1)
+            if step.stage not in tasks:
+                tasks[step.stage] = bar.add_task(step.stage, total=step.total or 1, message="")
+            bar.update(tasks[step.stage], completed=step.done, total=total, message=step.message)
+
+        with closing(stage):
+            return run_stage(stage, show)
 
 
 def mapped(stage: Stage[T], change: Callable[[Progress], Progress]) -> Stage[T]:

@@ -1,16 +1,18 @@
 """The command that runs a published benchmark over a data set."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
 from gaga_core.cli import output as out
+from gaga_core.cli.output import AsJson, Backend, options
 from gaga_core.errors import GagaError
+from gaga_core.evaluate.benchmark.settings import BenchmarkConfig, FindConfig
+from gaga_core.pipeline.settings import ReconstructConfig
 
-if TYPE_CHECKING:
-    from gaga_core.evaluate.benchmark.prompts import FindConfig
+_OF_RUNS = ("preset", "lift", "masks", "seed", "pred", "redo")
 
 
 @dataclass(frozen=True)
@@ -22,23 +24,16 @@ class BenchmarkCommand:
     true maps, else shown by a film and a contact sheet)."""
     folder: Positional[Path]
     """Its folder, with one folder a scene."""
+    config: Annotated[BenchmarkConfig, options(BenchmarkConfig, *_OF_RUNS)]
+    train: Annotated[
+        ReconstructConfig,
+        options(ReconstructConfig, "quality", "iterations", quality="standard"),
+    ]
     scenes: tuple[str, ...] = ()
     """Names of scenes; default: all."""
-    preset: Literal["robust", "paper"] = "robust"
-    """robust: groups by the consensus of all views. paper: the published method to the letter."""
-    lift: Literal["paper", "refine", "vote", "none"] | None = None
-    """How the groups become the identities whose maps are scored (see gaga lift --mode); none: the
-    groups themselves. Default: paper (10,000 iterations) with preset paper, vote with robust."""
-    masks: str | None = None
-    """Name of the mask folder in every scene (masks/NAME, raw_sam_mask, ...); default: the only
-    one, or the weights-free regions where there is none."""
     models: Path | None = None
     """Folder of the trained models, as <scene>/point_cloud/...; default: in the scenes. Where there
     is none, splats are trained on the training views alone."""
-    quality: Literal["draft", "standard", "full"] = "standard"
-    """Of splats that are trained here."""
-    iterations: int | None = None
-    """Training steps of such splats; default: as the quality says."""
     detector: str | None = None
     """For text prompts: folder or name of a Grounding DINO or OWLv2 model (see gaga query)."""
     box_masks: str | None = None
@@ -47,72 +42,50 @@ class BenchmarkCommand:
     index_with: str | None = None
     """For text prompts, without a detector: folder or name of a CLIP or SigLIP model; without
     either, words for colors, sizes and places alone are understood."""
-    pred: Path | None = None
-    """Score the predictions of this folder (<scene>/<view>.png, or <scene>/<view>/<prompt>.png)
-    and run nothing."""
     sparse: str = ""
     """Percentages of the train views to run as well, such as 30,20,10,5."""
     retrain_sparse: bool = False
     """Train splats on each of those choices of views; default: use those of all training views."""
-    seed: int = 0
-    """Of the choice of those views."""
     out: Path | None = None
     """Folder of the results, one JSON a scene; default: gaga-benchmark in the data set's folder."""
-    redo: bool = False
-    """Run again what is finished."""
-    backend: Literal["auto", "cpu", "cuda"] = "auto"
-    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
-    json: bool = False
-    """Print the report as JSON."""
+    backend: Backend = "auto"
+    json: AsJson = False
 
     def run(self) -> int:
         """Print the tables; exit status 1 when a scene has no result."""
-        from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
+        from gaga_core.evaluate.benchmark.run import run_benchmark
         from gaga_core.io.datasets import open_dataset
-        from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.pipeline.reconstruct import ReconstructConfig
+        from gaga_core.query.embed import KNOWN_DETECTORS, KNOWN_EMBEDDERS, folder_of
         from gaga_core.raster import choose
 
-        if self.pred is not None and not self.pred.is_dir():
-            raise GagaError(f"{self.pred} is not a folder. Choose a folder of predictions.")
-        config = BenchmarkConfig(
-            preset=self.preset,
-            lift=self.lift,
-            masks=self.masks,
+        pred, detector, index = self.config.pred, self.detector, self.index_with
+        if pred is not None and not pred.is_dir():
+            raise GagaError(f"{pred} is not a folder. Choose a folder of predictions.")
+        config = replace(
+            self.config,
             shares=_shares(self.sparse),
-            seed=self.seed,
-            find=self._find(),
-            pred=self.pred,
-            redo=self.redo,
-            train=ReconstructConfig(quality=self.quality, iterations=self.iterations),
+            find=FindConfig(
+                detector=None if detector is None else folder_of(detector, KNOWN_DETECTORS),
+                embedder=None if index is None else folder_of(index, KNOWN_EMBEDDERS),
+                segmenter=self.box_masks,
+            ),
+            train=self.train,
             retrain_sparse=self.retrain_sparse,
         )
         dataset = open_dataset(self.dataset, self.folder, self.scenes, models=self.models)
         target = self.out or self.folder / "gaga-benchmark"
-        engine = None if self.pred is not None else choose(self.backend)
+        engine = None if pred is not None else choose(self.backend)
         stage = run_benchmark(dataset, target, config, rasterizer=engine)
-        report = out.follow(stage if self.pred is not None else after_warm_up(stage))
+        report = out.follow(stage, compiles=pred is None)
         for sentence in report.sentences():
             out.say(sentence)
         if self.json:
             out.result(report.to_json(), as_json=True)
-        else:
-            for table in report.tables():
-                out.scores(table, as_json=False)
-                for note in table.notes:
-                    out.line(f"  {note}")
+        for table in () if self.json else report.tables():
+            out.table(table.table())
+            for note in table.notes:
+                out.line(f"  {note}")
         return 1 if report.failed else 0
-
-    def _find(self) -> "FindConfig":
-        from gaga_core.evaluate.benchmark.prompts import FindConfig
-        from gaga_core.query.embed import KNOWN_DETECTORS, KNOWN_EMBEDDERS, folder_of
-
-        detector, index = self.detector, self.index_with
-        return FindConfig(
-            detector=None if detector is None else folder_of(detector, KNOWN_DETECTORS),
-            embedder=None if index is None else folder_of(index, KNOWN_EMBEDDERS),
-            segmenter=self.box_masks,
-        )
 
 
 def _shares(text: str) -> tuple[float, ...]:

@@ -5,19 +5,16 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-from tyro.conf import Positional
-
 from gaga_core.cli import output as out
-from gaga_core.cli.output import SwitchError
+from gaga_core.cli.output import AnyScene, AsJson, SwitchError
 from gaga_core.errors import GagaError
-from gaga_core.identity.field import IdentityField
-from gaga_core.scene.project import Project
 
 if TYPE_CHECKING:
     from gaga_core.export.export import MeshExport
     from gaga_core.export.options import ExportOptions
+    from gaga_core.identity.field import IdentityField
     from gaga_core.io.splats.splat_files import SplatFormat
+    from gaga_core.scene.project import Project
 
 _SPLATS = ("scene", "objects")
 _WORLD = (*_SPLATS, "cameras")  # what lies in the world of the exported splats
@@ -44,9 +41,7 @@ GOES_WITH = {  # --what that a switch changes something of
 class ExportCommand:
     """Export a scene with its edits: the whole, or one file per object, or the group maps."""
 
-    scene: Positional[Path]
-    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
-    saved project."""
+    scene: AnyScene
     out: Path
     """A .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html for --what scene; for cameras a
     .json as 3DGS trainings write it, transforms.json (nerfstudio), or a folder (COLMAP); a folder
@@ -95,42 +90,39 @@ class ExportCommand:
     identity: bool = False
     """Add the identity encodings of gaga lift as obj_dc_0..15, and write classifier.pth next to
     the files: what Gaussian Grouping and Gaga load (scene, objects; .ply)."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Write plain 3DGS files that other tools open."""
-        from gaga_core.identity.classifier_io import CLASSIFIER_FILE as CLASSIFIER
-        from gaga_core.identity.classifier_io import write_classifier
+        from gaga_core.identity.classifier_io import CLASSIFIER_FILE, write_classifier
         from gaga_core.io.splats.splat_files import SplatFormat, form_of
-        from gaga_core.scene.project import open_path_stage
 
         self._check()
         solid = self._solid()
         form = SplatFormat(self.form) if self.form and solid is None else SplatFormat.PLY
         if self.what == "scene" and not self.form:
             form = form_of(self.out)  # a mistake is told before a large model is read
-        project = out.follow(open_path_stage(self.scene))
+        project = out.open_project(self.scene)
         if self.what == "masks":
             return self._masks(project)
+        options = self._options(project)
         if self.what == "cameras":
-            return self._cameras(project)
+            from gaga_core.export.cameras import export_cameras
+
+            n = export_cameras(project, self.out, options)
+            return out.result({"file": str(self.out), "cameras": n}, as_json=self.json)
         if self.identity and (solid is not None or form is not SplatFormat.PLY):
             raise GagaError("Only .ply has room for identity encodings. Choose --form ply.")
-        options = self._options(project)
         field = _add_identity(project) if self.identity else None
-        folder = self.out.parent if self.what == "scene" else self.out
-        values: dict[str, object] = {}
-        if field is not None:
-            values["classifier"] = str(folder / CLASSIFIER)
         if self.what == "scene":
-            values = {**self._whole(project, form, options), **values}
+            values = self._whole(project, form, options)
         else:
-            values = {**self._objects(project, solid or form, options), **values}
+            values = self._objects(project, solid or form, options)
         if field is not None:
-            write_classifier(folder / CLASSIFIER, field.weight, field.bias)
-        out.result(values, as_json=self.json)
-        return 0
+            folder = self.out.parent if self.what == "scene" else self.out
+            write_classifier(folder / CLASSIFIER_FILE, field.weight, field.bias)
+            values["classifier"] = str(folder / CLASSIFIER_FILE)
+        return out.result(values, as_json=self.json)
 
     def _check(self) -> None:
         """Raise ``SwitchError`` for switches that do not go together."""
@@ -146,7 +138,7 @@ class ExportCommand:
             raise SwitchError("--with-children goes with --only: say which objects.")
 
     def _whole(
-        self, project: Project, form: "SplatFormat", options: "ExportOptions"
+        self, project: "Project", form: "SplatFormat", options: "ExportOptions"
     ) -> dict[str, object]:
         from gaga_core.export.export import export_losses, export_scene_stage
         from gaga_core.io.splats.splat_files import SplatFormat
@@ -181,7 +173,7 @@ class ExportCommand:
         return MeshExport(MeshForm(self.form), MeshFile(self.mesh_file), config)
 
     def _objects(
-        self, project: Project, form: "SplatFormat | MeshExport", options: "ExportOptions"
+        self, project: "Project", form: "SplatFormat | MeshExport", options: "ExportOptions"
     ) -> dict[str, object]:
         from gaga_core.export.export import export_objects_stage, least_psnr, objects_losses
         from gaga_core.scene.export_manifest import listed_files, read_manifest
@@ -202,7 +194,7 @@ class ExportCommand:
         }
         return values | ({} if psnr is None else {"least_decimated_psnr": round(psnr, 2)})
 
-    def _only(self, project: Project) -> Sequence[int] | None:
+    def _only(self, project: "Project") -> Sequence[int] | None:
         """Groups to write, named after what they look like; None: all."""
         from gaga_core.pipeline.search import describe_project
         from gaga_core.scene.edits.folders import existing
@@ -217,7 +209,7 @@ class ExportCommand:
         inside = scene.folders.groups(existing(scene, self.folder))
         return [group for group in inside if not only or group in only]
 
-    def _options(self, project: Project) -> "ExportOptions":
+    def _options(self, project: "Project") -> "ExportOptions":
         """The switches as options."""
         from gaga_core.export.options import ExportOptions, box_of
         from gaga_core.export.page import content_of
@@ -236,27 +228,18 @@ class ExportCommand:
         except ValueError as error:
             raise GagaError(f"That cannot be: {error}.") from error
 
-    def _cameras(self, project: Project) -> int:
-        from gaga_core.export.cameras import export_cameras
-
-        n = export_cameras(project, self.out, self._options(project))
-        out.result({"file": str(self.out), "cameras": n}, as_json=self.json)
-        return 0
-
-    def _masks(self, project: Project) -> int:
+    def _masks(self, project: "Project") -> int:
         if self.format == "png":
             from gaga_core.pipeline.render import export_masks
 
             maps = out.follow(export_masks(project, self.out))
-            out.result({"folder": str(self.out), "files": len(maps)}, as_json=self.json)
-            return 0
+            return out.result({"folder": str(self.out), "files": len(maps)}, as_json=self.json)
         from gaga_core.pipeline.mask_dataset import export_mask_dataset
 
         made = out.follow(export_mask_dataset(project, self.out, self.format))
         if made.without_photo:
             out.say(f"{len(made.without_photo)} views are left out: their photos are gone.")
-        out.result(made.to_json(), as_json=self.json)
-        return 0
+        return out.result(made.to_json(), as_json=self.json)
 
 
 def say_losses(losses: Iterable[str]) -> None:
@@ -265,7 +248,7 @@ def say_losses(losses: Iterable[str]) -> None:
         out.say(sentence)
 
 
-def up_of(project: Project) -> tuple[float, float, float]:
+def up_of(project: "Project") -> tuple[float, float, float]:
     """Which way is up (3,), unit, world: the cameras say, else the splats."""
     from gaga_core.scene.orientation import guess_up, up_of_moved
 
@@ -278,11 +261,13 @@ def up_of(project: Project) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _add_identity(project: Project) -> IdentityField:
+def _add_identity(project: "Project") -> "IdentityField":
     """Give the splats of ``project`` their encodings as extra columns; the layer that reads them.
 
     They are of `gaga lift`; without one, those with which the model came.
     """
+    import numpy as np
+
     from gaga_core.identity.classifier_io import field_of_model, with_encodings
     from gaga_core.identity.field import FILE
     from gaga_core.pipeline.lift import read_identity

@@ -1,30 +1,22 @@
-"""Commands over single files: edit, info, doctor, demo."""
+"""Commands over single files: edit, info, lod, doctor, demo."""
 
 import importlib.metadata
 import platform
 import subprocess
 import sys
 from dataclasses import dataclass, replace
-from importlib.metadata import entry_points
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
 from tyro.conf import Positional
 
 from gaga_core.cli import output as out
-from gaga_core.cli.export import say_losses, up_of
+from gaga_core.cli.output import AnyScene, AsJson
 from gaga_core.errors import GagaError
-from gaga_core.io.json_file import decode_json, read_json
-from gaga_core.io.video import ffmpeg_program
-from gaga_core.pipeline.level_of_detail import open_project_lod
-from gaga_core.pipeline.search import list_objects
-from gaga_core.progress import Stage
-from gaga_core.raster import backend_report
-from gaga_core.scene.project import Project, open_path_stage
-from gaga_core.threads import n_threads
 
-# --- Commands over single files: edit, info, doctor, demo.
-
+if TYPE_CHECKING:
+    from gaga_core.progress import Stage
+    from gaga_core.scene.project import Project
 
 _MOST_SCRIPT = 1 << 30  # bytes: recorded edits of a million splats take megabytes each
 
@@ -33,34 +25,32 @@ _MOST_SCRIPT = 1 << 30  # bytes: recorded edits of a million splats take megabyt
 class EditCommand:
     """Apply recorded edits to a model and write the edited one."""
 
-    input: Positional[Path]
-    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
-    saved project."""
+    input: AnyScene
     output: Positional[Path]
     """The .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html to write."""
     script: Path
     """JSON list of edits, for example [{"op": "delete", "groups": [3]}]."""
     groups: bool = False
     """Add a column with the group id of each Gaussian."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Write what is visible after the edits."""
+        from gaga_core.cli.export import say_losses, up_of
         from gaga_core.edit_script import parse_script, run_script
         from gaga_core.export.export import export_losses, export_scene_stage
         from gaga_core.export.options import ExportOptions
         from gaga_core.export.page import content_of
+        from gaga_core.io.json_file import read_json
         from gaga_core.io.splats.splat_files import SplatFormat, form_of
         from gaga_core.pipeline.search import describe_project
-        from gaga_core.scene.project import open_path_stage
 
         form_of(self.output)  # a mistake is told before a large model is read
         script = read_json(
             self.script, list[object], "Fix the script and run again.", most_bytes=_MOST_SCRIPT
         )
         parse_script(script)
-        project = out.follow(open_path_stage(self.input))
+        project = out.open_project(self.input)
         scene = project.scene
         titles = run_script(scene, script, views=lambda: project.training_views)
         behind: frozenset[int] = frozenset()
@@ -72,8 +62,7 @@ class EditCommand:
         stage = export_scene_stage(scene, self.output, groups=self.groups, options=options)
         written = out.follow(stage).n_splats
         values = {"file": str(self.output), "edits": list(titles), "gaussians": written}
-        out.result(values, as_json=self.json)
-        return 0
+        return out.result(values, as_json=self.json)
 
 
 @dataclass(frozen=True)
@@ -82,30 +71,68 @@ class InfoCommand:
 
     file: Positional[Path]
     """What to look at."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Print counts, columns, views and groups."""
-
         values = out.follow(describe(self.file))
         if not self.json:
             values["folders"] = out.folder_names(values["folders"], values["objects"])
             values["objects"] = out.object_names(values["objects"])
-        out.result(values, as_json=self.json)
-        return 0
+        return out.result(values, as_json=self.json)
+
+
+@dataclass(frozen=True)
+class LodCommand:
+    """Build the level of detail of a large scene, which the window draws it by."""
+
+    scene: AnyScene
+    again: bool = False
+    """Build it also when there is one of this model."""
+    sog: Path | None = None
+    """Folder to write the levels to as streamed SOG (lod-meta.json), which other viewers load."""
+    json: AsJson = False
+
+    def run(self) -> int:
+        """Write gaga/lod in the scene folder, or NAME.gaga/lod next to a file.
+
+        Of a saved project to which files were added: lod-added there, of all of them.
+        """
+        from gaga_core.pipeline.level_of_detail import (
+            build_project_lod_stage,
+            open_project_lod,
+            rows_of,
+            rows_of_files,
+        )
+        from gaga_core.scene.lod.streamed import write_streamed_sog_stage
+
+        project = out.open_project(self.scene)
+        tree = None if self.again else open_project_lod(project)
+        is_new = tree is None or len(tree) < rows_of_files(project.scene)
+        if tree is None or is_new:
+            tree = out.follow(build_project_lod_stage(project))
+        values: dict[str, object] = {}
+        if self.sog is not None:
+            stage = write_streamed_sog_stage(self.sog, tree, rows_of(project, len(tree)))
+            values["streamed_sog"] = str(out.follow(stage))
+        made = {
+            "folder": str(tree.folder),
+            "built": is_new,
+            "gaussians": len(tree),
+            "levels": list(tree.sizes),
+            "megabytes": round(tree.file_bytes / 1e6, 1),
+        }
+        return out.result(made | values, as_json=self.json)
 
 
 @dataclass(frozen=True)
 class DoctorCommand:
     """Check what this machine can do, and what is missing."""
 
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Print one line a finding; exit status 1 when something needed is missing."""
-
         findings = examine()
         values = {f.name: f.text if f.ok else f"PROBLEM: {f.text}" for f in findings}
         out.result(values, as_json=self.json)
@@ -118,68 +145,70 @@ class DemoCommand:
 
     folder: Positional[Path]
     """Where to put it."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Write a whole scene folder."""
         from gaga_core.io.demo_scene import copy_demo_stage
 
         made = out.follow(copy_demo_stage(self.folder))
-        out.result({"scene": str(made)}, as_json=self.json)
-        return 0
+        return out.result({"scene": str(made)}, as_json=self.json)
 
 
 # --- ``gaga info``: what a file or folder holds, in plain values.
 
 
-def describe(path: Path) -> Stage[dict[str, object]]:
+def describe(path: Path) -> "Stage[dict[str, object]]":
     """Open ``path`` (scene folder, file of splats or project) and describe it."""
+    import numpy as np
+
+    from gaga_core.pipeline.search import list_objects
+    from gaga_core.scene.project import open_path_stage
+
     project = yield from open_path_stage(path)
-    values = _splats(project)
-    folder = project.folder
-    if folder is not None:
-        values["views"] = len(folder.cameras)
-        values["photos_on_disk"] = len(folder.image_paths)
-        values["train_views"] = len(folder.train)
-        values["test_views"] = len(folder.test)
-        values["split"] = folder.split
-        values["masks"] = list(folder.mask_folders)
-    files = [item.path for item in project.scene.added if not item.is_made]
-    if files:
-        values["added_files"] = files
-    objects = list_objects(project)
-    values["groups"] = len(objects)
-    values["objects"] = objects
-    folders = project.scene.folders
-    values["folders"] = {path: list(folders.groups(path)) for path in folders.paths}
-    values["level_of_detail"] = _level_of_detail(project)
-    values["saved_project"] = str(project.path) if project.path else "none"
-    return values
-
-
-def _level_of_detail(project: Project) -> str:
-    """Where the tree of merged splats is, if there is one that fits the model."""
-    try:
-        tree = open_project_lod(project)
-    except GagaError as error:
-        return f"damaged: {error}"
-    return "none" if tree is None else f"{len(tree.sizes)} levels in {tree.folder}"
-
-
-def _splats(project: Project) -> dict[str, object]:
-    gaussians = project.scene.gaussians
+    scene, gaussians = project.scene, project.scene.gaussians
     # Outliers far away are common; percentiles say how large the scene is to a person.
     low, high = np.percentile(gaussians.means, [1, 99], axis=0)
-    return {
+    values: dict[str, object] = {
         "model": str(project.model_path),
         "gaussians": len(gaussians),
-        "visible": int(project.scene.visible.sum()),
+        "visible": int(scene.visible.sum()),
         "sh_degree": gaussians.sh_degree,
         "look": "antialiased" if gaussians.is_antialiased else "classic",
         "size": " x ".join(f"{v:.3g}" for v in high - low) + " scene units",
         "extra_columns": [name for name in gaussians.extra if name not in ("nx", "ny", "nz")],
     }
+    folder = project.folder
+    if folder is not None:
+        values |= {
+            "views": len(folder.cameras),
+            "photos_on_disk": len(folder.image_paths),
+            "train_views": len(folder.train),
+            "test_views": len(folder.test),
+            "split": folder.split,
+            "masks": list(folder.mask_folders),
+        }
+    if files := [item.path for item in scene.added if not item.is_made]:
+        values["added_files"] = files
+    objects = list_objects(project)
+    return values | {
+        "groups": len(objects),
+        "objects": objects,
+        "folders": {path: list(scene.folders.groups(path)) for path in scene.folders.paths},
+        "level_of_detail": _level_of_detail(project),
+        "saved_project": str(project.path) if project.path else "none",
+    }
+
+
+def _level_of_detail(project: "Project") -> str:
+    """Where the tree of merged splats is, if there is one that fits the model."""
+    from gaga_core.pipeline.level_of_detail import open_project_lod
+
+    try:
+        tree = open_project_lod(project)
+    except GagaError as error:
+        return f"damaged: {error}"
+    return "none" if tree is None else f"{len(tree.sizes)} levels in {tree.folder}"
 
 
 # --- ``gaga doctor``: what this machine can do, and what to install where something is missing.
@@ -204,6 +233,9 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Look at Python, packages, graphics and compute; never raises."""
+    from gaga_core.raster import backend_report
+    from gaga_core.threads import n_threads
+
     findings = [
         Finding("python", f"{platform.python_version()} on {platform.platform()}", True),
         Finding("processor", f"{n_threads()} threads for the kernels", True),
@@ -213,12 +245,13 @@ def examine() -> list[Finding]:
             findings.append(Finding(package, importlib.metadata.version(package), True))
         except importlib.metadata.PackageNotFoundError:
             findings.append(_missing(package))
-    findings.append(_ffmpeg())
-    findings += [_extra(*extra) for extra in _EXTRAS]
-    findings += _registered()
-    findings.append(_cuda())
-    findings.append(_rasterizer())
-    return findings
+    name, reason = backend_report(fresh=True)  # again: a user runs this after fixing something
+    drawn = f"{name} ({'' if name == 'cuda' else 'cuda: '}{reason})"
+    extras = [_extra(*extra) for extra in _EXTRAS]
+    return [
+        *(*findings, _ffmpeg(), *extras, *_registered(), _cuda()),
+        Finding("rasterizer", drawn, True),
+    ]
 
 
 def _missing(package: str) -> Finding:
@@ -232,6 +265,8 @@ def _missing(package: str) -> Finding:
 
 def _ffmpeg() -> Finding:
     """The program that reads and writes videos."""
+    from gaga_core.io.video import ffmpeg_program
+
     try:
         program = ffmpeg_program()
         told = subprocess.run(
@@ -267,7 +302,9 @@ def _registered() -> list[Finding]:
     that one which may crash says first what a crash means. It runs in a process of its own.
     """
     findings = []
-    for entry in sorted(entry_points(group="gaga_core.probes"), key=lambda entry: entry.name):
+    for entry in sorted(
+        importlib.metadata.entry_points(group="gaga_core.probes"), key=lambda entry: entry.name
+    ):
         answer = _probe("-m", entry.value)
         ok, text = (bool(answer["ok"]), str(answer["text"])) if answer else (False, "no answer")
         findings.append(Finding(entry.name, text, ok))
@@ -285,14 +322,10 @@ def _cuda() -> Finding:
     return Finding("cuda", "none: everything runs on the processor, which is enough", True)
 
 
-def _rasterizer() -> Finding:
-    """The rasterizer in use, tested again: a user runs this after fixing something."""
-    name, reason = backend_report(fresh=True)
-    return Finding("rasterizer", f"{name} ({'' if name == 'cuda' else 'cuda: '}{reason})", True)
-
-
 def _probe(*arguments: str) -> dict[str, str | bool] | None:
     """The last line that a Python process prints, from JSON; None when it prints none."""
+    from gaga_core.io.json_file import decode_json
+
     try:
         done = subprocess.run(
             [sys.executable, *arguments],
@@ -307,57 +340,3 @@ def _probe(*arguments: str) -> dict[str, str | bool] | None:
     except (subprocess.SubprocessError, OSError, GagaError, IndexError):
         return None
     return answer
-
-
-# --- ``gaga lod``: the tree of merged splats of a large scene, headless.
-
-
-@dataclass(frozen=True)
-class LodCommand:
-    """Build the level of detail of a large scene, which the window draws it by."""
-
-    scene: Positional[Path]
-    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
-    saved project."""
-    again: bool = False
-    """Build it also when there is one of this model."""
-    sog: Path | None = None
-    """Folder to write the levels to as streamed SOG (lod-meta.json), which other viewers load."""
-    json: bool = False
-    """Print the result as JSON."""
-
-    def run(self) -> int:
-        """Write gaga/lod in the scene folder, or NAME.gaga/lod next to a file.
-
-        Of a saved project to which files were added: lod-added there, of all of them.
-        """
-        from gaga_core.pipeline.level_of_detail import (
-            build_project_lod_stage,
-            open_project_lod,
-            rows_of,
-            rows_of_files,
-        )
-        from gaga_core.scene.lod.streamed import write_streamed_sog_stage
-        from gaga_core.scene.project import open_path_stage
-
-        project = out.follow(open_path_stage(self.scene))
-        tree = None if self.again else open_project_lod(project)
-        is_new = tree is None or len(tree) < rows_of_files(project.scene)
-        if tree is None or is_new:
-            tree = out.follow(build_project_lod_stage(project))
-        values: dict[str, object] = {}
-        if self.sog is not None:
-            stage = write_streamed_sog_stage(self.sog, tree, rows_of(project, len(tree)))
-            values["streamed_sog"] = str(out.follow(stage))
-        out.result(
-            {
-                "folder": str(tree.folder),
-                "built": is_new,
-                "gaussians": len(tree),
-                "levels": list(tree.sizes),
-                "megabytes": round(tree.file_bytes / 1e6, 1),
-                **values,
-            },
-            as_json=self.json,
-        )
-        return 0

@@ -98,13 +98,9 @@ def _run(arguments: list[str] | None) -> int:
     if given in (["--version"], ["-V"]):
         sys.stdout.write(f"gaga {gaga_core.__version__}\n")
         return 0
-    parsed = tyro.cli(
-        Main,
-        prog="gaga",
-        args=given,
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
-    )
+    flat = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     try:
+        parsed = tyro.cli(Main, prog="gaga", args=given, config=flat)
         return parsed.command.run()
     except GagaError as error:
         out.fail(str(error))

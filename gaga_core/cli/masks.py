@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from gaga_core.cli import output as out
+from gaga_core.cli.output import AnyScene, AsJson, options
 from gaga_core.errors import GagaError
+from gaga_core.pipeline.settings import SegmentConfig
 
 if TYPE_CHECKING:
-    from gaga_core.pipeline.click import ViewBox, ViewClick
     from gaga_core.segmentation.base import Provider
-    from gaga_core.segmentation.choose import ProviderEntry
-    from gaga_core.segmentation.sam import Prompter
-
-# --- The command that makes 2D masks.
 
 
 @dataclass(frozen=True)
 class MasksCommand:
     """Make 2D masks of a scene's photos with a model, or without any (regions)."""
 
+    pictures: Annotated[
+        SegmentConfig, options(SegmentConfig, "longest_side", "order", "stop_after")
+    ]
     scene: Positional[Path | None] = None
     """Scene folder; may be left out with --list."""
     provider: str = ""
@@ -50,21 +50,13 @@ class MasksCommand:
     """2: about twice the regions, 0.5: half of them (regions)."""
     kind: Literal["entity", "panoptic"] = "entity"
     """How queries become masks (Mask2Former-like models)."""
-    longest_side: int = 1600
-    """Larger photos are shrunk to this many pixels; 0 = never."""
     device: Literal["auto", "cpu", "cuda", "mps"] = "auto"
     """Where models run: auto takes CUDA where torch has it."""
-    order: Literal["auto", "coverage", "name"] = "auto"
-    """Which photos come first. coverage: those that tell most of what none before them showed, so
-    that a run may be stopped early (needs splats). auto: coverage for models, name for regions."""
-    stop_after: float = 0.0
-    """Begin no further photo after so many seconds, and use what is there; 0 = make all."""
     redo: bool = False
     """Make masks again that are there already."""
     list: bool = False
     """Print the providers: which can be used here, sizes, licences, and what to put where."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Write SCENE/masks/<name>/<stem>.png, 16-bit label maps."""
@@ -77,14 +69,9 @@ class MasksCommand:
                 "Name a scene folder and a provider of masks (--provider). --list shows them all."
             )
         from gaga_core.io.folder.scene_folder import find_mask_folders, open_scene_folder
-        from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.pipeline.segment import SegmentConfig, segment_scene
+        from gaga_core.pipeline.segment import segment_scene
         from gaga_core.segmentation.models.status import record
 
-        if self.longest_side < 0:
-            raise GagaError("--longest-side counts pixels: choose 0 (never shrink) or more.")
-        if not 0 <= self.stop_after < float("inf"):
-            raise GagaError("--stop-after counts seconds: choose 0 (make all) or more.")
         folder = open_scene_folder(self.scene)
         provider = self._provider()
         stage = segment_scene(
@@ -93,14 +80,10 @@ class MasksCommand:
             views=self.views,
             name=self.name,
             redo=self.redo,
-            config=SegmentConfig(
-                longest_side=self.longest_side,
-                order=self.order,
-                stop_after_s=self.stop_after,
-            ),
+            config=self.pictures,
         )
         draws_depth = "depth" in provider.cues and folder.model_path is not None
-        report = out.follow(after_warm_up(stage) if draws_depth else stage)
+        report = out.follow(stage, compiles=draws_depth)
         if report.made and provider.name != "regions":
             record(report.provider, report.seconds / len(report.made))
         for note in report.notes:
@@ -127,8 +110,7 @@ class MasksCommand:
         for note in report.notes():
             out.say(note)
         shown = {"folder": report.folder, "views": len(report.views), "masks": report.n_masks}
-        out.result(report.to_json() if self.json else shown, as_json=self.json)
-        return 0
+        return out.result(report.to_json() if self.json else shown, as_json=self.json)
 
     def _provider(self) -> "Provider":
         from gaga_core.segmentation.base import FlattenConfig
@@ -155,33 +137,20 @@ class MasksCommand:
         from gaga_core.segmentation.choose import available_providers
 
         entries = available_providers()
-        out.scores(_Listing(entries), as_json=self.json)
-        if not self.json:
-            for entry in entries:
-                if entry.reason or entry.note:
-                    note = f"{entry.note[:1].upper()}{entry.note[1:]}. " if entry.note else ""
-                    out.say(f"{entry.name}: {note}{entry.reason}")
-        return 0
-
-
-@dataclass(frozen=True)
-class _Listing:
-    """The providers, as a table or plain values."""
-
-    entries: "tuple[ProviderEntry, ...]"
-
-    def table(self) -> list[list[str]]:
-        """A row a provider."""
+        if self.json:
+            plain = [asdict(e) | {"path": str(e.path or "")} for e in entries]
+            return out.result({"providers": plain}, as_json=True)
         rows = [["provider", "model", "here", "MB", "licence"]]
-        for entry in self.entries:
+        for entry in entries:
             size = f"{entry.megabytes:,}" if entry.megabytes else ""
             here = "yes" if entry.is_available else "no"
             rows.append([entry.name, entry.title, here, size, entry.licence])
-        return rows
-
-    def to_json(self) -> dict[str, object]:
-        """Plain values."""
-        return {"providers": [asdict(e) | {"path": str(e.path or "")} for e in self.entries]}
+        out.table(rows)
+        for entry in entries:
+            if entry.reason or entry.note:
+                note = f"{entry.note[:1].upper()}{entry.note[1:]}. " if entry.note else ""
+                out.say(f"{entry.name}: {note}{entry.reason}")
+        return 0
 
 
 # --- ``gaga segment``: one object by clicks, without masks and without a model.
@@ -191,9 +160,7 @@ class _Listing:
 class SegmentCommand:
     """Make an object of what clicks in views mean: VIEW,U,V with U and V in pixels of the photo."""
 
-    scene: Positional[Path]
-    """Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or
-    saved project."""
+    scene: AnyScene
     click: UseAppendAction[tuple[str, ...]] = ()
     """On the object: VIEW,U,V. May be given again. Views of a lone file of splats are 0 to 18."""
     not_: Annotated[UseAppendAction[tuple[str, ...]], arg(name="not")] = ()
@@ -207,62 +174,44 @@ class SegmentCommand:
     """Name of the new object."""
     dry_run: bool = False
     """Change nothing; print the figures only."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Select, make the object in the saved project, and print its number and size."""
-        clicks = [_click(text, True) for text in self.click]
-        clicks += [_click(text, False) for text in self.not_]
-        box = None if self.box is None else _box(self.box)
+        from gaga_core.pipeline.click import ViewBox, ViewClick, click_stage
+        from gaga_core.scene import edits
+        from gaga_core.scene.edits.history import History
+        from gaga_core.scene.project import save_project
+        from gaga_core.segmentation.choose import prompter_named
+
+        clicks = []
+        for text, is_on in (*((t, True) for t in self.click), *((t, False) for t in self.not_)):
+            view, (u, v) = _place(text, 2, "VIEW,U,V")
+            clicks.append(ViewClick(view, u, v, is_on))
+        box = None
+        if self.box is not None:
+            view, (u0, v0, u1, v1) = _place(self.box, 4, "VIEW,U0,V0,U1,V1")
+            box = ViewBox(view, u0, v0, u1, v1)
         if box is None and not self.click:
             raise GagaError("Say where the object is: --click VIEW,U,V or --box VIEW,U0,V0,U1,V1.")
-        from gaga_core.pipeline.click import click_stage
-        from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.scene.project import open_path_stage
-
-        project = out.follow(open_path_stage(self.scene))
-        start = time.perf_counter()
-        prompter = None if self.model is None else _prompter(self.model)
-        found = out.follow(after_warm_up(click_stage(project, clicks, box, prompter=prompter)))
+        project = out.open_project(self.scene)
+        start, prompter = time.perf_counter(), None
+        if self.model is not None:
+            folder = Path(self.model)
+            prompter = prompter_named(self.model, weights=folder if folder.exists() else None)
+        found = out.follow(click_stage(project, clicks, box, prompter=prompter), compiles=True)
         values: dict[str, object] = {
             "splats": len(found.splats),
             "clicks": found.n_clicks,
             "seconds": round(time.perf_counter() - start, 2),
         }
         if not self.dry_run:
-            from gaga_core.scene import edits
-            from gaga_core.scene.edits.history import History
-            from gaga_core.scene.project import save_project
-
             history, scene = History(project.scene), project.scene
             if history.do(edits.separate(scene, found.splats, "Make object")) and self.name:
                 history.do(edits.rename(scene, int(scene.labels[found.splats[0]]), self.name))
             values["group"] = int(scene.labels[found.splats[0]])
             values["project"] = str(save_project(project))
-        out.result(values, as_json=self.json)
-        return 0
-
-
-def _prompter(model: str) -> "Prompter":
-    from gaga_core.segmentation.choose import prompter_named
-
-    folder = Path(model)
-    return prompter_named(model, weights=folder if folder.exists() else None)
-
-
-def _click(text: str, is_on: bool) -> "ViewClick":
-    from gaga_core.pipeline.click import ViewClick
-
-    view, (u, v) = _place(text, 2, "VIEW,U,V")
-    return ViewClick(view, u, v, is_on)
-
-
-def _box(text: str) -> "ViewBox":
-    from gaga_core.pipeline.click import ViewBox
-
-    view, (u0, v0, u1, v1) = _place(text, 4, "VIEW,U0,V0,U1,V1")
-    return ViewBox(view, u0, v0, u1, v1)
+        return out.result(values, as_json=self.json)
 
 
 def _place(text: str, n: int, form: str) -> tuple[str, list[float]]:

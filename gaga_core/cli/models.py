@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg, subcommand
 
 from gaga_core.cli import output as out
+from gaga_core.cli.output import AsJson
 from gaga_core.errors import GagaError
 
 if TYPE_CHECKING:
@@ -23,21 +24,30 @@ class ListModels:
     Asks no network.
     """
 
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Print the list."""
         from gaga_core.segmentation.models.status import all_models
         from gaga_core.segmentation.models.weights import models_folder
 
-        rows = _Models(tuple(entry.to_json() for entry in all_models()), models_folder())
-        out.scores(rows, as_json=self.json)
-        if not self.json:
-            out.say(
-                f"Models lie in {models_folder()}. Sizes are approximate; gaga models get NAME "
-                "shows licence and exact size, and downloads nothing without your consent."
-            )
+        entries = [entry.to_json() for entry in all_models()]
+        if self.json:
+            return out.result({"folder": str(models_folder()), "models": entries}, as_json=True)
+        rows = [["name", "for", "here", "about MB", "licence", "s a photo"]]
+        for entry in entries:
+            seconds = entry["seconds_a_photo"]
+            about = "" if entry["is_measured"] else "about "
+            unknown = "not known" if entry["purpose"] == "masks" else ""
+            shown = f"{about}{seconds:.2g}" if isinstance(seconds, float) else unknown
+            here = "yes" if entry["is_here"] else "no"
+            size, licence = f"{entry['megabytes']:,}", str(entry["licence"])
+            rows.append([str(entry["name"]), str(entry["purpose"]), here, size, licence, shown])
+        out.table(rows)
+        out.say(
+            f"Models lie in {models_folder()}. Sizes are approximate; gaga models get NAME "
+            "shows licence and exact size, and downloads nothing without your consent."
+        )
         return 0
 
 
@@ -63,8 +73,7 @@ class GetModels:
     """Branch, tag or commit of the repository."""
     lock: Path | None = None
     """A model.lock.json: get exactly the files that it names, of its commit."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Download what is missing."""
@@ -137,8 +146,7 @@ class RemoveModels:
 
     names: Positional[tuple[str, ...]]
     """Models, as gaga models list names them."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Delete them."""
@@ -152,8 +160,7 @@ class RemoveModels:
             folder = remove(model)
             removed[model.name] = str(folder or "")
             out.say(f"Removed {folder}." if folder else f"{model.title} is not here.")
-        out.result({"removed": removed} if self.json else {}, as_json=self.json)
-        return 0
+        return out.result({"removed": removed} if self.json else {}, as_json=self.json)
 
 
 @dataclass(frozen=True)
@@ -162,8 +169,7 @@ class WhereModels:
 
     names: Positional[tuple[str, ...]] = ()
     """Models; none: the folder of all."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Print paths; exit status 1 when a model that was named is not here."""
@@ -201,28 +207,3 @@ class ModelsCommand:
     def run(self) -> int:
         """Run the action."""
         return self.action.run()
-
-
-@dataclass(frozen=True)
-class _Models:
-    """The models, as a table or plain values."""
-
-    entries: tuple[dict[str, object], ...]
-    folder: Path
-
-    def table(self) -> list[list[str]]:
-        """A row a model."""
-        rows = [["name", "for", "here", "about MB", "licence", "s a photo"]]
-        for entry in self.entries:
-            seconds = entry["seconds_a_photo"]
-            about = "" if entry["is_measured"] else "about "
-            unknown = "not known" if entry["purpose"] == "masks" else ""
-            shown = f"{about}{seconds:.2g}" if isinstance(seconds, float) else unknown
-            here = "yes" if entry["is_here"] else "no"
-            size, licence = f"{entry['megabytes']:,}", str(entry["licence"])
-            rows.append([str(entry["name"]), str(entry["purpose"]), here, size, licence, shown])
-        return rows
-
-    def to_json(self) -> dict[str, object]:
-        """Plain values."""
-        return {"folder": str(self.folder), "models": list(self.entries)}

@@ -1,32 +1,35 @@
-"""What the command prints: messages and progress on standard error, results on standard output."""
+"""What the command prints, and the options that several commands share.
 
+Messages and progress go to standard error, results to standard output.
+"""
+
+import ast
+import inspect
 import json
 import os
 import select
 import signal
 import sys
+import textwrap
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar, get_type_hints
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from tyro.conf import Positional, arg
 
 from gaga_core.errors import GagaError
-from gaga_core.progress import Progress as Step
-from gaga_core.progress import Stage, run_stage
+from gaga_core.progress import Stage, show_stage
 
 if TYPE_CHECKING:
     from gaga_core.grouping.associate import AssociateConfig
     from gaga_core.identity.lift import LiftConfig
-
-# --- What the command prints: messages and progress on standard error, results on standard output.
-
+    from gaga_core.scene.project import Project
 
 T = TypeVar("T")
 
@@ -81,35 +84,17 @@ def discard_the_rest() -> None:
         os.dup2(nowhere, stream.fileno())
 
 
-def follow(stage: Stage[T]) -> T:
-    """Run ``stage`` with a progress bar and ETA; Ctrl-C closes it, so nothing half-made stays."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=30),
-        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[message]}", style="dim"),
-    )
-    quiet = not _messages.is_terminal
-    bars = Progress(*columns, console=_messages, transient=True, disable=quiet)
-    with bars as bar, _interrupt_that_lasts() as raise_if_interrupted:
-        tasks: dict[str, TaskID] = {}
+def follow(stage: Stage[T], *, compiles: bool = False) -> T:
+    """Run ``stage`` with a progress bar and ETA; Ctrl-C closes it, so nothing half-made stays.
 
-        def show(step: Step) -> None:
-            raise_if_interrupted()
-            if step.stage not in tasks:
-                tasks[step.stage] = bar.add_task(step.stage, total=step.total or 1, message="")
-            bar.update(
-                tasks[step.stage],
-                completed=step.done,
-                total=step.total or max(step.done, 1),
-                message=step.message,
-            )
+    ``compiles``: its kernels are compiled first where that was not done yet.
+    """
+    if compiles:
+        from gaga_core.pipeline.compile_kernels import after_warm_up
 
-        try:
-            return run_stage(stage, show)
-        finally:
-            stage.close()
+        stage = after_warm_up(stage)
+    with _interrupt_that_lasts() as raise_if_interrupted:
+        return show_stage(stage, _messages, lambda _: raise_if_interrupted())
 
 
 @contextmanager
@@ -141,14 +126,25 @@ def _interrupt_that_lasts() -> Iterator[Callable[[], None]]:
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def result(values: Mapping[str, object], *, as_json: bool) -> None:
-    """Print the result of a command: one JSON object, or aligned lines for a person."""
+def open_project(path: Path) -> "Project":
+    """What a person calls a scene: a folder, a file of splats, or a saved project."""
+    from gaga_core.scene.project import open_path_stage
+
+    return follow(open_path_stage(path))
+
+
+def result(values: Mapping[str, object], *, as_json: bool) -> int:
+    """Print the result of a command: one JSON object, or aligned lines for a person.
+
+    Returns 0, the exit status.
+    """
     if as_json:
-        sys.stdout.write(json.dumps(values, indent=2) + "\n")
-        return
+        line(json.dumps(values, indent=2))
+        return 0
     width = max((len(key) for key in values), default=0)
     for key, value in values.items():
-        sys.stdout.write(f"{key.replace('_', ' '):<{width}}  {_readable(value)}\n")
+        line(f"{key.replace('_', ' '):<{width}}  {_readable(value)}")
+    return 0
 
 
 def object_names(objects: object) -> str:
@@ -178,6 +174,13 @@ def folder_names(folders: object, objects: object) -> str:
     return "; ".join(f"{path}: {shown}" for path, shown in inside.items()) or "none"
 
 
+def say_what_a_project_keeps(scene: Path, *, adds: bool) -> None:
+    """Say that a saved project has groups of its own; ``adds``: new views joined those there."""
+    if (scene / "gaga" / "project.json").is_file():
+        cure = "choose Find, Add new photos and masks" if adds else "associate"
+        say(f"The saved project of this scene keeps its own groups until you {cure} there.")
+
+
 class Scores(Protocol):
     """A report that can be a table or plain values."""
 
@@ -190,14 +193,18 @@ class Scores(Protocol):
         ...
 
 
-def scores(report: Scores, *, as_json: bool) -> None:
-    """Print a report on standard output: as one JSON object, or as a table."""
+def scores(report: Scores, *, as_json: bool) -> int:
+    """Print a report on standard output: as one JSON object, or as a table; returns 0."""
     if as_json:
-        result(report.to_json(), as_json=True)
-        return
-    headings, *rows = report.table()
-    shown = Table(*headings)
-    for row in rows:
+        return result(report.to_json(), as_json=True)
+    table(report.table())
+    return 0
+
+
+def table(rows: list[list[str]]) -> None:
+    """Print rows of text as a table, headings first."""
+    shown = Table(*rows[0])
+    for row in rows[1:]:
         shown.add_row(*row)
     _Console(highlight=False).print(shown)
 
@@ -212,8 +219,73 @@ def _readable(value: object) -> str:
     return str(value)
 
 
-# --- Switches of the method that several commands share; each is a group of options without
-# prefix.
+# --- Options that several commands share.
+
+
+AsJson = Annotated[bool, arg(help="Print the result as JSON.")]
+Backend = Annotated[
+    Literal["auto", "cpu", "cuda"],
+    arg(help="Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."),
+]
+AnyScene = Positional[
+    Annotated[
+        Path,
+        arg(
+            help="Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or "
+            "saved project."
+        ),
+    ]
+]
+Model = Annotated[
+    Path | None, arg(help="The 3D Gaussians; default: the newest model of the scene folder.")
+]
+Masks = Annotated[
+    Path | None, arg(help="Folder of label maps; default: the only one in SCENE/masks.")
+]
+
+
+def options(config: Callable[..., T], *names: str, **defaults: object) -> Any:
+    """Make options without a prefix of fields of a settings dataclass: ``names``, else all.
+
+    ``defaults`` are those that differ from the class's. The help is the docstring below a field.
+    """
+    names = names or tuple(field.name for field in fields(config))  # type: ignore[arg-type]
+    described, hints = _docstrings(config), get_type_hints(config)
+    own = {field.name: field.default for field in fields(config)}  # type: ignore[arg-type]
+
+    def make(**given: Any) -> T:
+        return config(**given)
+
+    make.__annotations__ = {
+        name: Annotated[hints[name], arg(help=described.get(name, ""))] for name in names
+    }
+    make.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=defaults.get(name, own[name]),
+                annotation=make.__annotations__[name],
+            )
+            for name in names
+        ]
+    )
+    return arg(name="", constructor=make)
+
+
+def _docstrings(config: Callable[..., object]) -> dict[str, str]:
+    """The string below each field of a dataclass; empty where there is no source."""
+    try:
+        body = ast.parse(textwrap.dedent(inspect.getsource(config))).body[0]
+    except OSError:
+        return {}
+    assert isinstance(body, ast.ClassDef)
+    found: dict[str, str] = {}
+    for line, below in zip(body.body, body.body[1:], strict=False):
+        if isinstance(line, ast.AnnAssign) and isinstance(below, ast.Expr):
+            assert isinstance(line.target, ast.Name)
+            found[line.target.id] = " ".join(str(ast.literal_eval(below.value)).split())
+    return found
 
 
 class SwitchError(GagaError):
@@ -277,3 +349,7 @@ class IdentitySwitches:
             return LiftConfig().switched(self.lift_iterations, self.pseudo, void)
         except ValueError as error:
             raise GagaError(f"That cannot be: {error}.") from error
+
+
+Groups = Annotated[GroupSwitches, arg(name="")]
+Identities = Annotated[IdentitySwitches, arg(name="")]

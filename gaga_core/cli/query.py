@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from tyro.conf import Positional
 
 from gaga_core.cli import output as out
+from gaga_core.cli.output import AsJson
 from gaga_core.errors import GagaError
 
 if TYPE_CHECKING:
@@ -37,18 +38,15 @@ class QueryCommand:
     """How many groups to print."""
     name_groups: bool = False
     """Name groups that have no name, from a list of nouns and the index, and save the project."""
-    json: bool = False
-    """Print the result as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Print the groups that are meant, the best first, and what was understood."""
         from gaga_core.pipeline import search
-        from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.pipeline.search import describe_project
-        from gaga_core.scene.project import open_path_stage
 
         self._check()
-        project = out.follow(open_path_stage(self.scene))
+        project = out.open_project(self.scene)
         if not (project.scene.labels > 0).any():
             raise GagaError(f"{self.scene} has no groups yet. Associate the masks first.")
         pictures = self._pictures(project)
@@ -57,8 +55,7 @@ class QueryCommand:
             assert pictures is not None
             values["named"] = self._named(project, pictures)
         if not self.text:
-            out.result(values, as_json=self.json)
-            return 0
+            return out.result(values, as_json=self.json)
         view = self._view(project)
         if self.detector is not None:
             from gaga_core.query.detector import load_detector
@@ -67,14 +64,14 @@ class QueryCommand:
             assert view is not None
             detector = load_detector(folder_of(self.detector, KNOWN_DETECTORS))
             stage = search.find_in_view(project.scene, [view], self.text, detector)
-            answer = out.follow(after_warm_up(stage))
+            answer = out.follow(stage, compiles=True)
         else:
             views = search.train_views(project)
             describe_project(project)
             words = search.search_stage(
                 project.scene, self.text, cameras=views, camera=view, pictures=pictures
             )
-            answer = out.follow(after_warm_up(words))
+            answer = out.follow(words, compiles=True)
             if answer.unknown and pictures is None:
                 out.say("Index it with --index-with clip-base, or another CLIP or SigLIP.")
         self._print(project, answer, values)
@@ -89,7 +86,6 @@ class QueryCommand:
     def _pictures(self, project: "Project") -> "Pictures | None":
         """The index, brought up to date when a model is given."""
         from gaga_core.pipeline import search
-        from gaga_core.pipeline.compile_kernels import after_warm_up
 
         def load() -> "Embedder":
             from gaga_core.query.embed import KNOWN_EMBEDDERS, folder_of, load_embedder
@@ -102,7 +98,7 @@ class QueryCommand:
 
         if self.index_with is not None:
             embedder = load()
-            out.follow(after_warm_up(search.refresh_index(project, embedder)))
+            out.follow(search.refresh_index(project, embedder), compiles=True)
             return search.pictures_of(project, lambda: embedder)
         found = search.pictures_of(project, load)
         if found is None and self.name_groups:

@@ -2,18 +2,22 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
 from gaga_core.cli import output as out
-from gaga_core.cli.output import GroupSwitches, IdentitySwitches
+from gaga_core.cli.output import (
+    AsJson,
+    Backend,
+    Groups,
+    GroupSwitches,
+    Identities,
+    IdentitySwitches,
+    Masks,
+    Model,
+)
 from gaga_core.errors import GagaError
-
-if TYPE_CHECKING:
-    from gaga_core.evaluate.photo_film import PhotoSide
-    from gaga_core.io.video import VideoConfig
-    from gaga_core.pipeline.film import What
 
 
 @dataclass(frozen=True)
@@ -22,26 +26,21 @@ class AssociateCommand:
 
     scene: Positional[Path]
     """Scene folder (images/, sparse/0/, masks/, point_cloud.ply)."""
-    masks: Path | None = None
-    """Folder of label maps; default: the only one in SCENE/masks."""
-    model: Path | None = None
-    """The 3D Gaussians; default: the newest model of the scene folder."""
+    masks: Masks = None
+    model: Model = None
     preset: Literal["robust", "paper"] = "robust"
     """robust: groups by the consensus of all views. paper: the published method to the letter."""
-    groups: Annotated[GroupSwitches, arg(name="")] = field(default_factory=GroupSwitches)
+    groups: Groups = field(default_factory=GroupSwitches)
     add: bool = False
     """Only views that took no part yet: their masks join the groups that there are, or open new
     ones, as the preset of these groups has it. What was decided stays."""
-    backend: Literal["auto", "cpu", "cuda"] = "auto"
-    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
-    json: bool = False
-    """Print the result as JSON."""
+    backend: Backend = "auto"
+    json: AsJson = False
 
     def run(self) -> int:
         """Write SCENE/gaga/: bank, labels per Gaussian, group maps of the masks, report."""
         from gaga_core.io.folder.scene_folder import open_scene_folder
         from gaga_core.pipeline import associate
-        from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.raster import choose
 
         folder = open_scene_folder(self.scene, model=self.model)
@@ -50,19 +49,11 @@ class AssociateCommand:
         stage = associate.associate_scene(
             folder, self.masks, config, rasterizer=choose(self.backend), adds=self.add
         )
-        report = out.follow(after_warm_up(stage))
+        report = out.follow(stage, compiles=True)
         for note in report.notes:
             out.say(note)
-        say_what_a_project_keeps(folder.root, adds=self.add)
-        out.result(report.to_json(), as_json=self.json)
-        return 0
-
-
-def say_what_a_project_keeps(scene: Path, *, adds: bool) -> None:
-    """Say that a saved project has groups of its own; ``adds``: new views joined those there."""
-    if (scene / "gaga" / "project.json").is_file():
-        cure = "choose Find, Add new photos and masks" if adds else "associate"
-        out.say(f"The saved project of this scene keeps its own groups until you {cure} there.")
+        out.say_what_a_project_keeps(folder.root, adds=self.add)
+        return out.result(report.to_json(), as_json=self.json)
 
 
 @dataclass(frozen=True)
@@ -75,11 +66,9 @@ class LiftCommand:
     """vote: votes and least squares, no training. refine: a few steps on top. paper: from zeros,
     10,000 steps. Default: paper where the preset paper made the groups, else vote. After paper of
     the preset paper the scene's labels are those of the classifier."""
-    identities: Annotated[IdentitySwitches, arg(name="")] = field(default_factory=IdentitySwitches)
-    backend: Literal["auto", "cpu", "cuda"] = "auto"
-    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
-    json: bool = False
-    """Print the result as JSON."""
+    identities: Identities = field(default_factory=IdentitySwitches)
+    backend: Backend = "auto"
+    json: AsJson = False
 
     def run(self) -> int:
         """Write SCENE/gaga/identity.npz."""
@@ -92,8 +81,7 @@ class LiftCommand:
         report = out.follow(lift_scene(folder, self.mode, config, rasterizer=choose(self.backend)))
         if (folder.work / "project.json").is_file():
             out.say("The saved project of this scene keeps its own labels until you lift there.")
-        out.result(report.to_json(), as_json=self.json)
-        return 0
+        return out.result(report.to_json(), as_json=self.json)
 
 
 @dataclass(frozen=True)
@@ -109,8 +97,7 @@ class RenderCommand:
     encodings: these as colors, their three principal components, as the window shows them."""
     views: tuple[str, ...] = ("test",)
     """train, test, all, or names of views."""
-    model: Path | None = None
-    """The 3D Gaussians; default: the newest model of the scene folder."""
+    model: Model = None
     video: Path | None = None
     """Write a film instead of pictures: NAME.mp4 (H.264) or NAME.webm (VP9)."""
     path: Path | None = None
@@ -130,10 +117,8 @@ class RenderCommand:
     """Of each photo, in a film through the photos."""
     quality: int = 75
     """Of the film: 1 (small) to 100."""
-    backend: Literal["auto", "cpu", "cuda"] = "auto"
-    """Who draws: auto takes CUDA where a self-test has passed (see gaga doctor)."""
-    json: bool = False
-    """Print the result as JSON."""
+    backend: Backend = "auto"
+    json: AsJson = False
 
     def run(self) -> int:
         """Write one picture a view, or the film."""
@@ -142,65 +127,48 @@ class RenderCommand:
         if self.out is None:
             raise GagaError("Say where to write: --out FOLDER for pictures, --video FILE.mp4.")
         from gaga_core.io.folder.scene_folder import open_scene_folder
-        from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.pipeline.lift import render_encodings, render_identity
         from gaga_core.pipeline.render import render_views
         from gaga_core.raster import choose
 
         folder = open_scene_folder(self.scene, model=self.model)
         engine = choose(self.backend)
-        if self.what == "identity":
-            stage = render_identity(folder, self.out, views=self.views, rasterizer=engine)
-        elif self.what == "encodings":
-            stage = render_encodings(folder, self.out, views=self.views, rasterizer=engine)
-        else:
-            stage = render_views(
-                folder, self.out, what=self.what, views=self.views, rasterizer=engine
-            )
-        written = out.follow(after_warm_up(stage))
-        out.result({"folder": str(self.out), "pictures": len(written)}, as_json=self.json)
-        return 0
+        stage = render_views(folder, self.out, what=self.what, views=self.views, rasterizer=engine)
+        written = out.follow(stage, compiles=True)
+        return out.result({"folder": str(self.out), "pictures": len(written)}, as_json=self.json)
 
     def _film(self, target: Path) -> int:
+        from gaga_core.evaluate.photo_film import PhotoFilmConfig, photo_film_stage
         from gaga_core.io.video import VideoConfig
-        from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.pipeline.film import FilmConfig, Split, film_stage
         from gaga_core.raster import choose
         from gaga_core.scene.camera_path import load_path
-        from gaga_core.scene.project import open_path_stage
 
         if self.what == "identity" or self.what == "encodings" or self.model is not None:
             raise GagaError("A film shows rgb, groups or depth of SCENE itself: leave --model out.")
-        video = VideoConfig(self.size[0], self.size[1], self.fps, self.quality)
+        video = VideoConfig(*self.size, self.fps, self.quality)
+        shown: dict[str, object] = {"file": str(target), "fps": self.fps}
         if self.split == "photo" or self.split == "truth" or self.split == "errors":
-            return self._photo_film(target, self.split, self.what, video)
-        split = Split(self.split, self.split_at, self.sweep) if self.split else None
-        config = FilmConfig(self.what, split=split, video=video)
-        path = load_path(self.path) if self.path is not None else None
-        project = out.follow(open_path_stage(self.scene))
-        path = path if path is not None else project.placed_film
-        if len(path.keyframes) < 2:
-            raise GagaError("This project has no camera path. Make one in the window, or --path.")
-        stage = film_stage(project.scene, path, target, config, rasterizer=choose(self.backend))
-        out.follow(after_warm_up(stage))
-        shown = {"file": str(target), "seconds": round(path.seconds, 3), "fps": self.fps}
-        out.result({**shown, "pictures": len(path.frame_times(self.fps))}, as_json=self.json)
-        return 0
-
-    def _photo_film(
-        self, target: Path, left: "PhotoSide", right: "What", video: "VideoConfig"
-    ) -> int:
-        from gaga_core.evaluate.photo_film import PhotoFilmConfig, photo_film_stage
-        from gaga_core.pipeline.compile_kernels import after_warm_up
-        from gaga_core.raster import choose
-        from gaga_core.scene.project import open_path_stage
-
-        config = PhotoFilmConfig(left, right, self.split_at, self.sweep, self.seconds, video)
-        project = out.follow(open_path_stage(self.scene))
-        stage = photo_film_stage(project, target, config, self.views, choose(self.backend))
-        out.follow(after_warm_up(stage))
-        out.result({"file": str(target), "fps": self.fps}, as_json=self.json)
-        return 0
+            photos = PhotoFilmConfig(
+                self.split, self.what, self.split_at, self.sweep, self.seconds, video
+            )
+            project = out.open_project(self.scene)
+            stage = photo_film_stage(project, target, photos, self.views, choose(self.backend))
+        else:
+            split = Split(self.split, self.split_at, self.sweep) if self.split else None
+            config = FilmConfig(self.what, split=split, video=video)
+            path = load_path(self.path) if self.path is not None else None
+            project = out.open_project(self.scene)
+            path = path if path is not None else project.placed_film
+            if len(path.keyframes) < 2:
+                raise GagaError(
+                    "This project has no camera path. Make one in the window, or --path."
+                )
+            engine = choose(self.backend)
+            stage = film_stage(project.scene, path, target, config, rasterizer=engine)
+            pictures = len(path.frame_times(self.fps))
+            shown |= {"seconds": round(path.seconds, 3), "pictures": pictures}
+        out.follow(stage, compiles=True)
+        return out.result(shown, as_json=self.json)
 
 
 @dataclass(frozen=True)
@@ -217,34 +185,29 @@ class EvaluateCommand:
     """Which views of --scene count; without --scene every file of --gt does."""
     protocol: Literal["instance", "lerf-mask"] = "instance"
     """instance: class-agnostic IoU, precision and recall. lerf-mask: <view>/<prompt>.png masks."""
-    json: bool = False
-    """Print the report as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Print IoU, precision and recall, with void as a class and without."""
-        if self.protocol == "lerf-mask":
-            return self._lerf_mask()
         from gaga_core.evaluate.group_scores import VOID_LEFT_OUT, evaluate
+        from gaga_core.evaluate.prompt_scores import evaluate_lerf_mask
         from gaga_core.io.folder.scene_folder import open_scene_folder
 
         views = None
-        if self.scene is not None and self.views != "all":
+        if self.scene is not None and self.views != "all" and self.protocol == "instance":
             folder = open_scene_folder(self.scene)
             views = folder.test if self.views == "test" else folder.train
-        report = evaluate(self.pred, self.gt, views=views)
+        by_prompt = self.protocol == "lerf-mask"
+        report = (
+            evaluate_lerf_mask(self.pred, self.gt)
+            if by_prompt
+            else evaluate(self.pred, self.gt, views=views)
+        )
         if report.missing:
             out.say(f"{len(report.missing)} predictions are missing and count as 0.")
         out.scores(report, as_json=self.json)
-        out.say(VOID_LEFT_OUT)
-        return 0
-
-    def _lerf_mask(self) -> int:
-        from gaga_core.evaluate.prompt_scores import evaluate_lerf_mask
-
-        report = evaluate_lerf_mask(self.pred, self.gt)
-        if report.missing:
-            out.say(f"{len(report.missing)} predictions are missing and count as 0.")
-        out.scores(report, as_json=self.json)
+        if not by_prompt:
+            out.say(VOID_LEFT_OUT)
         return 0
 
 
@@ -256,8 +219,7 @@ class CompareCommand:
     """Scene folder with masks."""
     gt: Path
     """Folder of true label maps."""
-    masks: Path | None = None
-    """Folder of label maps; default: the only one in SCENE/masks."""
+    masks: Masks = None
     seeds: tuple[int, ...] = (0,)
     """Draws of the training views for the sparse rows."""
     variants: tuple[str, ...] = ()
@@ -272,14 +234,13 @@ class CompareCommand:
     """Score identities of the rows that have a memory bank, in this mode (see gaga lift); none:
     their groups. preset: paper for preset paper (10,000 steps a row), vote for robust. Default:
     preset; none where rows are ablations, which change the association alone."""
-    identities: Annotated[IdentitySwitches, arg(name="")] = field(default_factory=IdentitySwitches)
+    identities: Identities = field(default_factory=IdentitySwitches)
     lifting_iterations: int = 10_000
     """Training steps of the row "lifting" (linear assignment as Panoptic Lifting does it)."""
     video_model: str | None = None
     """Folder or name of a SAM 2.1 model (sam2.1-large): adds the row "sam2", masks followed through
     the photos."""
-    json: bool = False
-    """Print the table as JSON."""
+    json: AsJson = False
 
     def run(self) -> int:
         """Print one table and write SCENE/gaga/variants.json."""
@@ -290,7 +251,6 @@ class CompareCommand:
             compare_variants,
         )
         from gaga_core.io.folder.scene_folder import open_scene_folder
-        from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.query.embed import folder_of
         from gaga_core.segmentation.models.catalogue import KNOWN
 
@@ -298,16 +258,18 @@ class CompareCommand:
         if bool(self.variants) + self.ablations + self.thresholds > 1:
             text = "--variants, --ablations and --thresholds each say which rows. Choose one."
             raise GagaError(text)
+        config = CompareConfig(
+            seeds=self.seeds,
+            lift=self.lift,
+            identities=self.identities.config(),
+            lifting_iterations=self.lifting_iterations,
+            video_model=None if self.video_model is None else folder_of(self.video_model, KNOWN),
+        )
         rows = THRESHOLDS if self.thresholds else self.variants
         rows = tuple(ABLATIONS) if self.ablations else rows
-        steps = self.lifting_iterations
-        video = None if self.video_model is None else folder_of(self.video_model, KNOWN)
-        config = CompareConfig(seeds=self.seeds, lifting_iterations=steps, video_model=video)
-        config = replace(config, lift=self.lift, identities=self.identities.config())
         if rows:
             config = replace(config, variants=rows, sparse=())
-        stage = compare_variants(folder, self.gt, self.masks, config)
-        table = out.follow(after_warm_up(stage))
+        table = out.follow(compare_variants(folder, self.gt, self.masks, config), compiles=True)
         out.scores(table, as_json=self.json)
         for note in table.notes():
             out.say(note)

@@ -11,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
@@ -19,7 +20,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks, depth_bounds, gaussians_of_masks
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import LabelMap, associated_labels, vote_labels
-from gaga_core.identity.field import Identity, IdentityField
+from gaga_core.identity.field import Identity
 from gaga_core.identity.rows import Batch, RowConfig, sample_rows, view_batches
 from gaga_core.identity.training_step import (
     IdentityGradients,
@@ -97,40 +98,19 @@ def assigned(training: Training, batch: Batch) -> IntArray:
     """The class (P,) of each pixel's mask: masks and classes 1..K are paired one-to-one so that
     the sum of the masks' mean probabilities is greatest."""
     ids, place = np.unique(batch.labels, return_inverse=True)
-    of_mask = mean_probabilities(training.field(), batch, place, len(ids))
+    found = training.field()
+    chance = found.probabilities(batch.rows.multiply(found.encodings))
+    share = (1 / np.bincount(place)[place]).astype(np.float32)
+    mean = csr_matrix((share, (place, np.arange(len(place)))), (len(ids), len(place)))
+    of_mask: FloatArray = mean @ chance  # (M, K + 1) over each mask's pixels
     of_mask[:, 0] = -1.0  # class 0 is "none"
     if ids[0] == 0:  # trained as "none" where void takes part
         of_mask[0] = -1.0
         of_mask[0, 0] = 2.0
-    return _paired(of_mask)[place]
-
-
-def mean_probabilities(
-    found: IdentityField, batch: Batch, place: LongArray, n_masks: int
-) -> FloatArray:
-    """Mean over each mask's pixels of the probability of each class: (M, K + 1)."""
-    chance = found.probabilities(batch.rows.multiply(found.encodings))
-    n_pixels = np.bincount(place, minlength=n_masks)
-    share = (1 / n_pixels[place]).astype(np.float32)
-    of_mask = csr_matrix((share, (place, np.arange(len(place)))), (n_masks, len(place)))
-    mean: FloatArray = of_mask @ chance
-    return mean
-
-
-def _paired(value: FloatArray) -> IntArray:
-    """The column of each row under the one-to-one pairing of greatest sum."""
-    from scipy.optimize import linear_sum_assignment
-
-    rows, columns = linear_sum_assignment(value, maximize=True)
-    found = np.zeros(len(value), np.int32)
-    found[rows] = columns
-    return found
-
-
-# --- What the paper's ablation compares the memory bank with, as far as it needs no other network.
-# Each baseline gives every mask of every view a group, as the bank does; `label_gaussians` then
-# labels the Gaussians by the same vote for all, so that only the association differs. ("All
-# Gaussians" is the bank itself without the depth gate: ``AssociateConfig(depth="none")``.)
+    rows, columns = linear_sum_assignment(of_mask, maximize=True)
+    classes = np.zeros(len(of_mask), np.int32)
+    classes[rows] = columns
+    return classes[place]
 
 
 COVERED = 0.5  # share of a mask that a track must cover, else the mask begins a track of its own
@@ -378,8 +358,6 @@ def _iou(table: LongArray) -> DoubleArray:
 
 def _pairs(iou: DoubleArray, least: float) -> list[tuple[int, int]]:
     """One-to-one pairs of rows and columns with the greatest summed IoU, those above ``least``."""
-    from scipy.optimize import linear_sum_assignment
-
     rows, columns = linear_sum_assignment(iou, maximize=True)
     found = zip(rows.tolist(), columns.tolist(), strict=True)
     return [(r, c) for r, c in found if r > 0 and c > 0 and iou[r, c] > least]

@@ -194,9 +194,6 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.mean(values))
 
 
-# --- All variants of the method on one scene folder, in one table (supplement; ablation).
-
-
 TITLES: Mapping[str, str] = {
     "robust": "robust",
     "paper": "paper",
@@ -284,9 +281,21 @@ class _Task:
     scored: tuple[Camera, ...]  # held-out views that have a true map
     masks: MaskSet  # of train and scored views
     truth: MaskSet
+    true_maps: Sequence[IntArray]  # (H, W) of each scored view
     rasterizer: Rasterizer
     config: CompareConfig
     photos: Mapping[str, Path]  # by view name
+
+    def can_run(self, variant: str) -> bool:
+        """Whether all that a row needs is there."""
+        if variant == "per-frame":
+            return all(camera.name in self.masks for camera in self.scored)
+        if variant == "sam2":
+            has_photos = all(camera.name in self.photos for camera in self.train)
+            return self.config.video_model is not None and has_photos
+        if variant in ("true-masks", "true-maps"):
+            return any(camera.name in self.truth for camera in self.train)
+        return True
 
 
 def compare_variants(
@@ -311,10 +320,32 @@ def compare_variants(
     config = config or CompareConfig()
     if gaussians is None:
         gaussians = yield from read_model(folder)
-    task = _task_of(folder, gt, masks, gaussians, (rasterizer or choose(), config))
-    runs = [run for run in config.runs() if _can_run(task, run[0])]
+    names = [camera.name for camera in folder.cameras]
+    truth, mask_set = mask_folder(gt, names), mask_folder(mask_path_of(folder, masks), names)
+    held_out = select_views(folder, "test" if folder.test else "all")
+    scored = tuple(camera for camera in held_out if camera.name in truth)
+    if not scored:
+        raise GagaError(f"{gt} has no true map of the {len(held_out)} test views. Choose another.")
+    task = _Task(
+        gaussians=gaussians,
+        train=select_views(folder, "train" if folder.train else "all"),
+        scored=scored,
+        masks=mask_set,
+        truth=truth,
+        true_maps=[truth.load(c.name, c.width, c.height) for c in scored],
+        rasterizer=rasterizer or choose(),
+        config=config,
+        photos=folder.image_paths,
+    )
+    runs = [run for run in config.runs() if task.can_run(run[0])]
+    if not runs and config.variants == ("sam2",):
+        what = "no photos" if config.video_model is not None else "no SAM 2 model (--video-model)"
+        raise GagaError(
+            f"SAM 2 tracks cannot be made: there are {what}. Add them, or choose another row."
+        )
     if not runs:
-        raise GagaError(_lacking(config))
+        lacking = "the masks of test views or true maps of train views are missing. Add them."
+        raise GagaError(f"{', '.join(config.variants)}: {lacking}")
     rows = []
     for i, (variant, share, seed) in enumerate(runs):
         title = _TITLES[variant] if share == 1.0 else f"{_TITLES[variant]}, {share:.0%}"
@@ -326,44 +357,6 @@ def compare_variants(
         (staging / "variants.json").write_text(text, encoding="utf-8")
         publish_all(staging, ["variants.json"], folder.work)
     return table
-
-
-def _task_of(
-    folder: SceneFolder,
-    gt: Path,
-    masks: str | Path | None,
-    gaussians: Gaussians,
-    how: tuple[Rasterizer, CompareConfig],
-) -> _Task:
-    train = select_views(folder, "train" if folder.train else "all")
-    held_out = select_views(folder, "test" if folder.test else "all")
-    names = [camera.name for camera in folder.cameras]
-    truth = mask_folder(gt, names)
-    scored = tuple(camera for camera in held_out if camera.name in truth)
-    if not scored:
-        raise GagaError(f"{gt} has no true map of the {len(held_out)} test views. Choose another.")
-    mask_set = mask_folder(mask_path_of(folder, masks), names)
-    return _Task(gaussians, train, scored, mask_set, truth, *how, folder.image_paths)
-
-
-def _lacking(config: CompareConfig) -> str:
-    """Why no row can be run."""
-    if config.variants == ("sam2",):
-        what = "no photos" if config.video_model is not None else "no SAM 2 model (--video-model)"
-        return f"SAM 2 tracks cannot be made: there are {what}. Add them, or choose another row."
-    rows = ", ".join(config.variants)
-    return f"{rows}: the masks of test views or true maps of train views are missing. Add them."
-
-
-def _can_run(task: _Task, variant: str) -> bool:
-    if variant == "per-frame":
-        return all(camera.name in task.masks for camera in task.scored)
-    if variant == "sam2":
-        has_photos = all(camera.name in task.photos for camera in task.train)
-        return task.config.video_model is not None and has_photos
-    if variant in ("true-masks", "true-maps"):
-        return any(camera.name in task.truth for camera in task.train)
-    return True
 
 
 def _run(task: _Task, variant: str, share: float, seed: int) -> Stage[VariantRow]:
@@ -383,7 +376,7 @@ def _run(task: _Task, variant: str, share: float, seed: int) -> Stage[VariantRow
             predicted.append(decode_groups(task.rasterizer, task.gaussians, camera, codes))
         else:
             predicted.append(splat_groups(task.rasterizer, task.gaussians, camera, labels))
-    with_void, without_void = score_pairs(zip(_true_maps(task), predicted, strict=True))
+    with_void, without_void = score_pairs(zip(task.true_maps, predicted, strict=True))
     return VariantRow(
         variant=variant,
         title=_TITLES[variant] + (f", identities by {mode}" if mode else ""),
@@ -452,12 +445,11 @@ def _per_frame(task: _Task) -> Stage[VariantRow]:
     """The masks of the scored views themselves, each frame matched to its truth."""
     start = time.perf_counter()
     predicted = []
-    true = _true_maps(task)
     for i, camera in enumerate(task.scored):
         yield Progress("Score", i, len(task.scored), camera.name)
         labels = task.masks.load(camera.name, camera.width, camera.height)
-        predicted.append(baselines.match_frame(labels, true[i]))
-    with_void, without_void = score_pairs(zip(true, predicted, strict=True))
+        predicted.append(baselines.match_frame(labels, task.true_maps[i]))
+    with_void, without_void = score_pairs(zip(task.true_maps, predicted, strict=True))
     return VariantRow(
         variant="per-frame",
         title=TITLES["per-frame"],
@@ -467,7 +459,3 @@ def _per_frame(task: _Task) -> Stage[VariantRow]:
         seconds=time.perf_counter() - start,
         n_views=0,
     )
-
-
-def _true_maps(task: _Task) -> list[IntArray]:
-    return [task.truth.load(c.name, c.width, c.height) for c in task.scored]

@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.errors import GagaError
@@ -246,8 +247,6 @@ def _iou(joint: LongArray, true_area: LongArray, predicted_area: LongArray) -> D
 def _pair(iou: DoubleArray) -> tuple[DoubleArray, LongArray]:
     """IoU (T,) of each true label with its partner under the best assignment, and the partner's
     column (T,); without one 0 and -1."""
-    from scipy.optimize import linear_sum_assignment
-
     paired, partners = np.zeros(len(iou)), np.full(len(iou), -1, np.int64)
     if iou.size:
         rows, columns = linear_sum_assignment(iou, maximize=True)

@@ -74,11 +74,6 @@ def error_picture(photo: UInt8Array, groups: IntArray, truth: IntArray) -> tuple
     return np.clip(picture, 0, 255).astype(np.uint8), found.share_right
 
 
-# --- A film through the photos of a scene: each photo, its truth or the errors left of a line,
-# what
-# was made of the view right of it.
-
-
 PhotoSide = Literal["photo", "truth", "errors"]
 
 

@@ -7,15 +7,17 @@ along each mask's outline (Cheng et al., CVPR 2021, with the band of Gaussian Gr
 prediction is 0 here, not skipped, and two empty masks agree (1), where it has 0/0.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import minimum_filter
 
 from gaga_core.arrays import BoolArray
 from gaga_core.errors import GagaError
 from gaga_core.io.images import IMAGE_SUFFIXES, read_rgb
+from gaga_core.masks import resize_labels
 from gaga_core.progress import Progress, Stage, run_stage
 
 BAND = 0.02  # width of the boundary band, share of the diagonal
@@ -50,10 +52,9 @@ class LerfMaskReport:
         """Rows of text, headings first."""
         rows = [["prompt", "IoU", "boundary IoU", "views"]]
         for p in self.prompts:
-            rows.append([p.prompt, _percent(p.iou), _percent(p.boundary_iou), str(p.n_views)])
+            rows.append([p.prompt, *_percents(p.iou, p.boundary_iou), str(p.n_views)])
         n_views = str(sum(p.n_views for p in self.prompts))
-        rows.append(["mean", _percent(self.miou), _percent(self.mean_boundary_iou), n_views])
-        return rows
+        return [*rows, ["mean", *_percents(self.miou, self.mean_boundary_iou), n_views]]
 
 
 def evaluate_lerf_mask(
@@ -84,10 +85,17 @@ def lerf_mask_stage(
         scores = (0.0, 0.0)
         if (view, prompt) in predicted_files:
             true = _read_mask(path)
-            predicted = _fit(_read_mask(predicted_files[view, prompt]), true.shape)
+            predicted = _read_mask(predicted_files[view, prompt])
+            if predicted.shape != true.shape:
+                ids = resize_labels(predicted.astype(np.int32), true.shape[1], true.shape[0])
+                predicted = ids.astype(np.bool_)
             scores = mask_iou(predicted, true), boundary_iou(predicted, true)
         by_prompt.setdefault(prompt, []).append(scores)
-    prompts = tuple(_prompt_score(name, scores) for name, scores in sorted(by_prompt.items()))
+    means = {name: np.mean(scores, axis=0) for name, scores in sorted(by_prompt.items())}
+    prompts = tuple(
+        PromptScore(name, float(iou), float(boundary), len(by_prompt[name]))
+        for name, (iou, boundary) in means.items()
+    )
     seen_views = {view for view, _ in true_files}
     missing = [key for key in true_files if key not in predicted_files]
     unused = [key for key in predicted_files if key not in true_files and key[0] in seen_views]
@@ -117,17 +125,14 @@ def boundary_of(mask: BoolArray) -> BoolArray:
     The same as eroding with a 3 x 3 square d times and taking the difference, d = max(1, round(2 %
     of the diagonal)): one square of side 2 d + 1.
     """
-    from scipy.ndimage import minimum_filter
-
     d = max(1, round(BAND * float(np.hypot(*mask.shape))))
     eroded = minimum_filter(mask.view(np.uint8), size=2 * d + 1, mode="constant", cval=0)
     band: BoolArray = mask & (eroded == 0)
     return band
 
 
-def _prompt_score(prompt: str, scores: Sequence[tuple[float, float]]) -> PromptScore:
-    iou, boundary = np.mean(scores, axis=0)
-    return PromptScore(prompt, float(iou), float(boundary), len(scores))
+def _percents(*values: float) -> list[str]:
+    return [f"{100 * value:.1f}" for value in values]
 
 
 def _list_masks(folder: Path) -> dict[tuple[str, str], Path]:
@@ -141,15 +146,3 @@ def _list_masks(folder: Path) -> dict[tuple[str, str], Path]:
 def _read_mask(path: Path) -> BoolArray:
     mask: BoolArray = read_rgb(path).max(axis=2) > _SET
     return np.ascontiguousarray(mask)
-
-
-def _fit(mask: BoolArray, shape: tuple[int, ...]) -> BoolArray:
-    if mask.shape == shape:
-        return mask
-    from gaga_core.masks import resize_labels
-
-    return resize_labels(mask.astype(np.int32), shape[1], shape[0]).astype(np.bool_)
-
-
-def _percent(value: float) -> str:
-    return f"{100 * value:.1f}"

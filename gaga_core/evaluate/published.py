@@ -16,12 +16,6 @@ from gaga_core.errors import GagaError
 from gaga_core.io.datasets import DATASETS
 from gaga_core.io.folder.splits import FRAMES, NAMES, OVS3D, SCANNET_FOLDERS, SCANNET_LISTS
 
-# --- Figures that the paper prints, in percent, each with the table that it stands in.
-# Tables are called by what they compare. Replica and ScanNet are means over the scenes, counted
-# with void as a label of both sides (the published evaluation code). The paper's groups come from
-# masks of SAM or EntitySeg. What is not here is not known to us with certainty, and is left out.
-
-
 SAM_PROMPTS = "64 points a side, predicted IoU 0.7"  # of the published masks of SAM ViT-H
 INSTANCE_METRICS = ("IoU", "P", "R")
 PROMPT_METRICS = ("mIoU", "mBIoU")

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
-from gaga_core.camera import Camera
 from gaga_core.grouping.memory_bank import MemoryBank, groups_of_masks
 from gaga_core.grouping.repair.view_evidence import Evidence
 from gaga_core.grouping.votes import associated_labels, splat_groups
@@ -74,7 +73,7 @@ def quality_stage(
     found: dict[int, list[ViewQuality]] = {}
     for i, camera in enumerate(views):
         yield Progress(STAGE, i, len(views), camera.name)
-        small = _small(camera, side)
+        small = camera.at_most(side)
         own = associated_labels(
             masks.load(camera.name, small.width, small.height), groups[camera.name]
         )
@@ -121,10 +120,3 @@ def _mean_confidence(labels: IntArray, confidence: FloatArray | None) -> dict[in
     total = np.bincount(dense, weights=confidence.astype(np.float64))
     mean = total / np.bincount(dense)
     return {int(group): float(value) for group, value in zip(ids, mean, strict=True)}
-
-
-def _small(camera: Camera, side: int) -> Camera:
-    scale = min(1.0, side / max(camera.width, camera.height))
-    if scale == 1.0:
-        return camera
-    return camera.resized(max(round(camera.width * scale), 1), max(round(camera.height * scale), 1))

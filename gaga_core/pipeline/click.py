@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt8Array
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import NEAR, Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -24,9 +23,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
 from gaga_core.scene.selection.by_screen import pick
 from gaga_core.scene.selection.click import (
-    Answer,
     Click,
-    ClickGraph,
     boxed,
     click_graph_stage,
     click_views,
@@ -34,12 +31,6 @@ from gaga_core.scene.selection.click import (
     nothing_yet,
 )
 from gaga_core.segmentation.sam import Candidates, Prompter
-
-if TYPE_CHECKING:
-    from gaga_core.segmentation.sam import Prompter
-
-# --- Click to segment, headless: places in views of a scene -> one object of its splats.
-
 
 _LEAST = 0.25  # opacity of a pixel at which it counts as a surface
 
@@ -79,7 +70,7 @@ def click_stage(
     box: ViewBox | None = None,
     *,
     rasterizer: Rasterizer | None = None,
-    prompter: "Prompter | None" = None,
+    prompter: Prompter | None = None,
 ) -> Stage[ClickedObject]:
     """The splats that clicks on a thing and off it, in their order, select; a box comes first.
 
@@ -112,7 +103,8 @@ def click_stage(
             raise GagaError(f"No whole object lies in the box in {box.view}. Give a larger one.")
     for place in places:
         answer = clicked(graph, answer, place)
-    splats = _selectable(project, graph, answer)
+    splats = graph.splats(answer.samples)
+    splats = splats[algebra.selectable(project.scene)[splats]]
     if len(splats) == 0:
         raise GagaError("Nothing is left of the object: the last clicks took all of it away.")
     return ClickedObject(splats, len(clicks) + (box is not None))
@@ -123,7 +115,7 @@ def model_answer_stage(
     cameras: Sequence[Camera],
     camera: Camera,
     clicks: Sequence[Click],
-    prompter: "Prompter",
+    prompter: Prompter,
     rasterizer: Rasterizer,
 ) -> Stage[IntArray]:
     """The selectable splats (K,), ascending, that a model says ``clicks`` mean.
@@ -131,20 +123,12 @@ def model_answer_stage(
     It is asked in ``camera`` first; those of the photos, ``cameras``, tell which way is up. Raises
     ``GagaError`` when the model finds nothing there.
     """
-    # Imported when first needed: torch takes a large part of the launch time.
-
     rows = np.flatnonzero(scene.visible).astype(np.int32)
     gaussians = yield from bake_stage(scene, indices=rows)
     up = estimate_up(cameras)
     lifted = yield from model_clicks_stage(gaussians, camera, clicks, prompter, rasterizer, up=up)
     splats: IntArray = rows[lifted.splats]
     return splats[algebra.selectable(scene)[splats]]
-
-
-def _selectable(project: Project, graph: ClickGraph, answer: Answer) -> IntArray:
-    rows = graph.splats(answer.samples)
-    result: IntArray = rows[algebra.selectable(project.scene)[rows]]
-    return result
 
 
 def _view(project: Project, views: Sequence[Camera], name: str) -> Camera:
@@ -211,7 +195,7 @@ def model_clicks_stage(
     Raises ``GagaError`` when the view does not show the first click, or the model finds nothing.
     """
     votes = np.zeros((len(gaussians), 2), np.float32)
-    first = _small(camera)
+    first = camera.at_most(_SIDE)
     views = [first]
     n_voted = 0
     while views:
@@ -251,7 +235,8 @@ def _vote(
     points, is_on = _prompts(view, frame, clicks, shown)
     if not is_on.any():
         return False
-    mask = _best(prompter(_image(frame), points, is_on), points, is_on, shown)
+    shot = np.rint(np.clip(np.nan_to_num(frame.image), 0, 1) * 255).astype(np.uint8)
+    mask = _best(prompter(shot, points, is_on), points, is_on, shown)
     if mask is None:
         return False
     rasterizer.vote(gaussians, view, _ballot(mask, frame), votes)
@@ -302,15 +287,6 @@ def _ballot(mask: BoolArray, frame: Frame) -> IntArray:
     low, high = depth_bounds(ViewMasks.of(mask.astype(np.int32)), depth, frame.alpha, _GATE)[1]
     passes = (depth > low) & (depth < high)
     return np.where(mask & ~passes, -1, mask).astype(np.int32)
-
-
-def _image(frame: Frame) -> UInt8Array:
-    return np.rint(np.clip(np.nan_to_num(frame.image), 0, 1) * 255).astype(np.uint8)
-
-
-def _small(camera: Camera) -> Camera:
-    scale = min(1.0, _SIDE / max(camera.width, camera.height))
-    return camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
 
 
 def _views_around(camera: Camera, middle: DoubleArray, up: DoubleArray) -> list[Camera]:

@@ -58,12 +58,12 @@ def warm_up_stage() -> Stage[None]:
     """
     sample = _sample()
     steps: list[tuple[str, Callable[[_Sample], object]]] = [
-        ("projection", _project),
+        ("projection", lambda s: prepare(s.gaussians, s.cameras[0])),
         ("pictures", _render),
-        ("label pictures", _label_splat),
+        ("label pictures", lambda s: s.rasterizer.label_splat(s.gaussians, s.cameras[0], s.labels)),
         ("votes", _vote),
         ("single pixels", _pixels),
-        ("object list", _objects),
+        ("object list", lambda s: object_table(Scene.of(s.gaussians, s.labels))),
         ("search", _search),
         *((f"association, {name}", _association(name)) for name in PRESETS),
         ("association, regions", _association("robust", are_regions=True)),
@@ -110,18 +110,10 @@ def _sample() -> _Sample:
     return _Sample(gaussians, labels, tuple(cameras), choose("cpu"))
 
 
-def _project(sample: _Sample) -> object:
-    return prepare(sample.gaussians, sample.cameras[0])
-
-
 def _render(sample: _Sample) -> object:
     channels = np.zeros((len(sample.gaussians), 16), np.float32)
     sample.rasterizer.render(sample.gaussians, sample.cameras[0], channels=channels)
     return sample.rasterizer.render(sample.gaussians, sample.cameras[0])
-
-
-def _label_splat(sample: _Sample) -> object:
-    return sample.rasterizer.label_splat(sample.gaussians, sample.cameras[0], sample.labels)
 
 
 def _vote(sample: _Sample) -> None:
@@ -142,19 +134,15 @@ def _pixels(sample: _Sample) -> object:
     return pick(scene, sample.cameras[0], _SIDE / 2, _SIDE / 2)
 
 
-def _objects(sample: _Sample) -> object:
-    return object_table(Scene.of(sample.gaussians, sample.labels))
+def _search(sample: _Sample) -> object:
+    scene = Scene.of(sample.gaussians, sample.labels)
+    return group_facts(scene, sample.cameras), group_digests(scene)
 
 
 def _click(sample: _Sample) -> None:
     scene = Scene.of(sample.gaussians)
     graph = run_stage(click_graph_stage(scene, sample.cameras, sample.rasterizer))
     graph.splats(np.ones(len(graph.points), np.bool_))
-
-
-def _search(sample: _Sample) -> object:
-    scene = Scene.of(sample.gaussians, sample.labels)
-    return group_facts(scene, sample.cameras), group_digests(scene)
 
 
 def _train(sample: _Sample) -> object:

@@ -24,12 +24,12 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
-from typing import TYPE_CHECKING, Literal, cast, get_args
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import IntArray, UInt8Array
+from gaga_core.arrays import UInt8Array
 from gaga_core.errors import CancelledError, GagaError
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.folder.scene_folder import (
@@ -42,10 +42,12 @@ from gaga_core.io.folder.scene_folder import (
 from gaga_core.io.folder.staging import staging_folder
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import read_labels, view_key
-from gaga_core.pipeline.reconstruct import find_photos, source_of
+from gaga_core.pipeline.film import painted_labels
+from gaga_core.pipeline.place import find_photos
+from gaga_core.pipeline.reconstruct import source_of
 from gaga_core.pipeline.run import RunConfig, run_folder
+from gaga_core.pipeline.settings import EngineConfig
 from gaga_core.progress import Progress, Stage, run_stage
-from gaga_core.scene.objects import group_colors
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -296,19 +298,17 @@ ended without an answer.</p>
 def _row(outcome: SceneOutcome, folder: Path) -> str:
     entry = read_report_entry(folder / "gaga" / "report.json", "associate", AssociateEntry)
     try:
-        pictures = _pictures(folder)
-        note = ""
+        shown = "".join(f'<img alt="" src="{_inline(p)}">' for p in _pictures(folder))
     except (GagaError, OSError) as error:  # a scene that failed may hold anything
-        pictures, note = [], str(error)
-    shown = "".join(f'<img alt="" src="{_inline(picture)}">' for picture in pictures)
+        shown = html.escape(str(error))
+    stages = ", ".join(outcome.stages_run) or "nothing"
+    texts = [html.escape(text) for text in (outcome.scene, outcome.failed or "yes", stages)]
     cells = [
-        f"<td>{html.escape(outcome.scene)}</td>",
-        f"<td>{html.escape(outcome.failed) or 'yes'}</td>",
+        f"<td>{texts[0]}</td><td>{texts[1]}</td>",
         f'<td class="number">{"" if entry is None else entry.groups_with_gaussians}</td>',
-        f"<td>{html.escape(', '.join(outcome.stages_run) or 'nothing')}</td>",
+        f"<td>{texts[2]}</td>",
         f'<td class="number">{outcome.seconds:.0f}</td>',
-        f'<td class="number">{outcome.attempts}</td>',
-        f"<td>{shown or html.escape(note)}</td>",
+        f'<td class="number">{outcome.attempts}</td><td>{shown}</td>',
     ]
     kind = ' class="failed"' if outcome.failed else ""
     return f"<tr{kind}>{''.join(cells)}</tr>"
@@ -321,30 +321,18 @@ def _pictures(root: Path) -> list[UInt8Array]:
     folder = open_scene_folder(root)
     for camera in folder.cameras:
         drawn = folder.work / "renders" / "groups" / f"{view_key(camera.name)}.png"
-        if drawn.is_file():
-            photo = folder.image_paths.get(camera.name)
-            return [*([] if photo is None else [_small(read_rgb(photo))]), _painted(drawn)]
+        if not drawn.is_file():
+            continue
+        groups = read_labels(drawn)
+        step = max(1, groups.shape[1] // _WIDTH)
+        painted = painted_labels(groups[::step, ::step])
+        photo = folder.image_paths.get(camera.name)
+        if photo is None:
+            return [painted]
+        image = Image.fromarray(read_rgb(photo))
+        size = (_WIDTH, max(1, round(image.height * _WIDTH / image.width)))
+        return [np.asarray(image.resize(size)), painted]
     return []
-
-
-def _painted(path: Path) -> UInt8Array:
-    """A map of groups in the colors of the groups, small; no group is black."""
-    groups = _every_nth(read_labels(path))
-    ids, row = np.unique(groups, return_inverse=True)
-    colors = group_colors(ids.astype(np.int32))
-    colors[ids == 0] = 0
-    painted: UInt8Array = (colors[row.reshape(groups.shape)] * 255 + 0.5).astype(np.uint8)
-    return painted
-
-
-def _every_nth(labels: IntArray) -> IntArray:
-    step = max(1, labels.shape[1] // _WIDTH)
-    return labels[::step, ::step]
-
-
-def _small(image: UInt8Array) -> UInt8Array:
-    height = max(1, round(image.shape[0] * _WIDTH / image.shape[1]))
-    return np.asarray(Image.fromarray(image).resize((_WIDTH, height)))
 
 
 def _inline(picture: UInt8Array) -> str:
@@ -353,43 +341,12 @@ def _inline(picture: UInt8Array) -> str:
     return "data:image/webp;base64," + base64.b64encode(data.getvalue()).decode()
 
 
-# --- Many scenes at once: every stage that is missing in each, by workers of an engine.
-# An engine only runs the function `run_one` somewhere and says what came back. All results lie in
-# the scene folders, each written as a whole or not at all: a scene whose worker died is simply run
-# again, and goes on where it was. Engines that are started here listen on this machine alone.
-
-
-Engine = Literal["local", "dask", "ray"]
-ENGINES = get_args(Engine)
 SUMMARY = "gaga-run.json"  # in the folder of scenes, next to `PAGE`
 _HERE = "127.0.0.1"
 _SECONDS = 0.2  # between two polls of the engine
 _PATIENCE_S = 60.0  # with a scheduler that has no workers
 _STAGE = "Run scenes"
 _ENDED = ("finished", "error", "lost", "cancelled")  # of a dask future
-
-
-@dataclass(frozen=True)
-class EngineConfig:
-    """Who runs the scenes."""
-
-    engine: Engine = "local"
-    workers: int = 2  # scenes at once, where the engine is started here
-    threads: int = 0  # of each worker; 0 = an equal share
-    address: str = ""  # of a dask scheduler or a ray cluster that is running; "" = start one here
-
-    def __post_init__(self) -> None:
-        if self.engine not in ENGINES:
-            raise ValueError(f"engine: {self.engine!r} is none of {ENGINES}")
-        if self.workers < 1:
-            raise GagaError("--workers must be at least 1.")
-        if self.address and self.engine == "local":
-            raise GagaError("--address is of a dask or ray cluster. Choose --executor dask or ray.")
-
-    @property
-    def threads_each(self) -> int:
-        """Threads of one worker."""
-        return self.threads or max(1, (os.cpu_count() or 1) // self.workers)
 
 
 def run_scenes(
@@ -406,36 +363,34 @@ def run_scenes(
     """
     root, tasks = list_tasks([scenes] if isinstance(scenes, Path) else scenes)
     engine, config = engine or EngineConfig(), config or RunConfig()
-    engines = {"local": _run_local, "dask": _run_dask, "ray": _run_ray}
+    if engine.address and engine.engine != "dask":
+        raise GagaError("--address is of a dask scheduler. Choose --executor dask.")
+    run = _run_dask if engine.engine == "dask" else _run_local
     done: dict[str, SceneOutcome] = {}
+    # A worker's share of this machine's memory for votes.
+    n = 1 if engine.address else engine.workers
+    memory = max(1, config.associate.histogram_bytes // n)
+    shared = replace(config, associate=replace(config.associate, histogram_bytes=memory))
+
+    def report() -> ScenesReport:
+        return ScenesReport(tuple(done[name] for name in sorted(done)))
+
     with staging_folder(root) as starts:
         counted = [replace(task, starts=starts / f"{i}") for i, task in enumerate(tasks)]
         folders = {task.name: task.folder for task in tasks}
-        answers = engines[engine.engine](counted, _shared(config, engine), engine)
+        answers = run(counted, shared, engine)
         with closing(answers):
             yield Progress(_STAGE, 0, len(tasks), "start the workers")
             for outcome in answers:
                 message = ""
                 if outcome is not None:
                     done[outcome.scene] = outcome
-                    _note(root, folders[outcome.scene], outcome, ScenesReport(_by_name(done)))
+                    _note(root, folders[outcome.scene], outcome, report())
                     message = f"{outcome.scene}: {outcome.failed or 'complete'}"
                 yield Progress(_STAGE, len(done), len(tasks), message)
-    report = ScenesReport(_by_name(done), root / PAGE)
-    write_page(root / PAGE, report, folders)
-    return report
-
-
-def _shared(config: RunConfig, engine: EngineConfig) -> RunConfig:
-    """The settings with a worker's share of this machine's memory for votes."""
-    n = 1 if engine.address else engine.workers
-    associate = config.associate
-    share = replace(associate, histogram_bytes=max(1, associate.histogram_bytes // n))
-    return replace(config, associate=share)
-
-
-def _by_name(done: dict[str, SceneOutcome]) -> tuple[SceneOutcome, ...]:
-    return tuple(done[name] for name in sorted(done))
+    whole = replace(report(), page=root / PAGE)
+    write_page(root / PAGE, whole, folders)
+    return whole
 
 
 def _note(root: Path, folder: Path, outcome: SceneOutcome, report: ScenesReport) -> None:
@@ -613,50 +568,6 @@ def _dask_outcome(future: "Future[SceneOutcome]", task: SceneTask) -> SceneOutco
         problem = future.exception()  # type: ignore[no-untyped-call]
     if problem is None or isinstance(problem, KilledWorker):
         return None
-    return died(task, _sentence(problem))
-
-
-def _sentence(problem: BaseException) -> str:
-    """The first line of an exception."""
     text = str(problem).strip().splitlines()
-    return f"{type(problem).__name__}: {text[0][:160]}" if text else type(problem).__name__
-
-
-def _run_ray(tasks: Sequence[SceneTask], config: RunConfig, engine: EngineConfig) -> Answers:
-    """The workers of a ray cluster, or of one that is started here."""
-    if not engine.address:
-        # Ray's own switch, read when it is imported: without a cluster it stays on this machine.
-        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
-    try:
-        import ray
-    except ImportError as error:
-        raise GagaError("Ray is not installed. Install it with: pip install ray") from error
-    try:
-        if engine.address:
-            ray.init(address=engine.address, log_to_driver=False, logging_level=logging.ERROR)
-        else:
-            ray.init(
-                num_cpus=engine.workers,
-                log_to_driver=False,
-                logging_level=logging.ERROR,
-                include_dashboard=False,
-            )
-    except (ConnectionError, ValueError) as problem:
-        raise GagaError(
-            f"There is no ray cluster at {engine.address}. Start it, or leave --address out."
-        ) from problem
-    try:
-        remote = ray.remote(max_retries=TRIES - 1, num_cpus=1)(run_one)
-        running = {remote.remote(task, config, engine.threads_each): task for task in tasks}
-        while running:
-            ready, _ = ray.wait(list(running), num_returns=1, timeout=_SECONDS)
-            yield None
-            for reference in ready:
-                task = running.pop(reference)
-                try:
-                    outcome: SceneOutcome = ray.get(reference)
-                except ray.exceptions.RayError as error:
-                    outcome = died(task, _sentence(error))
-                yield outcome
-    finally:
-        ray.shutdown()
+    first = f": {text[0][:160]}" if text else ""
+    return died(task, f"{type(problem).__name__}{first}")

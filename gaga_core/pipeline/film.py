@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import NEAR, Camera
 from gaga_core.color import depth_colors
 from gaga_core.errors import GagaError
@@ -20,7 +20,7 @@ from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.camera_path import CameraPath
-from gaga_core.scene.objects import object_table
+from gaga_core.scene.objects import group_colors, object_table
 from gaga_core.scene.scene import RGB, Scene
 
 # --- Two pictures in one, with a line between them.
@@ -28,6 +28,12 @@ from gaga_core.scene.scene import RGB, Scene
 
 What = Literal["rgb", "groups", "depth"]
 _LINE = 400  # widths of the line that a picture is wide
+
+
+def _check_kind(what: str) -> None:
+    if what not in get_args(What):
+        kinds = ", ".join(get_args(What))
+        raise GagaError(f"There is nothing called {what!r} to film. Choose of {kinds}.")
 
 
 @dataclass(frozen=True)
@@ -39,9 +45,7 @@ class Split:
     sweeps: bool = False  # the line goes once from the left edge to the right one, and back
 
     def __post_init__(self) -> None:
-        if self.left not in get_args(What):
-            kinds = ", ".join(get_args(What))
-            raise GagaError(f"There is nothing called {self.left!r} to film. Choose of {kinds}.")
+        _check_kind(self.left)
         if not 0 <= self.at <= 1:
             raise GagaError(f"The line of a split film must be between 0 and 1, not {self.at}.")
 
@@ -66,9 +70,6 @@ def joined(left: UInt8Array, right: UInt8Array, share: float) -> UInt8Array:
     return picture
 
 
-# --- Films and pictures of a scene, drawn without a window.
-
-
 Painter = Callable[[Camera], UInt8Array]  # the picture (H, W, 3 or 4) of a view
 _LARGEST_PICTURE = 16384  # pixels of a side
 _KINDS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
@@ -85,9 +86,7 @@ class FilmConfig:
     video: VideoConfig = field(default_factory=VideoConfig)
 
     def __post_init__(self) -> None:
-        if self.what not in get_args(What):
-            kinds = ", ".join(get_args(What))
-            raise GagaError(f"There is nothing called {self.what!r} to film. Choose of {kinds}.")
+        _check_kind(self.what)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,24 +117,22 @@ def film_stage(
     if len(path.keyframes) < 2:
         raise GagaError("A film needs two keyframes at least. Add some, or make a turntable.")
     video_suffix(target)
-    frozen = replace(scene)
-    left = left or LeftSide()
+    left, frozen = left or LeftSide(), replace(scene)
     lefts, left_painter = frozen if left.scene is None else replace(left.scene), left.painter
 
     def stage() -> Stage[Path]:
-        size = config.video.size
+        size, split = config.video.size, config.split
         times = path.frame_times(config.video.fps)
-        draw = painter
-        if draw is None:
-            cameras = [key.shot.camera(*size) for key in path.keyframes]
-            draw = yield from painter_stage(frozen, cameras, config, rasterizer)
-        paint, split, paint_left = draw, config.split, left_painter
+        cameras = [key.shot.camera(*size) for key in path.keyframes]
+        paint, paint_left = painter, left_painter
+        if paint is None:
+            paint = yield from painter_stage(frozen, cameras, config, rasterizer)
         if split is not None and paint_left is None:
-            cameras = [key.shot.camera(*size) for key in path.keyframes]
             other = replace(config, what=split.left)
             paint_left = yield from painter_stage(lefts, cameras, other, rasterizer)
 
         def frame(index: int) -> UInt8Array:
+            assert paint is not None
             camera = path.shot(float(times[index])).camera(*size, f"frame {index}")
             picture = paint(camera)
             if split is None or paint_left is None:
@@ -167,13 +164,14 @@ def picture_stage(
 
     def stage() -> Stage[Path]:
         yield Progress("Save picture", 0, 2)
-        draw = painter
-        if draw is None:
-            draw = yield from painter_stage(
-                frozen, [camera], config, rasterizer, transparent=transparent
+        paint = painter
+        if paint is None:
+            one = [camera]
+            paint = yield from painter_stage(
+                frozen, one, config, rasterizer, transparent=transparent
             )
         yield Progress("Save picture", 1, 2)
-        save_picture(target, draw(camera))
+        save_picture(target, paint(camera))
         return target
 
     return stage()
@@ -216,21 +214,21 @@ def painter_stage(
         ids, row = np.unique(scene.labels[shown], return_inverse=True)
         table = object_table(scene)  # as the window shows them: large surfaces are muted
         channels = table.colors[np.searchsorted(table.ids, ids)][row]
-    span = depth_span(gaussians, cameras) if config.what == "depth" else (0.0, 1.0)
+    span = (0.0, 1.0)
+    if config.what == "depth":
+        channels = np.zeros((len(gaussians), 1), np.float32)
+        span = depth_span(gaussians, cameras)
 
     def paint(camera: Camera) -> UInt8Array:
+        frame = engine.render(gaussians, camera, channels=channels)
+        image = frame.image
         if config.what == "depth":
-            frame = engine.render(
-                gaussians, camera, channels=np.zeros((len(gaussians), 1), np.float32)
-            )
             image = depth_colors(frame.expected_depth, span) * frame.alpha[..., None]
-        else:
-            frame = engine.render(gaussians, camera, channels=channels)
-            image = frame.image
         if transparent:
-            return _with_alpha(image, frame.alpha)
+            straight = image / np.maximum(frame.alpha, 1e-6)[..., None]  # as PNG wants it
+            return as_bytes(np.concatenate([straight, frame.alpha[..., None]], axis=2))
         behind = np.asarray(config.background, np.float32)
-        return _bytes(image + (1 - frame.alpha[..., None]) * behind)
+        return as_bytes(image + (1 - frame.alpha[..., None]) * behind)
 
     return paint
 
@@ -252,12 +250,15 @@ def depth_span(gaussians: Gaussians, cameras: Sequence[Camera]) -> tuple[float, 
     return float(near), max(float(far), float(near) + 1e-6)
 
 
-def _with_alpha(image: FloatArray, alpha: FloatArray) -> UInt8Array:
-    """(H, W, 4) with straight colors, as PNG wants them."""
-    straight = image / np.maximum(alpha, 1e-6)[..., None]
-    return _bytes(np.concatenate([straight, alpha[..., None]], axis=2))
+def painted_labels(labels: IntArray) -> UInt8Array:
+    """A map (H, W) of groups in their colors (H, W, 3); no group is black."""
+    ids, row = np.unique(labels, return_inverse=True)
+    colors = group_colors(ids.astype(np.int32))
+    colors[ids == 0] = 0
+    return as_bytes(colors[row.reshape(labels.shape)])
 
 
-def _bytes(image: FloatArray) -> UInt8Array:
+def as_bytes(image: FloatArray) -> UInt8Array:
+    """A picture of colors 0..1 as 8-bit values."""
     result: UInt8Array = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
     return result

@@ -4,7 +4,7 @@ import dataclasses
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.folder.scene_folder import SceneFolder, select_views
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.masks.label_maps import view_key, write_labels
-from gaga_core.io.masks.other_programs import ImportedMasks, MaskList, MaskSource, recognise
+from gaga_core.io.masks.other_programs import ImportedMasks, MaskList, recognise
 from gaga_core.masks import dense_labels, resize_labels
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.base import MOST_LABELS, FlattenConfig, flatten, scored_masks
@@ -90,14 +90,38 @@ def import_masks(
     config = config or FlattenConfig()
     if found.keeps_covered:
         config = dataclasses.replace(config, min_visible=0.0)
-    work = _Work(folder.root / "masks", name, config, {}, [], [])
+    counts: dict[str, int] = {}  # masks by view
+    odd: dict[str, list[str]] = {"resized": [], "misfits": []}
     with staging_folder(folder.root / "masks") as staging:
         (staging / name).mkdir()
         for i, camera in enumerate(cameras):
             yield Progress(STAGE, i, len(cameras), camera.name)
-            if camera.name in matched:
-                _import_view(work, staging / name, camera, found.views[matched[camera.name]])
-        report = _report(folder, found, work, unmatched)
+            if camera.name not in matched:
+                continue
+            labels = _one_map(found.views[matched[camera.name]](), config)
+            if not fits(labels.shape, camera):
+                odd["misfits"].append(camera.name)
+                continue
+            if labels.shape != (camera.height, camera.width):
+                labels = resize_labels(labels, camera.width, camera.height)
+                odd["resized"].append(camera.name)
+            dense, ids = dense_labels(labels)
+            if len(ids) > 1 and int(ids[-1]) > MOST_LABELS:
+                labels = dense
+            write_labels(staging / name / f"{view_key(camera.name)}.png", labels)
+            counts[camera.name] = len(ids) - 1
+        names = [camera.name for camera in folder.cameras]
+        report = ImportReport(
+            recognised=found.said,
+            name=name,
+            folder=str(target),
+            views=tuple(counts),
+            without=tuple(n for n in names if n not in counts and n not in odd["misfits"]),
+            unmatched=unmatched,
+            resized=tuple(odd["resized"]),
+            misfits=tuple(odd["misfits"]),
+            n_masks=sum(counts.values()),
+        )
         if not report.views:
             raise GagaError(
                 f"No masks in {source} have the shape of their photo (first: {report.misfits[0]}). "
@@ -109,16 +133,6 @@ def import_masks(
     return report
 
 
-@dataclass(frozen=True, eq=False)
-class _Work:
-    masks: Path
-    name: str
-    config: FlattenConfig
-    counts: dict[str, int]  # masks by view
-    resized: list[str]
-    misfits: list[str]
-
-
 def _check_target(source: Path, target: Path, *, replace: bool) -> None:
     if Path(target.name).name != target.name or target.name.startswith("."):
         raise GagaError(f"{target.name!r} is no name for a folder of masks. Choose another.")
@@ -128,24 +142,6 @@ def _check_target(source: Path, target: Path, *, replace: bool) -> None:
         raise GagaError(
             f"There are masks called {target.name} already. Choose another name, or replace them."
         )
-
-
-def _import_view(
-    work: _Work, folder: Path, camera: Camera, load: Callable[[], ImportedMasks]
-) -> None:
-    """Write the label map of one view; remember what was odd."""
-    labels = _one_map(load(), work.config)
-    if labels.shape != (camera.height, camera.width):
-        if not fits(labels.shape, camera):
-            work.misfits.append(camera.name)
-            return
-        labels = resize_labels(labels, camera.width, camera.height)
-        work.resized.append(camera.name)
-    dense, ids = dense_labels(labels)
-    if len(ids) > 1 and int(ids[-1]) > MOST_LABELS:
-        labels = dense
-    write_labels(folder / f"{view_key(camera.name)}.png", labels)
-    work.counts[camera.name] = len(ids) - 1
 
 
 def _one_map(masks: ImportedMasks, config: FlattenConfig) -> IntArray:
@@ -233,21 +229,3 @@ def _unique(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
 def _number(stem: str) -> str:
     digits = re.search(r"(\d+)$", stem)
     return str(int(digits.group(1))) if digits else ""
-
-
-def _report(
-    folder: SceneFolder, found: MaskSource, work: _Work, unmatched: tuple[str, ...]
-) -> ImportReport:
-    names = [camera.name for camera in folder.cameras]
-    odd = set(work.misfits)
-    return ImportReport(
-        recognised=found.said,
-        name=work.name,
-        folder=str(work.masks / work.name),
-        views=tuple(work.counts),
-        without=tuple(n for n in names if n not in work.counts and n not in odd),
-        unmatched=unmatched,
-        resized=tuple(work.resized),
-        misfits=tuple(work.misfits),
-        n_masks=sum(work.counts.values()),
-    )

@@ -1,12 +1,8 @@
 """The stage that lifts groups to identity encodings (section 3.3): SCENE/gaga/identity.npz."""
 
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import get_args
-
-import numpy as np
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
@@ -21,7 +17,6 @@ from gaga_core.identity.field import (
     IdentityField,
     LiftFigures,
     decode_view,
-    encoding_colors,
     load_identity,
     save_identity,
 )
@@ -36,9 +31,7 @@ from gaga_core.identity.lift import (
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views, with_entry
 from gaga_core.io.folder.staging import publish_all, staging_folder
-from gaga_core.io.images import write_rgb
-from gaga_core.io.masks.label_maps import mask_folder, write_labels
-from gaga_core.pipeline.render import paint_views
+from gaga_core.io.masks.label_maps import mask_folder
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
@@ -135,59 +128,6 @@ def decode_groups(
 ) -> IntArray:
     """Group ids (H, W) of a view as the identity encodings say; 0 where little is drawn."""
     return decode_view(field, gaussians, camera, rasterizer, void_below=VOID_BELOW).labels
-
-
-def render_identity(
-    folder: SceneFolder,
-    out: Path | None = None,
-    *,
-    views: str | Sequence[str] = "test",
-    gaussians: Gaussians | None = None,
-    rasterizer: Rasterizer | None = None,
-) -> Stage[tuple[Path, ...]]:
-    """Write the groups that the rendered encodings decode to: one uint16 <stem>.png a view.
-
-    Ids are those of `render.render_views` with "groups", 0 = none. ``out`` is
-    ``folder.work / "renders" / "identity"`` unless given. Raises ``GagaError`` without a lift.
-    """
-    cameras = select_views(folder, views)
-    if gaussians is None:
-        gaussians = yield from read_model(folder)
-    model, engine = gaussians, rasterizer or choose()
-    field = read_identity(folder, len(model)).field
-
-    def paint(path: Path, camera: Camera) -> None:
-        write_labels(path, decode_groups(engine, model, camera, field))
-
-    target = out or folder.work / "renders" / "identity"
-    return (yield from paint_views(cameras, target, "identity", paint))
-
-
-def render_encodings(
-    folder: SceneFolder,
-    out: Path | None = None,
-    *,
-    views: str | Sequence[str] = "test",
-    gaussians: Gaussians | None = None,
-    rasterizer: Rasterizer | None = None,
-) -> Stage[tuple[Path, ...]]:
-    """Write identity encodings as colors (`identity.colors`), as the window's view mode shows them:
-    one 8-bit RGB <stem>.png a view, black behind.
-
-    ``out`` is ``folder.work / "renders" / "encodings"`` unless given. ``GagaError`` without a lift.
-    """
-    cameras = select_views(folder, views)
-    if gaussians is None:
-        gaussians = yield from read_model(folder)
-    model, engine = gaussians, rasterizer or choose()
-    colors = encoding_colors(read_identity(folder, len(model)).field.encodings)
-    channels = colors.astype(np.float32) / np.float32(255)
-
-    def paint(path: Path, camera: Camera) -> None:
-        write_rgb(path, engine.render(model, camera, channels=channels).image)
-
-    target = out or folder.work / "renders" / "encodings"
-    return (yield from paint_views(cameras, target, "encodings", paint))
 
 
 def _task(

@@ -5,7 +5,7 @@ belong to, the same id everywhere. What is written trains or tests 2D and 3D seg
 """
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -100,7 +100,10 @@ def export_mask_dataset(
     with staging_folder(out) as staging:
         for i, camera in enumerate(cameras):
             yield Progress(_STAGE, i, len(cameras), camera.name)
-            view = _fitted(folder, camera)
+            # At the size of its photo, that label maps and photos fit each other.
+            photo = folder.image_paths.get(camera.name)
+            size = (camera.width, camera.height) if photo is None else open_image(photo).size
+            view = camera if size == (camera.width, camera.height) else camera.resized(*size)
             groups = splat_groups(engine, gaussians, view, labels)
             pictures.append(_write_view(staging, folder, view, groups, form))
         _write_tables(staging, pictures, project.scene, form)
@@ -120,19 +123,6 @@ def _check_target(folder: SceneFolder, out: Path, form: Form) -> None:
     is_ours = {"groups.json", "instances.json", "panoptic.json"} <= present
     if out.resolve() == folder.root.resolve() or (present & set(_FOLDERS) and not is_ours):
         raise GagaError(f"{out} holds other files. Choose an empty or a new folder.")
-
-
-def _fitted(folder: SceneFolder, camera: Camera) -> Camera:
-    """The view at the size of its photo, that label maps and photos fit each other."""
-    path = folder.image_paths.get(camera.name)
-    if path is None:
-        return camera
-    width, height = open_image(path).size
-    return (
-        camera
-        if (width, height) == (camera.width, camera.height)
-        else camera.resized(width, height)
-    )
 
 
 def _write_view(
@@ -180,14 +170,8 @@ def _write_tables(
     if form == "coco":
         return
     write_json(staging / "panoptic.json", panoptic_document(pictures, names))
-    write_json(staging / "groups.json", _groups_document(pictures, names, scene))
-
-
-def _groups_document(
-    pictures: Sequence[LabelledPicture], names: Mapping[int, str], scene: Scene
-) -> CocoJson:
-    colors = group_colors(np.array(list(names), np.int32), scene.colors)
     groups: list[CocoJson] = []
+    colors = group_colors(np.array(list(names), np.int32), scene.colors)
     for (group, name), color in zip(names.items(), colors, strict=True):
         areas = [s.area for picture in pictures for s in picture.segments if s.group == group]
         groups.append(
@@ -201,4 +185,5 @@ def _groups_document(
                 "views": len(areas),
             }
         )
-    return {"version": 1, "labels": "labels/<stem>.png", "none": 0, "groups": groups}
+    document = {"version": 1, "labels": "labels/<stem>.png", "none": 0, "groups": groups}
+    write_json(staging / "groups.json", document)

@@ -44,7 +44,6 @@ from gaga_core.placing.photos import (
 from gaga_core.placing.sfm import option, run_matching
 from gaga_core.placing.undistort import ORIGINALS, require_room, undistort_into
 from gaga_core.placing.video import (
-    FilmFrames,
     extract_frames,
     extract_more_frames,
     extract_moving_frames,
@@ -119,7 +118,9 @@ def _film(video: Path, workspace: Path, config: ReconstructConfig) -> Stage[Phot
     found = yield from _prepared(frames.paths, workspace, root, config, ordered=True)
     for _ in range(0 if config.object_only else _ROUNDS):
         yield from run_matching(found, workspace, config.sfm())
-        gaps = _gaps(frames, MatchFacts.load(workspace / "matches.npz"))
+        place = {path.stem: i for i, path in enumerate(frames.paths)}
+        breaks = chain_breaks(MatchFacts.load(workspace / "matches.npz"))
+        gaps = [(place[Path(a).stem], place[Path(b).stem]) for a, b in breaks]
         more = yield from extract_more_frames(video, root, frames, gaps, longest_side=side)
         if more is frames:
             break
@@ -128,12 +129,6 @@ def _film(video: Path, workspace: Path, config: ReconstructConfig) -> Stage[Phot
             mark.unlink()
         found = yield from _prepared(frames.paths, workspace, root, config, ordered=True)
     return found
-
-
-def _gaps(frames: FilmFrames, matches: MatchFacts) -> list[tuple[int, int]]:
-    """The breaks of the chain, as indices into ``frames.chosen``."""
-    place = {path.stem: i for i, path in enumerate(frames.paths)}
-    return [(place[Path(a).stem], place[Path(b).stem]) for a, b in chain_breaks(matches)]
 
 
 # --- What the report says of a placement: photos that are in or out and why, and their links.
@@ -244,12 +239,6 @@ def _scene_notes(made: Ladder, placed: set[str]) -> list[str]:
     return found
 
 
-# --- From photos to a checked placement of them in a scene folder.
-# Photos are examined, placed by structure from motion in as many attempts as it takes, checked,
-# and undistorted. What is finished of a run that was stopped lies in SCENE/.gaga-reconstruct and
-# is taken up the next time.
-
-
 WORKSPACE = ".gaga-reconstruct"
 _PICTURE_SIDE = 1600  # pixels of the pictures in a scene folder (Kerbl 2023)
 
@@ -288,12 +277,14 @@ def place_photos(
             found,
             workspace,
             config.sfm(),
-            priors=_priors(found),
+            priors={p.name: p.focal for p in found.photos if p.focal is not None},
             ladder=config.ladder(),
             scene=config.scene,
         )
         _require(made, config)
-        _take(made.best.model, workspace / "model")
+        if made.best.model != workspace / "model":  # where the next step looks for it
+            shutil.rmtree(workspace / "model", ignore_errors=True)
+            shutil.copytree(made.best.model, workspace / "model")
         if config.object_only:
             masks = workspace / MASKS
             yield from paint_background(found.photos, workspace / "photos", masks)
@@ -343,27 +334,19 @@ def _fingerprint(source: Path, config: ReconstructConfig) -> str:
     files: Sequence[Path] = (source,) if source.is_file() else list_photos(source)
     stats = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     settings = asdict(replace(config.sfm(), threads=0))
-    task = [stats, settings, config.focal, config.video_fps, config.foreground]
+    masks = None if config.foreground is None else str(Path(config.foreground).absolute())
+    task = [stats, settings, config.focal, config.video_fps, masks]
     return hashlib.sha256(json.dumps(task).encode()).hexdigest()
-
-
-def _priors(photos: PhotoSet) -> dict[str, float]:
-    return {photo.name: photo.focal for photo in photos.photos if photo.focal is not None}
-
-
-def _take(model: Path, target: Path) -> None:
-    """Put the chosen model where the next step looks for it."""
-    if model != target:
-        shutil.rmtree(target, ignore_errors=True)
-        shutil.copytree(model, target)
 
 
 def _require(made: Ladder, config: ReconstructConfig) -> None:
     """``GagaError`` unless the best placement may be used."""
     best = made.best
     if config.scene > len(best.scenes):
+        n = len(best.scenes)
         raise GagaError(
-            f"--scene {config.scene}: the placed photos show {_scenes(len(best.scenes))} only. "
+            f"--scene {config.scene}: the placed photos show "
+            f"{'one scene' if n == 1 else f'{n} scenes'} only. "
             "Leave --scene out, or give a smaller number."
         )
     late = f"The time for placing was used up; {option('--place-minutes')} gives more."
@@ -381,7 +364,3 @@ def refuse(
     errors = [verdict.text for verdict in verdicts if verdict.level == "error"]
     if errors and not config.accept_wrong:
         raise WrongModelError(" ".join((title, *errors, *reasons)))
-
-
-def _scenes(n: int) -> str:
-    return "one scene" if n == 1 else f"{n} scenes"

@@ -10,7 +10,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -34,14 +34,13 @@ from gaga_core.io.json_file import read_foreign_json
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.place import (
     WORKSPACE,
-    WrongModelError,
     find_photos,
     place_photos,
     read_entry,
     refuse,
     write_entry,
 )
-from gaga_core.pipeline.settings import QUALITIES, ReconstructConfig
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.photos import UNREAD_SUFFIXES, is_video, list_photos, unread_kinds
 from gaga_core.placing.pose_check import check_poses_stage
 from gaga_core.placing.undistort import ORIGINALS
@@ -51,27 +50,6 @@ from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.threads import n_threads
 from gaga_core.training.checkpoint import iteration_of
-
-# --- From photos to a scene folder with splats: every step that is not there yet.
-# Photos are examined, placed by structure from motion, checked, undistorted, and splats are
-# trained on them. What is finished of a run that was stopped lies in SCENE/.gaga-reconstruct and
-# is taken up the next time; when the scene is complete, that folder is gone.
-
-
-__all__ = [
-    "CHECKPOINT",
-    "QUALITIES",
-    "SETTINGS",
-    "WORKSPACE",
-    "ReconstructConfig",
-    "Reconstruction",
-    "WrongModelError",
-    "find_photos",
-    "place_photos",
-    "read_entry",
-    "reconstruct_scene",
-    "train_scene",
-]
 
 _RANDOM_POINTS = 100_000  # of cameras that come without points, as published
 SETTINGS, CHECKPOINT = "settings.json", "train.npz"  # of a training, in the workspace
@@ -288,20 +266,12 @@ def look_at_photos(path: Path) -> PhotoFind | None:
         if unread:
             raise GagaError(unread[0])
         return None
-    return PhotoFind(
-        outside, scene, len(files), _size_of(files), False, is_placed, going_on, iteration
-    )
-
-
-def _size_of(files: tuple[Path, ...]) -> tuple[int, int]:
-    """Size of the first photo that can be read."""
-    for file in files[:5]:
-        try:
-            with Image.open(file) as image:
-                return image.size
-        except (OSError, ValueError):
-            continue
-    return _VIDEO_SIZE
+    size = _VIDEO_SIZE
+    for file in files[:5]:  # the first that can be read
+        with suppress(OSError, ValueError), Image.open(file) as image:
+            size = image.size
+            break
+    return PhotoFind(outside, scene, len(files), size, False, is_placed, going_on, iteration)
 
 
 def scene_of(photos: Path) -> Path:

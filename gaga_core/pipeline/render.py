@@ -1,4 +1,4 @@
-"""Renders of the views of a scene: color, groups or depth, one picture a view."""
+"""Renders of the views of a scene, one picture a view: color, depth, groups, identities."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -6,24 +6,26 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.export.export import exported_indices
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.grouping.votes import splat_groups
+from gaga_core.identity.field import encoding_colors
 from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks.label_maps import view_keys, write_labels
+from gaga_core.pipeline.lift import decode_groups, read_identity
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.project import Project, groups_of_folder
 
-What = Literal["rgb", "groups", "depth"]
+What = Literal["rgb", "groups", "depth", "identity", "encodings"]
+_Paint = Callable[[Path, Camera], None]
 
 
 def render_views(
@@ -38,10 +40,11 @@ def render_views(
     """Render ``views`` (train, test, all, or names) into ``out`` and return the files.
 
     One <stem>.png a view: "rgb" 8-bit color; "groups" uint16 group ids, 0 = none, of the labels
-    with which the scene opens (`scene.opened_labels`); "depth" uint16
-    thousandths of the scene unit of the expected depth, 0 = nothing there, 65535 = that or more.
-    ``out`` is ``folder.work / "renders" / what`` unless given. Other files there stay.
-    `lift.render_identity` renders what the identity encodings say.
+    with which the scene opens (`scene.opened_labels`); "depth" uint16 thousandths of the scene unit
+    of the expected depth, 0 = nothing there, 65535 = that or more; "identity" group ids that the
+    rendered identity encodings decode to; "encodings" these as colors, as the window shows them.
+    ``out`` is ``folder.work / "renders" / what`` unless given. Other files there stay. Raises
+    ``GagaError`` where there are no groups, or no lift, to draw.
     """
     if what not in get_args(What):
         kinds = ", ".join(get_args(What))
@@ -49,41 +52,54 @@ def render_views(
     cameras = select_views(folder, views)
     if gaussians is None:
         gaussians = yield from read_model(folder)
-    model, engine = gaussians, rasterizer or choose()
-    labels = np.zeros(0, np.int32)
+    paint = _painter(folder, what, gaussians, rasterizer or choose())
+    target = out or folder.work / "renders" / what
+    return (yield from _paint_views(cameras, target, f"Render {what}", paint))
+
+
+def _painter(folder: SceneFolder, what: What, model: Gaussians, engine: Rasterizer) -> _Paint:
+    """What writes the picture of a view."""
+    n = len(model)
     if what == "groups":
-        read_groups(folder, len(model))  # its errors say what to do
-        labels = groups_of_folder(folder.work, len(model)).labels
+        read_groups(folder, n)  # its errors say what to do
+        labels = groups_of_folder(folder.work, n).labels
+        return lambda path, camera: write_labels(path, splat_groups(engine, model, camera, labels))
+    if what == "identity":
+        field = read_identity(folder, n).field
+        return lambda path, camera: write_labels(path, decode_groups(engine, model, camera, field))
+    if what == "rgb":
+        return lambda path, camera: write_rgb(path, engine.render(model, camera).image)
+    channels = np.zeros((n, 1), np.float32)
+    if what == "encodings":
+        colors = encoding_colors(read_identity(folder, n).field.encodings)
+        channels = colors.astype(np.float32) / np.float32(255)
 
     def paint(path: Path, camera: Camera) -> None:
-        if what == "groups":
-            write_labels(path, splat_groups(engine, model, camera, labels))
-        elif what == "depth":
-            write_labels(path, _depth_thousandths(engine, model, camera))
-        else:
-            write_rgb(path, engine.render(model, camera).image)
+        frame = engine.render(model, camera, channels=channels)
+        if what == "encodings":
+            write_rgb(path, frame.image)
+            return
+        thousandths = np.minimum(np.rint(frame.expected_depth * 1000.0), 65535)
+        write_labels(path, thousandths.astype(np.int32))
 
-    return (yield from paint_views(cameras, out or folder.work / "renders" / what, what, paint))
+    return paint
 
 
-def paint_views(
-    cameras: Sequence[Camera], target: Path, what: str, paint: Callable[[Path, Camera], None]
+def _paint_views(
+    cameras: Sequence[Camera], target: Path, title: str, paint: _Paint
 ) -> Stage[tuple[Path, ...]]:
     """``paint`` a <stem>.png of every camera and move them to ``target`` when all are done.
 
     Pictures of photos in a subfolder lie in one of its name (`view_key`).
     """
-    keys = view_keys(camera.name for camera in cameras)
-    written = []
+    names = {name: f"{key}.png" for name, key in view_keys(c.name for c in cameras).items()}
     with staging_folder(target) as staging:
         for i, camera in enumerate(cameras):
-            yield Progress(f"Render {what}", i, len(cameras), camera.name)
-            name = f"{keys[camera.name]}.png"
-            paint(staging / name, camera)
-            written.append(name)
-        publish_all(staging, written, target)
-    yield Progress(f"Render {what}", len(cameras), len(cameras), f"{len(written)} files")
-    return tuple(target / name for name in written)
+            yield Progress(title, i, len(cameras), camera.name)
+            paint(staging / names[camera.name], camera)
+        publish_all(staging, sorted(names.values()), target)
+    yield Progress(title, len(cameras), len(cameras), f"{len(names)} files")
+    return tuple(target / names[camera.name] for camera in cameras)
 
 
 def export_masks(
@@ -103,20 +119,9 @@ def export_masks(
         raise GagaError("Nothing is visible, so there are no group maps to export.")
     gaussians = yield from bake_stage(project.scene, indices=shown)
     labels, engine = project.scene.labels[shown], rasterizer or choose()
-    cameras = folder.cameras
-    names = {name: f"{key}.png" for name, key in view_keys(c.name for c in cameras).items()}
-    with staging_folder(out) as staging:
-        for i, camera in enumerate(cameras):
-            yield Progress("Export masks", i, len(cameras), camera.name)
-            path = staging / names[camera.name]
-            write_labels(path, splat_groups(engine, gaussians, camera, labels))
-        written = sorted(names.values())
-        publish_all(staging, written, out)
-    return tuple(out / name for name in written)
 
+    def paint(path: Path, camera: Camera) -> None:
+        write_labels(path, splat_groups(engine, gaussians, camera, labels))
 
-def _depth_thousandths(rasterizer: Rasterizer, gaussians: Gaussians, camera: Camera) -> IntArray:
-    channels = np.zeros((len(gaussians), 1), np.float32)
-    depth = rasterizer.render(gaussians, camera, channels=channels).expected_depth
-    result: IntArray = np.minimum(np.rint(depth * 1000.0), 65535).astype(np.int32)
-    return result
+    written = yield from _paint_views(folder.cameras, out, "Export masks", paint)
+    return tuple(sorted(written))

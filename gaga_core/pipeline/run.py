@@ -31,9 +31,11 @@ from gaga_core.pipeline.associate import (
     views_to_add,
 )
 from gaga_core.pipeline.lift import lift_scene
-from gaga_core.pipeline.reconstruct import ReconstructConfig, find_photos, reconstruct_scene
+from gaga_core.pipeline.place import find_photos
+from gaga_core.pipeline.reconstruct import reconstruct_scene
 from gaga_core.pipeline.render import render_views
 from gaga_core.pipeline.segment import segment_scene
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import Stage
 from gaga_core.segmentation.choose import provider_named
 from gaga_core.segmentation.regions import NAME as REGIONS
@@ -138,15 +140,6 @@ def _labels(folder: SceneFolder) -> Path:
     return folder.work / "labels.npz"
 
 
-def _is_newer(path: Path, source: Path) -> bool:
-    """Whether ``path`` is there and was made from ``source`` as it is now."""
-    return path.is_file() and path.stat().st_mtime_ns >= source.stat().st_mtime_ns
-
-
-def _is_reconstructed(work: Work) -> bool:
-    return work.folder.model_path is not None
-
-
 def _reconstruct(work: Work) -> Stage[object]:
     return (yield from reconstruct_scene(None, work.folder.root, work.config.reconstruct))
 
@@ -214,11 +207,6 @@ def _preset_of(work: Work) -> Preset | None:
     return load_bank(bank).preset if bank.is_file() else None
 
 
-def _mode(work: Work) -> Mode:
-    """The mode of lift that is wanted: as asked for, else that of the preset of the groups."""
-    return work.config.mode or mode_of_preset(_preset_of(work) or work.config.associate.preset)
-
-
 def _associate(work: Work) -> Stage[object]:
     gaussians = yield from work.model()
     config = work.config
@@ -233,6 +221,11 @@ def _associate(work: Work) -> Stage[object]:
     return (yield from stage)
 
 
+def _is_newer(path: Path, source: Path) -> bool:
+    """Whether ``path`` is there and was made from ``source`` as it is now."""
+    return path.is_file() and path.stat().st_mtime_ns >= source.stat().st_mtime_ns
+
+
 def _is_lifted(work: Work) -> bool:
     """Whether there are identities of the groups, and of the mode that is wanted by name."""
     labels, identity = _labels(work.folder), work.folder.work / FILE
@@ -241,7 +234,8 @@ def _is_lifted(work: Work) -> bool:
     if work.config.mode is None and work.config.keeps_groups:
         return True
     stored = read_arrays(identity, "Remove it, and run again.", ("mode",))
-    return str(stored["mode"]) == _mode(work)
+    preset = _preset_of(work) or work.config.associate.preset
+    return str(stored["mode"]) == (work.config.mode or mode_of_preset(preset))
 
 
 def _lift(work: Work) -> Stage[object]:
@@ -272,7 +266,7 @@ def _render(work: Work) -> Stage[object]:
 
 
 STAGES = (
-    SceneStage("reconstruct", (), _is_reconstructed, _reconstruct),
+    SceneStage("reconstruct", (), lambda work: work.folder.model_path is not None, _reconstruct),
     SceneStage("masks", (), _has_masks, _make_masks),
     SceneStage("associate", ("reconstruct", "masks"), _is_associated, _associate),
     SceneStage("lift", ("associate",), _is_lifted, _lift),

@@ -42,11 +42,6 @@ from gaga_core.scene.objects import object_table
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
 
-# --- Asking a scene: by words, by an index of pictures, by a detector in a view.
-# The functions on a `Scene` serve the window live; those on a `Project` also know where its index
-# lies: ``index.npz`` (vectors and thumbnails) and ``index_texts.npz`` in the folder of our work.
-
-
 INDEX_FILE = "index.npz"
 TEXTS_FILE = "index_texts.npz"
 MAX_VIEWS = 64  # views rendered for an index, spread evenly
@@ -187,7 +182,7 @@ def index_scene(
     def labels_of(camera: Camera) -> IntArray:
         return splat_groups(engine, gaussians, camera, labels)
 
-    seen = [_at_most(camera, LONGEST_SIDE) for camera in _spread(cameras, MAX_VIEWS)]
+    seen = [camera.at_most(LONGEST_SIDE) for camera in _spread(cameras, MAX_VIEWS)]
     views = IndexedViews(seen, labels_of, picture_of)
     stage = index_stage(groups, digests, views, embedder, previous=previous, config=config)
     return (yield from stage)
@@ -288,15 +283,6 @@ def _spread(cameras: Sequence[Camera], n: int) -> list[Camera]:
     if len(cameras) <= n:
         return list(cameras)
     return [cameras[i] for i in np.linspace(0, len(cameras) - 1, n).round().astype(int)]
-
-
-def _at_most(camera: Camera, side: int) -> Camera:
-    longest = max(camera.width, camera.height)
-    if longest <= side:
-        return camera
-    scale = side / longest
-    size = (max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
-    return camera.resized(*size)
 
 
 # --- Words for the groups of a scene that nobody has named, and which of them are background.

@@ -14,12 +14,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt8Array
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -29,6 +28,7 @@ from gaga_core.io.images import read_rgb
 from gaga_core.io.json_file import read_json
 from gaga_core.io.masks.label_maps import RECORD, MaskRecord, read_labels, view_key, write_labels
 from gaga_core.masks import resize_labels
+from gaga_core.pipeline.settings import SegmentConfig
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
@@ -96,35 +96,10 @@ def greedy_cover(sees: BoolArray) -> IntArray:
     return np.array(order, np.int32)
 
 
-# --- 2D masks of the views of a scene folder, by any provider: SCENE/masks/<provider>/<stem>.png.
-# Masks of photos in a subfolder of images/ lie in one of its name (`io.masks.view_key`).
-#
-# Every finished view is written at once and recorded with a key of photo, model and settings, so a
-# second run, or one after a cancel, makes only what is missing. Maps of other settings are kept in
-# SCENE/gaga/cache/masks under the same keys and come back without work.
-
-
 STAGE = "Make masks"
 _VERSION = 1
 _WITH_LEVELS = 2  # of the keys of models' masks, since wholes and parts are written next to them
 _BLOCK = 1 << 24  # bytes hashed between two steps
-PhotoOrder = Literal["auto", "coverage", "name"]
-
-
-@dataclass(frozen=True)
-class SegmentConfig:
-    """How pictures are given to a provider."""
-
-    longest_side: int = 1600
-    """Larger photos are shrunk to this many pixels, and their label maps have that size; 0 = never.
-    Association scales label maps to the views. 0 or 64..8192."""
-    use_depth: bool = True
-    """Give providers that can use it the depth of the splats, where the scene has some."""
-    order: PhotoOrder = "auto"
-    """coverage: photos that tell most of what none before them showed come first (needs splats).
-    auto: coverage for providers with weights, which take long; else name."""
-    stop_after_s: float = 0.0
-    """Begin no further photo after so many seconds; 0 = never stop. At least one is made."""
 
 
 @dataclass(frozen=True)
@@ -227,24 +202,26 @@ def segment_scene(
     cues = _Cues(folder, rasterizer, (yield from _model_id(folder)) if wants_depth else "")
     by_coverage = config.order == "coverage" or (config.order == "auto" and provider.card.source)
     if by_coverage and folder.model_path is not None:
-        cameras = yield from _by_coverage(cameras, cues)
+        order = yield from coverage_order((yield from cues.splats()), cameras)
+        cameras = tuple(cameras[i] for i in order)
     done = _Done()
     for i, camera in enumerate(cameras):
-        if done.made and 0 < config.stop_after_s <= time.perf_counter() - start:
+        if done.made and 0 < config.stop_after <= time.perf_counter() - start:
             break
         view = view_key(camera.name)
         yield Progress(STAGE, i, len(cameras), camera.name + done.time_left(len(cameras) - i))
         try:
             keys = _keys(folder, camera, provider, config, cues)
             path = target / f"{view}.png"
-            key = "" if redo else _kept_key(folder, path, keys, record.get(view, ""))
-            if key:
+            cache, former = folder.work / "cache" / "masks", record.get(view, "")
+            kept = (key for key in keys if not redo and _is_in_place(path, key, former, cache))
+            if key := next(kept, ""):
                 done.keep(camera.name, is_flat=key != keys[0])
             else:
                 key, began = keys[0], time.perf_counter()
                 stage = _label_maps(folder, camera, provider, config, cues)
                 maps = yield from part(stage, i, len(cameras), STAGE, prefix=f"{camera.name}: ")
-                for place in (path, _cached(folder, key)):
+                for place in (path, cache / f"{key}.png"):
                     write_labels(place, *maps)
                 done.make(camera.name, time.perf_counter() - began)
         except _PhotoError as error:
@@ -264,7 +241,10 @@ def segment_scene(
         tuple(done.made),
         tuple(done.kept),
         done.failed,
-        _count_masks(target, done.names),
+        sum(
+            len(np.unique(labels[labels > 0]))
+            for labels in (read_labels(target / f"{view_key(name)}.png") for name in done.names)
+        ),
         time.perf_counter() - start,
         tuple(c.name for c in cameras if c.name not in {*done.names, *done.failed}),
         tuple(done.flat),
@@ -305,11 +285,6 @@ class _Done:
         return f" · about {left / 60:.0f} min left" if left >= 90 else f" · about {left:.0f} s left"
 
 
-def _by_coverage(cameras: tuple[Camera, ...], cues: _Cues) -> Stage[tuple[Camera, ...]]:
-    order = yield from coverage_order((yield from cues.splats()), cameras)
-    return tuple(cameras[i] for i in order)
-
-
 class _PhotoError(GagaError):
     """A photo that is missing or damaged: its view goes without masks."""
 
@@ -329,7 +304,8 @@ def _label_maps(
         raise _PhotoError(str(error)) from error
     height, width = image.shape[:2]
     if 0 < provider.work_width < width:
-        image = _shrunk(image, provider.work_width)
+        work = (provider.work_width, max(1, round(height * provider.work_width / width)))
+        image = np.array(Image.fromarray(image).resize(work, Image.Resampling.BOX))
     depth = yield from cues.depth(camera, image.shape[1], image.shape[0])
     further: Sequence[IntArray] = ()
     if isinstance(provider, RegionsProvider | ModelProvider):
@@ -337,11 +313,6 @@ def _label_maps(
     else:
         labels = yield from provider.label_map(Picture(image, depth))
     return resize_labels(labels, width, height), further
-
-
-def _shrunk(image: UInt8Array, width: int) -> UInt8Array:
-    height = max(1, round(image.shape[0] * width / image.shape[1]))
-    return np.array(Image.fromarray(image).resize((width, height), Image.Resampling.BOX))
 
 
 def _keys(
@@ -389,20 +360,11 @@ def _model_id(folder: SceneFolder) -> Stage[str]:
     return digest.hexdigest()
 
 
-def _cached(folder: SceneFolder, key: str) -> Path:
-    return folder.work / "cache" / "masks" / f"{key}.png"
-
-
-def _kept_key(folder: SceneFolder, path: Path, keys: Sequence[str], recorded: str) -> str:
-    """The first of the keys whose map is in its place, "" if none is."""
-    return next((key for key in keys if _restore(folder, path, key, recorded)), "")
-
-
-def _restore(folder: SceneFolder, path: Path, key: str, recorded: str) -> bool:
+def _is_in_place(path: Path, key: str, recorded: str, cache: Path) -> bool:
     """Whether the map of ``key`` is in its place, put there from the cache if need be."""
     if recorded == key and path.is_file():
         return True  # also when it was edited by hand since
-    cached = _cached(folder, key)
+    cached = cache / f"{key}.png"
     if not cached.is_file():
         return False
     with atomic_write(path) as temporary:
@@ -436,8 +398,3 @@ def _write_record(target: Path, provider: Provider, views: dict[str, str]) -> No
     }
     with atomic_write(target / RECORD) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-
-
-def _count_masks(target: Path, names: Sequence[str]) -> int:
-    maps = (read_labels(target / f"{view_key(name)}.png") for name in names)
-    return sum(len(np.unique(labels[labels > 0])) for labels in maps)

@@ -1,75 +1,91 @@
-"""Settings of a reconstruction, as the command and the window give them."""
+"""Settings of the stages, as the command and the window give them.
 
+This module is light: the command reads it to explain its options.
+"""
+
+import os
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
-from gaga_core.errors import GagaError
-from gaga_core.placing.ladder import LadderConfig
-from gaga_core.placing.sfm import SfmConfig
-from gaga_core.training.settings import TrainConfig
+from gaga_core.settings import check_limits, setting
 
-QUALITIES = ("draft", "standard", "full")
-_PLACE_MINUTES = {"draft": 20.0, "standard": 60.0, "full": 300.0}
+if TYPE_CHECKING:
+    from gaga_core.placing.ladder import LadderConfig
+    from gaga_core.placing.sfm import SfmConfig
+    from gaga_core.training.settings import TrainConfig
+
+Quality = Literal["draft", "standard", "full"]
+PLACE_MINUTES = {"draft": 20.0, "standard": 60.0, "full": 300.0}  # by quality
 
 
 @dataclass(frozen=True)
 class ReconstructConfig:
     """Settings of a reconstruction; None = what the quality says."""
 
-    quality: Literal["draft", "standard", "full"] = "draft"
-    iterations: int | None = None  # of the training
-    max_side: int | None = None  # pixels, longest side of the training pictures
-    max_splats: int | None = None  # no more than this
-    strategy: Literal["gradient", "mcmc"] = "gradient"  # Kerbl 2023 or Kheradmand 2024
-    antialiased: bool = False  # right at other sizes of picture too (Yu 2024, Mip-Splatting)
-    exposure: bool = False  # brightness and white balance of each photo are trained along
-    focal: float | None = None  # pixels of the photos as they are; None = EXIF, else estimated
-    video_fps: float | None = None  # frames taken of each second; None = as the film moves
-    place_minutes: float | None = None  # for all attempts to place the photos; None = by quality
-    foreground: str | None = None  # folder of masks of the object; the background is left out
-    turntable: bool = False  # the object turned in front of a camera that stood still
-    scene: int = 1  # which one, by size, when the photos show several
+    quality: Quality = setting("draft", "Quality")
+    """Of splats that are still to be trained."""
+    iterations: int | None = setting(None, "Iterations", least=1, most=1_000_000)
+    """Training steps; default: as the quality says."""
+    max_side: int | None = setting(None, "Longest side", "pixels", least=64, most=8192)
+    """Longest side of the training pictures in pixels; default: as the quality says."""
+    max_splats: int | None = setting(None, "Most splats", least=1000)
+    """No more splats than this; default: as the quality says."""
+    strategy: Literal["gradient", "mcmc"] = "gradient"
+    """How splats are added: where the gradient is large, or by sampling (MCMC, Kheradmand 2024)."""
+    antialiased: bool = setting(False, "Antialiased")
+    """Splats that also look right from nearer and farther away, in viewers with a mip mode."""
+    exposure: bool = setting(False, "Photos differ in brightness")
+    """Photos differ in brightness or white balance: train that along, and leave it out."""
+    focal: float | None = setting(None, "Focal length", "pixels", above=0)
+    """Focal length in pixels of the photos as they are; default: from EXIF, else estimated."""
+    video_fps: float | None = setting(None, "Frames of each second", above=0, most=60)
+    """Frames to take of each second of a video; default: as it moves, the sharpest ones."""
+    place_minutes: float | None = setting(None, "Minutes for placing", above=0, most=10_000)
+    """Time for all attempts to place the photos; default: 20, 60 or 300 as the quality says."""
+    foreground: str | None = setting(None, "Masks of the object")
+    """Folder of masks of the object, NAME.png, black = background: the background is left out."""
+    turntable: bool = setting(False, "Object on a turntable")
+    """The object turned in front of a camera that stood still: leave the background out."""
+    scene: int = setting(1, "Scene", least=1, most=9)
+    """Which scene to make, by size, when the photos show several."""
     seed: int = 0
-    threads: int = 0  # 0 = all
+    """Equal seeds give equal scenes."""
+    threads: int = 0
+    """Processor threads; 0: all."""
     only: Literal["all", "sfm"] = "all"
-    accept_wrong: bool = False  # keep a model that the checks refuse
-    hold_out: bool = True  # keep the test views out of the training, to measure on
+    """sfm: place the photos and stop before the training."""
+    accept_wrong: bool = False
+    """Keep a placement of the photos that the checks refuse."""
+    hold_out: bool = setting(True, "Hold the test photos out, to measure on")
+    """Keep the test views out of the training, to measure on."""
 
     def __post_init__(self) -> None:
-        if self.quality not in QUALITIES:
-            raise ValueError(f"quality: {self.quality!r} is none of {QUALITIES}")
-        if self.focal is not None and self.focal <= 0:
-            raise GagaError("--focal is a length in pixels: it must be greater than 0.")
-        if self.video_fps is not None and self.video_fps <= 0:
-            raise GagaError("--video-fps must be greater than 0.")
-        if self.place_minutes is not None and self.place_minutes <= 0:
-            raise GagaError("--place-minutes must be greater than 0.")
-        if self.scene < 1:
-            raise GagaError("--scene counts from 1, the scene with the most photos.")
-        if self.iterations is not None and self.iterations < 1:
-            raise GagaError("--iterations must be at least 1.")
-        if self.max_side is not None and self.max_side < 64:
-            raise GagaError("--max-side must be at least 64 pixels.")
-        if self.max_splats is not None and self.max_splats < 1000:
-            raise GagaError("--max-splats must be at least 1,000.")
+        if self.quality not in PLACE_MINUTES:
+            raise ValueError(f"quality: {self.quality!r} is none of {(*PLACE_MINUTES,)}")
+        check_limits(self)
 
     @property
     def object_only(self) -> bool:
         """Whether the background is left out."""
         return self.turntable or self.foreground is not None
 
-    def sfm(self) -> SfmConfig:
+    def sfm(self) -> "SfmConfig":
         """Settings of structure from motion."""
+        from gaga_core.placing.sfm import SfmConfig
+
         config = SfmConfig.of(self.quality, threads=self.threads, seed=self.seed)
         return replace(config, moving_only=self.turntable)
 
-    def ladder(self) -> LadderConfig:
+    def ladder(self) -> "LadderConfig":
         """How long the photos may be tried to be placed."""
-        minutes = self.place_minutes or _PLACE_MINUTES[self.quality]
-        return LadderConfig(minutes=minutes)
+        from gaga_core.placing.ladder import LadderConfig
 
-    def train(self) -> TrainConfig:
+        return LadderConfig(minutes=self.place_minutes or PLACE_MINUTES[self.quality])
+
+    def train(self) -> "TrainConfig":
         """Settings of the training."""
+        from gaga_core.training.settings import TrainConfig
+
         config = replace(
             TrainConfig.of(self.quality),
             seed=self.seed,
@@ -83,3 +99,47 @@ class ReconstructConfig:
         if self.max_splats is not None:
             config = config.with_cap(self.max_splats)
         return config.with_mcmc() if self.strategy == "mcmc" else config
+
+
+@dataclass(frozen=True)
+class SegmentConfig:
+    """How pictures are given to a provider of masks."""
+
+    longest_side: int = setting(1600, "Longest side", "pixels", least=0)
+    """Larger photos are shrunk to this many pixels, and so are their label maps; 0 = never."""
+    use_depth: bool = True
+    """Give providers that can use it the depth of the splats, where the scene has some."""
+    order: Literal["auto", "coverage", "name"] = "auto"
+    """Which photos come first. coverage: those that tell most of what none before them showed, so
+    that a run may be stopped early (needs splats). auto: coverage for models, name for regions."""
+    stop_after: float = setting(0.0, "Stop after", "seconds", least=0)
+    """Begin no further photo after so many seconds, and use what is there; 0 = make all."""
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+
+
+Engine = Literal["local", "dask"]
+
+
+@dataclass(frozen=True)
+class EngineConfig:
+    """Who runs many scenes."""
+
+    engine: Engine = "local"
+    workers: int = setting(2, "Workers", least=1)
+    """Scenes at once, where the workers are started here."""
+    threads: int = 0
+    """Of each worker; 0 = an equal share."""
+    address: str = ""
+    """Of a dask scheduler that is running; default: start one here."""
+
+    def __post_init__(self) -> None:
+        if self.engine not in get_args(Engine):
+            raise ValueError(f"engine: {self.engine!r} is none of {get_args(Engine)}")
+        check_limits(self)
+
+    @property
+    def threads_each(self) -> int:
+        """Threads of one worker."""
+        return self.threads or max(1, (os.cpu_count() or 1) // self.workers)

@@ -18,7 +18,7 @@ from gaga_core.identity.lift import Mode
 from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, read_model
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.pipeline.associate import associate_scene
-from gaga_core.pipeline.lift import lift_scene, render_identity
+from gaga_core.pipeline.lift import lift_scene
 from gaga_core.pipeline.render import render_views
 from gaga_core.progress import run_stage
 from tests.bench.figures import Figure, data_folder
@@ -74,7 +74,7 @@ def _few_views(root: Path, folder: SceneFolder) -> list[Figure]:
 
 def _lifted(root: Path, folder: SceneFolder, mode: Mode) -> float:
     run_stage(lift_scene(folder, mode))
-    return _score(root, run_stage(render_identity(folder))).iou
+    return _score(root, run_stage(render_views(folder, what="identity"))).iou
 
 
 def _score(root: Path, files: Sequence[Path]) -> Score:

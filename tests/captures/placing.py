@@ -10,7 +10,8 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.io.folder.scene_folder import open_scene_folder
-from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene
+from gaga_core.pipeline.reconstruct import reconstruct_scene
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 
 

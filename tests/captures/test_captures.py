@@ -11,7 +11,8 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras.colmap import write_colmap
-from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene
+from gaga_core.pipeline.reconstruct import reconstruct_scene
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from tests.captures import scenes
 from tests.captures.placing import placed

@@ -1,5 +1,6 @@
 """Fixtures of the core's tests that are costly to make."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,10 +8,11 @@ import pytest
 
 from gaga_core.camera import Camera
 from gaga_core.placing.metrics import SfmFacts
-from gaga_core.placing.photos import PhotoSet, list_photos, prepare_photos
+from gaga_core.placing.photos import PhotoSet, list_photos, prepare_photos, read_photo_set
 from gaga_core.placing.sfm import SfmConfig, require_overlap, run_matching, run_step
 from gaga_core.progress import Stage, run_stage
-from tests.core.reconstruct.photo_scenes import write_photos
+from tests.core.reconstruct.photo_scenes import walk_cameras, write_photos
+from tests.made import made_once
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,14 +38,19 @@ def run_sfm(photos: PhotoSet, workspace: Path, config: SfmConfig) -> Stage[SfmFa
 
 @pytest.fixture(scope="session")
 def placed_room(tmp_path_factory: pytest.TempPathFactory) -> PlacedRoom:
-    root = tmp_path_factory.mktemp("room")
-    cameras = write_photos(root / "in", 8)
-    workspace = root / "work"
-    workspace.mkdir()
-    photos = run_stage(
-        prepare_photos(
-            list_photos(root / "in"), workspace / "photos", root=root / "in", longest_side=320
-        )
-    )
-    facts = run_stage(run_sfm(photos, workspace, ROOM_SFM))
-    return PlacedRoom(photos, cameras, workspace, facts)
+    """Made once in a test run, by whichever process asks first: tests copy what they change."""
+
+    def make(root: Path) -> None:
+        write_photos(root / "in", 8)
+        workspace = root / "work"
+        workspace.mkdir()
+        listed = list_photos(root / "in")
+        stage = prepare_photos(listed, workspace / "photos", root=root / "in", longest_side=320)
+        photos = run_stage(stage)
+        run_stage(run_sfm(photos, workspace, ROOM_SFM))
+        (root / "photos.json").write_text(json.dumps(photos.to_json()))
+
+    root = made_once(tmp_path_factory, "room", make)
+    facts = SfmFacts.load(root / "work" / "facts.npz")
+    photos = read_photo_set(root / "photos.json")
+    return PlacedRoom(photos, walk_cameras(8), root / "work", facts)

@@ -22,8 +22,9 @@ from gaga_core.io.images import write_rgb
 from gaga_core.io.masks.label_maps import write_labels
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene
-from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene, train_scene
+from gaga_core.pipeline.reconstruct import reconstruct_scene, train_scene
 from gaga_core.pipeline.run import run_missing
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.scene import Scene

@@ -1,7 +1,7 @@
 """From photos to splats: the offer, the job, its preview, and its question."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,8 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.training_preview import TrainingPreview, TrainingUpdate
 
 if TYPE_CHECKING:
-    from gaga_core.pipeline.reconstruct import PhotoFind, ReconstructConfig, Reconstruction
+    from gaga_core.pipeline.reconstruct import PhotoFind, Reconstruction
+    from gaga_core.pipeline.settings import ReconstructConfig
 
 TITLE = "Make splats"
 _STEPS = 1000  # of the job's bar
@@ -54,7 +55,7 @@ def too_few(found: "PhotoFind") -> str:
 
 def plan_of(found: "PhotoFind") -> ReconstructionPlan:
     """Return the default plan: the one that was begun, else a draft."""
-    from gaga_core.pipeline.reconstruct import ReconstructConfig
+    from gaga_core.pipeline.settings import ReconstructConfig
 
     return ReconstructionPlan(found.going_on or ReconstructConfig(), found.scene)
 
@@ -137,8 +138,8 @@ def _stage(found: "PhotoFind", plan: ReconstructionPlan) -> "Stage[Reconstructio
     # In the job's thread: numba and the reader of photos are a good part of the launch time.
     from gaga_core.io.folder.scene_folder import find_sparse, open_scene_folder
     from gaga_core.pipeline.compile_kernels import after_warm_up
-    from gaga_core.pipeline.place import placement_of
-    from gaga_core.pipeline.reconstruct import WrongModelError, read_entry, reconstruct_scene
+    from gaga_core.pipeline.place import WrongModelError, placement_of, read_entry
+    from gaga_core.pipeline.reconstruct import reconstruct_scene
 
     yield Progress(TITLE, 0, 0, "Preparing")
     yield from after_warm_up(_nothing())
@@ -214,25 +215,15 @@ def _figures(report: dict[str, object]) -> str:
     return f"{text}."
 
 
-def plan_with(
-    plan: ReconstructionPlan,
-    *,
-    quality: str | None = None,
-    iterations: int | None = None,
-    max_side: int | None = None,
-    focal: float | None = None,
-    video_fps: float | None = None,
-    place_minutes: float | None = None,
-) -> ReconstructionPlan:
-    """Return ``plan`` with other settings; ``GagaError`` for invalid ones. 0 = by the quality."""
-    changes: dict[str, object] = {}
-    if quality is not None and quality != plan.config.quality:
-        changes |= {"quality": quality, "iterations": None, "max_side": None}
-    given = {"iterations": iterations, "max_side": max_side, "focal": focal}
-    given |= {"video_fps": video_fps, "place_minutes": place_minutes}
-    for name, value in given.items():
-        if value is not None:
-            changes[name] = value or None
+def plan_with(plan: ReconstructionPlan, name: str, value: object) -> ReconstructionPlan:
+    """Return ``plan`` with another setting; ``GagaError`` for an invalid one.
+
+    0 and "" of a setting that has no value by default are none: as the quality says.
+    """
+    is_optional = {field.name: field.default for field in fields(plan.config)}[name] is None
+    changes: dict[str, object] = {name: (value or None) if is_optional else value}
+    if name == "quality" and value != plan.config.quality:
+        changes |= {"iterations": None, "max_side": None}
     try:
         return replace(plan, config=replace(plan.config, **changes))  # type: ignore[arg-type]
     except ValueError as error:

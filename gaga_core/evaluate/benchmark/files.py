@@ -82,15 +82,7 @@ class _RunEntry(msgspec.Struct, frozen=True):
             scores = msgspec.convert(self.scores, InstanceScores)
         elif self.scores is not None:
             scores = msgspec.convert(self.scores, PromptScores)
-        return BenchmarkRun(
-            self.share,
-            scores,
-            self.n_views,
-            self.n_groups,
-            self.seconds,
-            self.missing,
-            self.notes,
-        )
+        return BenchmarkRun(**msgspec.structs.asdict(self) | {"scores": scores})
 
 
 class _RunsFile(msgspec.Struct, frozen=True):

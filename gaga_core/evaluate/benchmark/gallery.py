@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import FloatArray, IntArray, UInt8Array
+from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -19,7 +19,7 @@ from gaga_core.io.folder.scene_folder import SceneFolder, select_views
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.video import VideoConfig, ffmpeg_program
-from gaga_core.pipeline.film import FilmConfig, film_stage
+from gaga_core.pipeline.film import FilmConfig, as_bytes, film_stage, painted_labels
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.camera_path import CameraPath, Keyframe, Shot
@@ -71,14 +71,11 @@ def _row(
     small = camera.resized(_WIDTH, max(1, round(camera.height * _WIDTH / camera.width)))
     size = (small.width, small.height)
     image = rasterizer.render(gaussians, small).image
-    ids, row = np.unique(groups, return_inverse=True)
-    colors = group_colors(ids.astype(np.int32))
-    colors[ids == 0] = 0
     found = [np.zeros((small.height, small.width, 3), np.uint8)]
     if photo is not None:
         found = [np.asarray(Image.fromarray(read_rgb(photo)).resize(size))]
-    found.append(_bytes(image))
-    painted = Image.fromarray(_bytes(colors[row.reshape(groups.shape)]))
+    found.append(as_bytes(image))
+    painted = Image.fromarray(painted_labels(groups))
     found.append(np.asarray(painted.resize(size, Image.Resampling.NEAREST)))
     return np.concatenate(found, axis=1)
 
@@ -109,14 +106,9 @@ def _film(folder: SceneFolder, scene: Scene, rasterizer: Rasterizer, target: Pat
         K[0, 2] = camera.width // 2 / 2
         half = replace(camera, K=K, width=camera.width // 2)
         shown = [
-            _bytes(rasterizer.render(scene.gaussians, half, channels=channels).image)
+            as_bytes(rasterizer.render(scene.gaussians, half, channels=channels).image)
             for channels in (None, colors)
         ]
         return np.concatenate(shown, axis=1)
 
     return (yield from film_stage(scene, CameraPath(keys), target, config, painter=paint))
-
-
-def _bytes(image: FloatArray) -> UInt8Array:
-    result: UInt8Array = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
-    return result

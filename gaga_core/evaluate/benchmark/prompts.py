@@ -3,14 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import BoolArray, UInt8Array
+from gaga_core.arrays import BoolArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.evaluate.benchmark.settings import FindConfig
 from gaga_core.evaluate.published import PUBLISHED_RULE
 from gaga_core.grouping.votes import VOID_BELOW
 from gaga_core.identity.field import IdentityField
@@ -19,12 +18,11 @@ from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.pipeline.search import Pictures, find_in_view, index_scene, search
 from gaga_core.progress import Progress, Stage
-from gaga_core.query.detector import CONTAINED, contained
+from gaga_core.query.detector import CONTAINED, DetectConfig, contained, load_detector
+from gaga_core.query.embed import load_embedder
+from gaga_core.query.index import TextVectors
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from gaga_core.segmentation.sam import SamPrompter
 
 STAGE = "Find prompts"
 TEXT_THRESHOLD = 0.45  # of a word in a box (Gaussian Grouping's script)
@@ -47,34 +45,22 @@ Answers = Mapping[str, Sequence[int]]  # phrase -> group ids; without an entry: 
 Find = Callable[[Question, Sequence[str]], Stage[Answers]]
 
 
-@dataclass(frozen=True)
-class FindConfig:
-    """Who answers: a detector in the first view, else an index of pictures, else words alone."""
+def find_by(config: FindConfig) -> Find:
+    """The way of answering."""
+    if config.detector is None:
+        return by_words(config.embedder)
+    if config.segmenter is None:
+        return by_detector(config.detector)
+    return by_published_rule(config.detector, config.segmenter)
 
-    detector: Path | None = None  # folder of a Grounding DINO or OWLv2 model
-    embedder: Path | None = None  # folder of a CLIP or SigLIP model
-    segmenter: str | None = None  # name or folder of a Segment Anything model, for masks in boxes
 
-    def __post_init__(self) -> None:
-        if self.segmenter is not None and self.detector is None:
-            raise GagaError("Masks in boxes need a detector that finds the boxes. Name one, too.")
-
-    def find(self) -> Find:
-        """The way of answering."""
-        if self.detector is not None and self.segmenter is not None:
-            return by_published_rule(self.detector, self.segmenter)
-        if self.detector is not None:
-            return by_detector(self.detector)
-        return by_words(self.embedder)
-
-    @property
-    def words(self) -> str:
-        """The way of answering, for tables."""
-        if self.detector is not None and self.segmenter is not None:
-            return f"{PUBLISHED_RULE}, share inside over {CONTAINED}, probability over {PROBABLE}"
-        if self.detector is not None:
-            return "boxes of a detector, groups by area"
-        return "words alone" if self.embedder is None else "an index of pictures"
+def words_of(config: FindConfig) -> str:
+    """The way of answering, for tables."""
+    if config.detector is None:
+        return "words alone" if config.embedder is None else "an index of pictures"
+    if config.segmenter is None:
+        return "boxes of a detector, groups by area"
+    return f"{PUBLISHED_RULE}, share inside over {CONTAINED}, probability over {PROBABLE}"
 
 
 def by_published_rule(detector_folder: Path, segmenter: str) -> Find:
@@ -82,11 +68,14 @@ def by_published_rule(detector_folder: Path, segmenter: str) -> Find:
     which more than 0.7 lies inside (Ye et al., ECCV 2024, with its thresholds)."""
 
     def find(question: Question, phrases: Sequence[str]) -> Stage[Answers]:
-        from gaga_core.query.detector import DetectConfig, load_detector
+        from gaga_core.segmentation.choose import prompter_named
 
-        detector, prompter = load_detector(detector_folder), _prompter(segmenter)
+        path = Path(segmenter)
+        name, weights = (path.stem, path) if path.exists() else (segmenter, None)
+        detector, prompter = load_detector(detector_folder), prompter_named(name, weights=weights)
         camera, answers = question.views[0], {}
-        picture = _picture(question, camera)
+        image = question.rasterizer.render(question.scene.gaussians, camera).image
+        picture = np.ascontiguousarray((np.clip(image, 0, 1) * 255).astype(np.uint8))
         groups = read_labels(question.maps[camera.name])
         config = DetectConfig(text_threshold=TEXT_THRESHOLD)
         for i, phrase in enumerate(phrases):
@@ -100,31 +89,15 @@ def by_published_rule(detector_folder: Path, segmenter: str) -> Find:
     return find
 
 
-def _prompter(segmenter: str) -> "SamPrompter":
-    from gaga_core.segmentation.choose import prompter_named
-
-    path = Path(segmenter)
-    return prompter_named(path.stem, weights=path) if path.exists() else prompter_named(segmenter)
-
-
-def _picture(question: Question, camera: Camera) -> UInt8Array:
-    """The splats (H, W, 3) as a view shows them."""
-    image = question.rasterizer.render(question.scene.gaussians, camera).image
-    return np.ascontiguousarray((np.clip(image, 0, 1) * 255).astype(np.uint8))
-
-
 def by_detector(folder: Path) -> Find:
     """Boxes in the rendered first view -> groups by area (section 6 of the paper)."""
 
     def find(question: Question, phrases: Sequence[str]) -> Stage[Answers]:
-        from gaga_core.query.detector import load_detector
-
-        detector, view, answers = load_detector(folder), question.views[:1], {}
+        detector, view, engine = load_detector(folder), question.views[:1], question.rasterizer
+        answers = {}
         for i, phrase in enumerate(phrases):
             yield Progress(STAGE, i, len(phrases), phrase)
-            stage = find_in_view(
-                question.scene, view, phrase, detector, rasterizer=question.rasterizer
-            )
+            stage = find_in_view(question.scene, view, phrase, detector, rasterizer=engine)
             answer = yield from stage
             answers[phrase] = answer.groups[: answer.n_meant].tolist()
         return answers
@@ -136,36 +109,22 @@ def by_words(embedder: Path | None = None) -> Find:
     """What the search box finds: colors, sizes and places, and nouns through an index if given."""
 
     def find(question: Question, phrases: Sequence[str]) -> Stage[Answers]:
-        pictures = None
+        scene, train, pictures = question.scene, question.train, None
         if embedder is not None:
-            pictures = yield from _index(question, embedder)
+            model = load_embedder(embedder)
+            index = yield from index_scene(scene, train, model, rasterizer=question.rasterizer)
+            pictures = Pictures(index, TextVectors(index.model, lambda: model))
         answers = {}
         for i, phrase in enumerate(phrases):
             yield Progress(STAGE, i, len(phrases), phrase)
-            answer = search(
-                question.scene,
-                phrase,
-                cameras=question.train,
-                camera=question.views[0],
-                pictures=pictures,
-            )
+            first = question.views[0]
+            answer = search(scene, phrase, cameras=train, camera=first, pictures=pictures)
             # With an index the best group is an answer, however unsure; words alone may fail.
             n = answer.n_meant if pictures is None else max(1, answer.n_meant)
             answers[phrase] = answer.groups[:n].tolist()
         return answers
 
     return find
-
-
-def _index(question: Question, folder: Path) -> Stage[Pictures]:
-    from gaga_core.query.embed import load_embedder
-    from gaga_core.query.index import TextVectors
-
-    embedder = load_embedder(folder)
-    index = yield from index_scene(
-        question.scene, question.train, embedder, rasterizer=question.rasterizer
-    )
-    return Pictures(index, TextVectors(index.model, lambda: embedder))
 
 
 def answer_prompts(question: Question, prompts: PromptTruth, out: Path, find: Find) -> Stage[Path]:

@@ -10,10 +10,11 @@ import hashlib
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -21,7 +22,8 @@ from gaga_core.arrays import IntArray
 from gaga_core.errors import CancelledError, GagaError
 from gaga_core.evaluate.benchmark.files import digest_of, made_by, read_runs, write_runs
 from gaga_core.evaluate.benchmark.gallery import show_scene
-from gaga_core.evaluate.benchmark.prompts import Find, FindConfig, Question, answer_prompts
+from gaga_core.evaluate.benchmark.prompts import Find, Question, answer_prompts, find_by, words_of
+from gaga_core.evaluate.benchmark.settings import BenchmarkConfig
 from gaga_core.evaluate.benchmark.tables import (
     BenchmarkReport,
     BenchmarkRun,
@@ -43,43 +45,41 @@ from gaga_core.io.masks.label_maps import label_files_of, read_labels
 from gaga_core.io.splats.splat_files import read_splats_stage
 from gaga_core.masks import resize_labels
 from gaga_core.pipeline.associate import associate_scene
-from gaga_core.pipeline.lift import lift_scene, read_identity, render_identity
-from gaga_core.pipeline.reconstruct import ReconstructConfig, train_scene
+from gaga_core.pipeline.lift import lift_scene, read_identity
+from gaga_core.pipeline.reconstruct import train_scene
 from gaga_core.pipeline.render import render_views
+from gaga_core.pipeline.segment import segment_scene
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.scene import Scene
+from gaga_core.segmentation.choose import provider_named
 
 # --- The scores of a scene's predictions: Algorithm 1, or masks of text prompts.
 
 
-@dataclass(frozen=True)
-class Scored:
-    """The scores of a scene."""
-
-    scores: InstanceScores | PromptScores
-    missing: tuple[str, ...]  # predictions that were not there
-    notes: tuple[str, ...] = ()
-
-
-def score_scene(scene: DatasetScene, predictions: Path) -> Stage[Scored]:
+def score_scene(scene: DatasetScene, predictions: Path) -> Stage[BenchmarkRun]:
     """The scores of the predictions in a folder; those that are missing count as 0."""
+    run = BenchmarkRun(1.0, None, 0, 0, 0.0)
     if scene.prompts is None:
-        return (yield from _score_maps(scene, predictions))
+        scores, missing = yield from _score_maps(scene, predictions)
+        return replace(run, scores=scores, missing=missing, notes=scene.missing)
     prompts = scene.prompts
     with TemporaryDirectory() as nothing:
         folder = predictions if predictions.is_dir() else Path(nothing)
         report = yield from lerf_mask_stage(folder, prompts.folder, views=prompts.views)
     by_prompt = {p.prompt: (p.iou, p.boundary_iou) for p in report.prompts}
-    scores = PromptScores(report.miou, report.mean_boundary_iou, by_prompt)
-    n, notes = len(report.unused), []
+    by_words = PromptScores(report.miou, report.mean_boundary_iou, by_prompt)
+    n, notes = len(report.unused), list(scene.missing)
     if n:
         notes.append(f"{n} predictions answer no prompt of the data set ({report.unused[0]}, ...).")
-    return Scored(scores, report.missing, tuple(notes))
+    return replace(run, scores=by_words, missing=report.missing, notes=tuple(notes))
 
 
-def _score_maps(scene: DatasetScene, predictions: Path) -> Stage[Scored]:
+def _score_maps(
+    scene: DatasetScene, predictions: Path
+) -> Stage[tuple[InstanceScores, tuple[str, ...]]]:
     """Algorithm 1 over the group maps ``<stem>.png`` of the test views that have a true map."""
     truth = scene.truth
     names = [name for name in scene.folder.test if name in truth]
@@ -94,9 +94,8 @@ def _score_maps(scene: DatasetScene, predictions: Path) -> Stage[Scored]:
             return true, np.full_like(true, UNANSWERED)
         return true, resize_labels(read_labels(file), true.shape[1], true.shape[0])
 
-    with_void, without_void = yield from score_stage((pair(name) for name in names), len(names))
-    missing = tuple(name for name in names if name not in files)
-    return Scored(InstanceScores(with_void, without_void), missing)
+    both = yield from score_stage((pair(name) for name in names), len(names))
+    return InstanceScores(*both), tuple(name for name in names if name not in files)
 
 
 # --- Splats of a benchmark scene that has none, or none of so few views: trained on training
@@ -121,9 +120,17 @@ def trained_splats(
             f"{len(folder.train)} training photos are missing, so none can be trained. Put the "
             "photos there, or name the folder of the trained models."
         )
-    wanted = _record_of(folder, config)
-    model = out / "point_cloud.ply"
-    if model.is_file() and _recorded(out / RECORD) == wanted:
+    poses = [camera.cam_from_world.tolist() for camera in folder.cameras]
+    wanted: dict[str, object] = {
+        "config": asdict(config),
+        "views": list(folder.train),
+        "photos": [digest_of(folder.image_paths[name]) for name in folder.train],
+        "poses": hashlib.sha256(str(poses).encode()).hexdigest()[:16],
+    }
+    model, recorded = out / "point_cloud.ply", dict[str, object]()
+    with suppress(GagaError):  # where it is not known what they were made of
+        recorded = read_foreign_json(out / RECORD, dict[str, object])
+    if model.is_file() and recorded == wanted:
         return (yield from read_splats_stage(model))
     kept = {camera.name: camera for camera in folder.cameras}
     alone = replace(folder, cameras=tuple(kept[name] for name in folder.train), test=())
@@ -133,86 +140,8 @@ def trained_splats(
     return gaussians
 
 
-def _recorded(path: Path) -> dict[str, object]:
-    """What splats were made of; nothing where it is not known."""
-    try:
-        return read_foreign_json(path, dict[str, object])
-    except GagaError:
-        return {}
-
-
-def _record_of(folder: SceneFolder, config: ReconstructConfig) -> dict[str, object]:
-    poses = [camera.cam_from_world.tolist() for camera in folder.cameras]
-    return {
-        "config": asdict(config),
-        "views": list(folder.train),
-        "photos": [digest_of(folder.image_paths[name]) for name in folder.train],
-        "poses": hashlib.sha256(str(poses).encode()).hexdigest()[:16],
-    }
-
-
-# --- The published protocols over whole data sets: every stage, every scene, one table.
-# A scene is associated from the masks of its train views, lifted, rendered in its test views and
-# scored as its data set is: Algorithm 1, masks of text prompts, or pictures for people. Splats
-# that are missing are trained on the train views alone. Results lie in one folder, a JSON a scene,
-# written after every run: what is finished is not run again while its settings, masks and model
-# are the same.
-
-
 TITLE = "Benchmark"
-Lift = Literal["paper", "refine", "vote", "none"]  # how the scored maps are made; none: of groups
 _TRACKED = "object_mask"  # associated by a tracker already: only on request
-
-
-def _standard() -> ReconstructConfig:
-    return ReconstructConfig(quality="standard")
-
-
-@dataclass(frozen=True)
-class BenchmarkConfig:
-    """What is run over every scene."""
-
-    preset: str = "robust"  # of the association
-    lift: Lift | None = None  # None = as the preset says: paper of the paper, vote of robust
-    masks: str | None = None  # name of the mask folder in every scene; None = the only one
-    shares: tuple[float, ...] = ()  # of the train views, in addition to all of them
-    seed: int = 0  # of the choice of those views
-    find: FindConfig = field(default_factory=FindConfig)  # who answers text prompts
-    pred: Path | None = None  # predictions <scene>/...: they are scored, nothing is run
-    redo: bool = False  # run again what is finished
-    train: ReconstructConfig = field(default_factory=_standard)  # of splats that are missing
-    retrain_sparse: bool = False  # splats of few views are trained on those views alone
-
-    def __post_init__(self) -> None:
-        AssociateConfig.of(self.preset)
-        if self.lift is not None and self.lift not in get_args(Lift):
-            raise GagaError(f"There is no lift {self.lift!r}. Choose {', '.join(get_args(Lift))}.")
-        for share in self.shares:
-            if not 0 < share < 1:
-                raise GagaError(f"{share:.4g} is no share of the views. Choose one in (0, 1).")
-        if self.pred is not None and self.shares:
-            raise GagaError("Given predictions have no train views. Leave the shares of them out.")
-        if self.retrain_sparse and not self.shares:
-            raise GagaError(
-                "--retrain-sparse needs --sparse: which shares of the views to train on."
-            )
-
-    @property
-    def lifted_by(self) -> Lift:
-        """How identities are made from the groups: as asked for, else as the preset has it."""
-        return self.lift or ("paper" if self.preset == "paper" else "vote")
-
-    @property
-    def title(self) -> str:
-        """What is scored, for tables."""
-        if self.pred is not None:
-            return "given predictions"
-        kind = self.lifted_by
-        return f"{self.preset}, " + ("groups" if kind == "none" else f"identities by {kind}")
-
-    def runs(self) -> tuple[float, ...]:
-        """The share of the train views in every run, all of them first."""
-        return (1.0, *sorted(set(self.shares), reverse=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,6 +184,11 @@ def run_benchmark(
             failed[scene.name] = str(error)
         else:
             results.append(result)
+    few = ""
+    if config.shares and config.retrain_sparse:
+        few = "Few views: splats are trained again on those views alone, from the same points."
+    elif config.shares:
+        few = "Few views: the splats of all training views are used; only the masks are fewer."
     return BenchmarkReport(
         dataset=dataset.name,
         title=dataset.title,
@@ -263,17 +197,8 @@ def run_benchmark(
         failed=failed,
         out=str(out),
         protocol=dataset.protocol,
-        sparse_splats=_sparse_splats(config),
+        sparse_splats=few,
     )
-
-
-def _sparse_splats(config: BenchmarkConfig) -> str:
-    """Which splats runs over few views use, for tables."""
-    if not config.shares:
-        return ""
-    if config.retrain_sparse:
-        return "Few views: splats are trained again on those views alone, from the same points."
-    return "Few views: the splats of all training views are used; only the masks are fewer."
 
 
 def _run_scene(
@@ -285,7 +210,13 @@ def _run_scene(
     rasterizer: Rasterizer,
 ) -> Stage[SceneResult]:
     """All runs over one scene that are not finished yet."""
-    _check(scene, config)
+    folder = scene.folder
+    scored = any(name in scene.truth for name in folder.test) or not scene.truth_from
+    hopeless = config.pred is None and not folder.train
+    if config.pred is not None and not scene.truth_from:
+        raise GagaError(f"{scene.name} has no truth to score predictions with.")
+    if hopeless or not folder.test or (scene.prompts is None and not scored):
+        raise GagaError(" ".join(scene.missing))
     masks, splats = None, ""
     if config.pred is None:
         scene, splats = yield from _with_splats(scene, config, out / scene.name, rasterizer)
@@ -303,13 +234,15 @@ def _run_scene(
             gaussians = yield from read_model(scene.folder)
         model = gaussians
         if share < 1 and config.retrain_sparse:
-            model = yield from _few_splats(task, share)
+            few = replace(folder, train=sparse_views(folder.train, share, config.seed))
+            target = task.out / f"splats_{100 * share:g}"
+            model = yield from trained_splats(few, config.train, target, rasterizer)
         stage = _run(task, share, model)
         known[share] = yield from part(stage, i, len(config.runs()), TITLE)
         write_runs(file, settings, known)
     runs = tuple(known[share] for share in config.runs())
-    conditions = _conditions(task, splats)
-    return SceneResult(scene.name, _source(masks), runs, n_reused, conditions)
+    name = "" if masks is None else masks.name
+    return SceneResult(scene.name, name, runs, n_reused, _conditions(task, splats))
 
 
 def _with_splats(
@@ -325,19 +258,10 @@ def _with_splats(
     return replace(scene, folder=folder), told
 
 
-def _few_splats(task: _Task, share: float) -> Stage[Gaussians]:
-    """Splats of a share of the train views alone."""
-    config, folder = task.config, task.scene.folder
-    train = sparse_views(folder.train, share, config.seed)
-    target = task.out / f"splats_{100 * share:g}"
-    few = replace(folder, train=train)
-    return (yield from trained_splats(few, config.train, target, task.rasterizer))
-
-
 def _conditions(task: _Task, splats: str) -> Conditions:
     """How the scene was scored, for tables."""
     scene, config = task.scene, task.config
-    queries = "" if scene.prompts is None or config.pred is not None else config.find.words
+    queries = "" if scene.prompts is None or config.pred is not None else words_of(config.find)
     truth = scene.truth if scene.prompts is None else set(scene.prompts.views.values())
     return Conditions(
         split=scene.folder.split,
@@ -370,35 +294,21 @@ def _settings(dataset: Dataset, task: _Task) -> dict[str, object]:
         "train": list(folder.train),
         "preset": asdict(AssociateConfig.of(config.preset)),
         "lift": config.lifted_by,
-        "find": "given" if task.find is not None else _words_of(config.find),
+        "find": "given"
+        if task.find is not None
+        else {name: str(folder or "") for name, folder in vars(config.find).items()},
         "seed": config.seed,
         "masks": "" if task.masks is None else str(task.masks.resolve()),
         "mask_files": digest_of(task.masks),
         "model": "" if folder.model_path is None else str(folder.model_path.resolve()),
         "model_file": digest_of(folder.model_path),
-        "retrain": _trained_of(folder, config) if config.retrain_sparse else None,
+        "retrain": {
+            "config": asdict(config.train),
+            "photos": [digest_of(folder.image_paths.get(name)) for name in folder.train],
+        }
+        if config.retrain_sparse
+        else None,
     }
-
-
-def _trained_of(folder: SceneFolder, config: BenchmarkConfig) -> dict[str, object]:
-    """What splats that are trained again on few views depend on."""
-    photos = [digest_of(folder.image_paths.get(name)) for name in folder.train]
-    return {"config": asdict(config.train), "photos": photos}
-
-
-def _words_of(find: FindConfig) -> dict[str, str]:
-    return {name: str(folder or "") for name, folder in vars(find).items()}
-
-
-def _check(scene: DatasetScene, config: BenchmarkConfig) -> None:
-    """``GagaError`` when nothing can be scored; what else is missing becomes a note."""
-    folder = scene.folder
-    scored = any(name in scene.truth for name in folder.test) or not scene.truth_from
-    hopeless = config.pred is None and not folder.train
-    if config.pred is not None and not scene.truth_from:
-        raise GagaError(f"{scene.name} has no truth to score predictions with.")
-    if hopeless or not folder.test or (scene.prompts is None and not scored):
-        raise GagaError(" ".join(scene.missing))
 
 
 def _masks_of(
@@ -418,21 +328,9 @@ def _masks_of(
         )
     if names:
         return found[names[0]]
-    return (yield from _make_regions(scene, out, rasterizer))
-
-
-def _make_regions(scene: DatasetScene, out: Path, rasterizer: Rasterizer) -> Stage[Path]:
-    """Label maps by the provider that needs no weights, kept with the results."""
-    from gaga_core.pipeline.segment import segment_scene
-    from gaga_core.segmentation.choose import provider_named
-
     own = replace(scene.folder, root=out)
     report = yield from segment_scene(own, provider_named("regions"), rasterizer=rasterizer)
     return report.folder
-
-
-def _source(masks: Path | None) -> str:
-    return "" if masks is None else masks.name
 
 
 def _run(task: _Task, share: float, gaussians: Gaussians | None) -> Stage[BenchmarkRun]:
@@ -440,7 +338,7 @@ def _run(task: _Task, share: float, gaussians: Gaussians | None) -> Stage[Benchm
     config, folder = task.config, task.scene.folder
     if gaussians is None or task.masks is None:
         given = (config.pred or task.out) / task.scene.name
-        return _result(task, share, (yield from score_scene(task.scene, given)))
+        return replace((yield from score_scene(task.scene, given)), share=share)
     train = folder.train if share == 1.0 else sparse_views(folder.train, share, config.seed)
     root = task.out / ("views_all" if share == 1.0 else f"views_{100 * share:g}")
     own, engine = replace(folder, root=root, train=train), task.rasterizer
@@ -448,18 +346,17 @@ def _run(task: _Task, share: float, gaussians: Gaussians | None) -> Stage[Benchm
     settings = AssociateConfig.of(config.preset)
     stage = associate_scene(own, task.masks, settings, gaussians=gaussians, rasterizer=engine)
     yield from part(stage, 0, n_parts, TITLE)
-    shown: Stage[tuple[Path, ...]]
-    if config.lifted_by == "none":
-        shown = render_views(own, root / "groups", gaussians=gaussians, rasterizer=engine)
-    else:
-        lift = lift_scene(own, config.lifted_by, gaussians=gaussians, rasterizer=engine)
-        yield from part(lift, 1, n_parts, TITLE)
-        shown = render_identity(own, root / "groups", gaussians=gaussians, rasterizer=engine)
+    what: Literal["groups", "identity"] = "groups"
+    if config.lifted_by != "none":
+        what, lift = "identity", config.lifted_by
+        lifting = lift_scene(own, lift, gaussians=gaussians, rasterizer=engine)
+        yield from part(lifting, 1, n_parts, TITLE)
+    predictions = root / "groups"
+    shown = render_views(own, predictions, what=what, gaussians=gaussians, rasterizer=engine)
     maps = yield from part(shown, 2, n_parts, TITLE)
     seconds = round(time.perf_counter() - start, 3)
     labels = read_groups(own, len(gaussians))[0]
     n_groups = len(np.unique(labels[labels > 0]))
-    predictions = root / "groups"
     if not task.scene.truth_from:
         notes = yield from show_scene(own, gaussians, labels, maps, engine, root)
         return BenchmarkRun(share, None, len(train), n_groups, seconds, notes=notes)
@@ -467,16 +364,10 @@ def _run(task: _Task, share: float, gaussians: Gaussians | None) -> Stage[Benchm
         question = _question(task, own, gaussians, labels, maps)
         if config.lifted_by != "none":
             question = replace(question, field=read_identity(own, len(gaussians)).field)
-        find = task.find or config.find.find()
+        find = task.find or find_by(config.find)
         predictions = yield from answer_prompts(question, task.scene.prompts, root, find)
     scored = yield from part(score_scene(task.scene, predictions), 3, n_parts, TITLE)
-    result = _result(task, share, scored)
-    return replace(result, n_views=len(train), n_groups=n_groups, seconds=seconds)
-
-
-def _result(task: _Task, share: float, scored: Scored) -> BenchmarkRun:
-    notes = (*task.scene.missing, *scored.notes)
-    return BenchmarkRun(share, scored.scores, 0, 0, 0.0, scored.missing, notes)
+    return replace(scored, share=share, n_views=len(train), n_groups=n_groups, seconds=seconds)
 
 
 def _question(

@@ -1,6 +1,6 @@
 """Results of a data set, scene by scene, as the tables that the paper prints."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
@@ -192,81 +192,67 @@ class BenchmarkReport:
             names = list(PROMPT_METRICS[:n])
             rows = [[scene, *_tenths(v, n)] for scene, v in PROMPTS[self.dataset].items()]
         head = f"{self.title}, published: measured in another way than ours"
-        notes = tuple(f"Not as published: {reason}." for reason in why)
-        return (replace(_table([[head, *names], *rows]), notes=notes),)
+        return (_table([[head, *names], *rows], *(f"Not as published: {r}." for r in why)),)
 
     def _instance_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
         """Counted as published: void is a label of both sides."""
+
+        def figures(run: BenchmarkRun) -> Sequence[float]:
+            return (*_instance_figures(run, with_void=True)[:3], run.n_groups, run.seconds)
+
         names = ("IoU", "P", "R", "groups", "seconds", "missing")
-        rows: list[list[str]] = [[f"{self.title}, {self.preset}", *names]]
-        values = [_instance_figures(run, with_void=True)[:3] for _, run in whole]
-        counts = [(float(run.n_groups), run.seconds) for _, run in whole]
-        for (scene, run), figures, (groups, seconds) in zip(whole, values, counts, strict=True):
-            counted = [f"{groups:.0f}", f"{seconds:.1f}", str(len(run.missing))]
-            rows.append([scene, *_hundredths(figures), *counted])
-        rows += [[scene, *[""] * 5, "failed"] for scene in self.failed]
-        if values:
-            groups, seconds = np.mean(counts, axis=0)
-            n_missing = str(sum(len(run.missing) for _, run in whole))
-            mean = _hundredths(np.mean(values, axis=0).tolist())
-            counted = [f"{groups:.0f}", f"{seconds:.1f}", n_missing]
-            rows.append([self._mean_title(len(values)), *mean, *counted])
+        rows = [
+            [head, *_hundredths(values[:3]), f"{values[3]:.0f}", f"{values[4]:.1f}", str(n)]
+            for head, values, n in self._with_mean(whole, figures)
+        ]
+        rows[len(whole) : len(whole)] = [[s, *[""] * 5, "failed"] for s in self.failed]
         for p in () if self.departures() else INSTANCE.get(self.dataset, ()):
             title = f"published ({p.table}): {p.method}, {p.masks}"
             rows.append([title, *_hundredths(p.values), "", "", ""])
-        return replace(_table(rows), notes=(_VOID_COUNTS,))
+        return _table([[f"{self.title}, {self.preset}", *names], *rows], _VOID_COUNTS)
 
     def _void_free_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
         """The same without pixels of true label 0."""
-        rows = [["void left out", "IoU", "P", "R", "pooled IoU"]]
-        values = [_instance_figures(run, with_void=False) for _, run in whole]
-        for (scene, _), figures in zip(whole, values, strict=True):
-            rows.append([scene, *_hundredths(figures)])
-        if values:
-            mean = np.mean(values, axis=0).tolist()
-            rows.append([self._mean_title(len(values)), *_hundredths(mean)])
-        return replace(_table(rows), notes=(VOID_LEFT_OUT,))
+        found = self._with_mean(whole, lambda run: _instance_figures(run, with_void=False))
+        rows = [[head, *_hundredths(values)] for head, values, _ in found]
+        return _table([["void left out", "IoU", "P", "R", "pooled IoU"], *rows], VOID_LEFT_OUT)
 
     def _prompt_table(self, whole: Sequence[tuple[str, BenchmarkRun]]) -> TextTable:
+        """Ours, next to the published figures where both were measured the same way."""
         names = PROMPT_METRICS[: 1 if self.protocol == "3d-ovs" else 2]
-        n, published = len(names), PROMPTS.get(self.dataset, {})
-        if self.departures():
-            return self._prompt_table_alone(whole, names)
-        heads = [f"{self.title}, {self.preset}", *names, *(f"published {name}" for name in names)]
-        rows, ours, theirs = [], [], []
-        for scene, run in whole:
-            if isinstance(run.scores, PromptScores):
-                ours.append((100 * run.scores.miou, 100 * run.scores.mean_boundary_iou)[:n])
-                theirs.append(published.get(scene, ()))
-                missing = str(len(run.missing))
-                rows.append([scene, *_tenths(ours[-1], n), *_tenths(theirs[-1], n), missing])
-        for scene in self.failed:
-            rows.append([scene, *_tenths((), n), *_tenths(published.get(scene, ()), n), "failed"])
-        if ours:
-            # Means over the same scenes: a published one counts where ours does.
-            pairs = [(o, t) for o, t in zip(ours, theirs, strict=True) if t]
-            theirs_mean = np.mean([t for _, t in pairs], axis=0).tolist() if pairs else []
-            mean = _tenths(np.mean(ours, axis=0).tolist(), n)
-            n_missing = str(sum(len(run.missing) for _, run in whole))
-            rows.append([self._mean_title(len(ours)), *mean, *_tenths(theirs_mean, n), n_missing])
-        return _table([[*heads, "missing"], *rows])
+        n, departs = len(names), bool(self.departures())
+        published = {} if departs else PROMPTS.get(self.dataset, {})
+        beside = [] if departs else [f"published {name}" for name in names]
 
-    def _prompt_table_alone(
-        self, whole: Sequence[tuple[str, BenchmarkRun]], names: Sequence[str]
-    ) -> TextTable:
-        """Ours without the published columns."""
-        n = len(names)
-        rows, ours = [], []
-        for scene, run in whole:
-            if isinstance(run.scores, PromptScores):
-                ours.append((100 * run.scores.miou, 100 * run.scores.mean_boundary_iou)[:n])
-                rows.append([scene, *_tenths(ours[-1], n), str(len(run.missing))])
-        rows += [[scene, *_tenths((), n), "failed"] for scene in self.failed]
-        if ours:
-            n_missing = str(sum(len(run.missing) for _, run in whole))
-            mean = _tenths(np.mean(ours, axis=0).tolist(), n)
-            rows.append([self._mean_title(len(ours)), *mean, n_missing])
-        return _table([[f"{self.title}, {self.preset}", *names, "missing"], *rows])
+        def theirs(values: Sequence[float]) -> list[str]:
+            return [] if departs else _tenths(values, n)
+
+        # Means over the same scenes: a published one counts where ours does.
+        known = [published[scene] for scene, _ in whole if scene in published]
+        mean = np.mean(known, axis=0).tolist() if known else ()
+        shown = [*(published.get(scene, ()) for scene, _ in whole), mean]
+        found = self._with_mean(whole, lambda run: _prompt_figures(run)[:n])
+        rows = [
+            [head, *_tenths(values, n), *theirs(of_paper), str(missing)]
+            for (head, values, missing), of_paper in zip(found, shown, strict=False)
+        ]
+        rows[len(whole) : len(whole)] = [
+            [scene, *_tenths((), n), *theirs(published.get(scene, ())), "failed"]
+            for scene in self.failed
+        ]
+        return _table([[f"{self.title}, {self.preset}", *names, *beside, "missing"], *rows])
+
+    def _with_mean(
+        self,
+        runs: Sequence[tuple[str, BenchmarkRun]],
+        figures: Callable[[BenchmarkRun], Sequence[float]],
+    ) -> list[tuple[str, Sequence[float], int]]:
+        """Head, figures and missing predictions of each scene, then of all, if there is any."""
+        rows = [(scene, figures(run), len(run.missing)) for scene, run in runs]
+        if rows:
+            mean = np.mean([values for _, values, _ in rows], axis=0).tolist()
+            rows.append((self._mean_title(len(rows)), mean, sum(n for *_, n in rows)))
+        return rows
 
     def _sparse_table(self) -> TextTable:
         published = {} if self.departures() else SPARSE_IOU.get(self.dataset, {})
@@ -287,7 +273,7 @@ class BenchmarkReport:
                     row += [f"{theirs:.2f}", _drop(figures[1.0], theirs, share)]
             rows.append(row)
         counted = () if self.protocol in ("lerf-mask", "3d-ovs") else (_VOID_COUNTS,)
-        return replace(_table([heads, *rows]), notes=(*counted, self.sparse_splats))
+        return _table([heads, *rows], *counted, self.sparse_splats)
 
     def _shares(self) -> list[float]:
         found = {run.share for scene in self.scenes for run in scene.runs}
@@ -318,6 +304,12 @@ def _instance_figures(run: BenchmarkRun, *, with_void: bool) -> list[float]:
     return [100 * value for value in values]
 
 
+def _prompt_figures(run: BenchmarkRun) -> list[float]:
+    """Percent: IoU, boundary IoU."""
+    assert isinstance(run.scores, PromptScores)
+    return [100 * run.scores.miou, 100 * run.scores.mean_boundary_iou]
+
+
 def _hundredths(values: Sequence[float]) -> list[str]:
     return [f"{value:.2f}" for value in values]
 
@@ -335,5 +327,5 @@ def _drop(whole: float, sparse: float, share: float) -> str:
     return "" if share == 1.0 else f"{100 * iou_drop(whole, sparse):.1f} %"
 
 
-def _table(rows: Sequence[Sequence[str]]) -> TextTable:
-    return TextTable(tuple(tuple(row) for row in rows))
+def _table(rows: Sequence[Sequence[str]], *notes: str) -> TextTable:
+    return TextTable(tuple(tuple(row) for row in rows), notes)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.pipeline.reconstruct import ReconstructConfig, look_at_photos, reconstruct_scene
+from gaga_core.pipeline.reconstruct import look_at_photos, reconstruct_scene
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing import ladder
 from gaga_core.placing.checks import Verdict
 from gaga_core.progress import Progress, Stage, run_stage

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene
+from gaga_core.pipeline.reconstruct import reconstruct_scene
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_studio.features.commands import command

@@ -11,8 +11,7 @@ from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks.label_maps import read_labels
 from tests.app.folders import write_scene
-
-Capture = pytest.CaptureFixture[str]
+from tests.core.cli.calls import Capture, answer, refusal
 
 
 @pytest.fixture
@@ -28,18 +27,15 @@ def scene(tmp_path: Path) -> Path:
 
 
 def test_regions_from_the_command(scene: Path, capsys: Capture) -> None:
-    arguments = ["masks", str(scene), "--provider", "regions", "--name", "mine", "--json"]
-    assert main(arguments) == 0
-    answer = json.loads(capsys.readouterr().out)
+    arguments = ["masks", str(scene), "--provider", "regions", "--name", "mine"]
     folder = open_scene_folder(scene)
-    assert answer["views_made"] == len(folder.train)
+    assert answer(capsys, *arguments)["views_made"] == len(folder.train)
     for name in folder.train:
         labels = read_labels(scene / "masks" / "mine" / f"{Path(name).stem}.png")
         assert labels.max() >= 2
-    assert main(arguments) == 0
-    assert json.loads(capsys.readouterr().out)["views_kept"] == len(folder.train)
-    assert main([*arguments, "--redo", "--views", "all"]) == 0
-    assert json.loads(capsys.readouterr().out)["views_made"] == len(folder.cameras)
+    assert answer(capsys, *arguments)["views_kept"] == len(folder.train)
+    again = answer(capsys, *arguments, "--redo", "--views", "all")
+    assert again["views_made"] == len(folder.cameras)
 
 
 def test_the_list_says_what_to_put_where(
@@ -76,7 +72,4 @@ def test_mistakes_are_one_sentence(
     monkeypatch.setenv("GAGA_MODELS", str(scene / "none"))
     monkeypatch.setenv("HF_HUB_CACHE", str(scene / "none"))
     given = [str(scene) if a == "SCENE" else a for a in arguments]
-    assert main(["masks", *given]) == 1
-    err = capsys.readouterr().err
-    assert said in err
-    assert "Traceback" not in err
+    assert said in refusal(capsys, "masks", *given)

@@ -51,16 +51,13 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys: Capture) -> None:
 
 
 def test_a_folder_without_scenes_is_told(tmp_path: Path, capsys: Capture) -> None:
+    alone = ("run", str(tmp_path))
+    assert "--masks and --masks-from" in refusal(
+        capsys, *alone, "--masks", "a", "--masks-from", "regions"
+    )
+    assert "--to are for one scene" in refusal(capsys, *alone, "--to", "a", "--executor", "local")
     said = refusal(capsys, "run", str(tmp_path), "--executor", "local")
     assert "no scene folders" in said
     assert "--workers" in refusal(
         capsys, "run", str(tmp_path), "--executor", "local", "--workers", "0"
     )
-
-
-def test_the_command_explains_itself(capsys: Capture) -> None:
-    with pytest.raises(SystemExit):
-        main(["reconstruct", "--help"])
-    said = capsys.readouterr().out
-    for option in ("--quality", "--focal", "--video-fps", "--only", "--max-side", "--seed"):
-        assert option in said

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.cli.main import main
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
 from tests.app.folders import write_scene
@@ -106,12 +105,3 @@ def test_what_a_model_cannot_do_is_told(
 def test_a_lone_file_has_numbered_views(made: tuple[Path, Synthetic], capsys: Capture) -> None:
     model = str(made[0] / "point_cloud.ply")
     assert "views 0 to 18" in refusal(capsys, "segment", model, "--click", "19,240,240")
-
-
-def test_it_explains_itself(capsys: Capture) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(["segment", "--help"])
-    assert caught.value.code == 0
-    said = capsys.readouterr().out
-    for option in ("--click", "--not", "--box", "--name", "--dry-run", "--json"):
-        assert option in said

@@ -43,12 +43,11 @@ def test_a_reader_that_closes_the_pipe_ends_the_command_quietly(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
-@pytest.mark.parametrize("switch", ["--version", "--help"])
-def test_results_on_a_full_disk_are_one_sentence(switch: str) -> None:
+def test_results_on_a_full_disk_are_one_sentence() -> None:
     """`gaga info SCENE --json > FILE` printed a traceback there."""
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "gaga_core.cli.main", switch],
+            [sys.executable, "-m", "gaga_core.cli.main", "--help"],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
@@ -60,8 +59,10 @@ def test_results_on_a_full_disk_are_one_sentence(switch: str) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such redirection")
-@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
-@pytest.mark.parametrize(("call", "status"), [("info {scene}", 0), ("info nowhere", 1)])
+@pytest.mark.parametrize(
+    ("closed", "call", "status"),
+    [(">&-", "info {scene}", 0), ("2>&-", "info nowhere", 1), (">&- 2>&-", "info {scene}", 0)],
+)
 def test_streams_that_are_closed_from_the_start_end_no_command(
     scene: Path, closed: str, call: str, status: int
 ) -> None:

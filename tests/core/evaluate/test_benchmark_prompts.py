@@ -12,8 +12,9 @@ from PIL import Image
 
 from gaga_core.arrays import BoolArray
 from gaga_core.cli.main import main
-from gaga_core.evaluate.benchmark.prompts import Answers, FindConfig, Question
-from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark
+from gaga_core.evaluate.benchmark.prompts import Answers, Question, words_of
+from gaga_core.evaluate.benchmark.run import run_benchmark
+from gaga_core.evaluate.benchmark.settings import BenchmarkConfig, FindConfig
 from gaga_core.evaluate.benchmark.tables import PromptScores
 from gaga_core.evaluate.published import PROMPTS as PUBLISHED
 from gaga_core.evaluate.published import PUBLISHED_RULE
@@ -140,7 +141,7 @@ def test_prompts_are_answered_by_words_an_index_or_a_detector(who: str, tmp_path
     assert isinstance(run.scores, PromptScores)
     assert set(run.scores.by_prompt) == set(PROMPTS.values())
     assert (report.departures() == []) == (who == "boxes")
-    assert any(f"Queries: {find.words}." in table.notes for table in report.tables())
+    assert any(f"Queries: {words_of(find)}." in table.notes for table in report.tables())
     again = run_stage(run_benchmark(data, tmp_path / "out", config))
     assert again.scenes[0].n_reused == 1
     assert again.scenes[0].runs[0] == run

@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.benchmark.run import BenchmarkConfig, run_benchmark, trained_splats
+from gaga_core.evaluate.benchmark.run import run_benchmark, trained_splats
+from gaga_core.evaluate.benchmark.settings import BenchmarkConfig
 from gaga_core.evaluate.benchmark.tables import BenchmarkReport
 from gaga_core.evaluate.published import sparse_views
 from gaga_core.io.datasets import open_dataset
-from gaga_core.pipeline.reconstruct import ReconstructConfig
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.datasets import (

@@ -37,14 +37,13 @@ from gaga_core.evaluate.compare import (
 from gaga_core.evaluate.published import iou_drop, sparse_views
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.identity.lift import LiftConfig
-from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.masks.label_maps import read_labels, write_labels
-from gaga_core.io.splats.ply import write_ply
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.core.grouping.true_masks import permuted, true_map
+from tests.made import write_true_scene
 from tests.scenes import Synthetic, objects_scene
 
 RUN = tuple(name for name in TITLES if name != "sam2")  # which needs a model
@@ -62,20 +61,10 @@ def truth(scene: Synthetic) -> list[IntArray]:
 
 
 @pytest.fixture(scope="module")
-def root(scene: Synthetic, truth: list[IntArray], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def root(scene: Synthetic, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A scene folder with perfect masks under random ids; every fourth view is held out."""
     root = tmp_path_factory.mktemp("compare")
-    write_ply(root / "point_cloud.ply", scene.gaussians)
-    write_colmap(root / "sparse" / "0", scene.cameras, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
-    for folder in ("masks/sim", "gt/instance"):
-        (root / folder).mkdir(parents=True)
-    for i, camera in enumerate(scene.cameras):
-        write_labels(root / "masks/sim" / camera.name, permuted(truth[i], i, top=40))
-        write_labels(root / "gt/instance" / camera.name, truth[i])
-    names = [camera.name for camera in scene.cameras]
-    test = names[3::4]
-    split = {"train": [n for n in names if n not in test], "test": test}
-    (root / "split.json").write_text(json.dumps(split))
+    write_true_scene(root, scene, test=(3, 7, 11, 15), top=40)
     return root
 
 

@@ -16,7 +16,8 @@ from gaga_core.io.folder.splits import (
     carry_split,
     split_views,
 )
-from gaga_core.pipeline.reconstruct import ReconstructConfig, train_scene
+from gaga_core.pipeline.reconstruct import train_scene
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from tests.datasets import LAYOUTS, gaga_replica, gaga_scannet, lerf_mask, write_photo
 

@@ -1,6 +1,5 @@
 """Stages over a scene folder: what they write, and that they write it whole or not at all."""
 
-import hashlib
 import json
 import shutil
 from collections.abc import Sequence
@@ -16,7 +15,6 @@ from gaga_core.errors import GagaError
 from gaga_core.evaluate.group_scores import Score, score_pairs
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.bank_file import load_bank, read_groups
-from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.folder.scene_folder import (
     SceneFolder,
     mask_path_of,
@@ -25,12 +23,11 @@ from gaga_core.io.folder.scene_folder import (
 )
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks.label_maps import RECORD, read_labels, write_labels
-from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene, associated_masks, views_to_add
 from gaga_core.pipeline.render import render_views
 from gaga_core.pipeline.run import RunConfig, missing_stages
 from gaga_core.progress import run_stage
-from tests.core.grouping.true_masks import permuted, true_map
+from tests.made import contents, write_true_scene
 from tests.scenes import objects_scene
 
 
@@ -39,39 +36,16 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A scene folder of 8 views, 6 of them for training, with perfect masks."""
     root = tmp_path_factory.mktemp("made")
     scene = objects_scene(n_objects=4, per_object=200, n_cameras=8)
-    write_ply(root / "point_cloud.ply", scene.gaussians)
-    write_colmap(root / "sparse" / "0", scene.cameras, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
-    (root / "images").mkdir()
-    for folder in ("masks/sim", "gt/instance"):
-        (root / folder).mkdir(parents=True)
-    for i, camera in enumerate(scene.cameras):
-        truth = true_map(scene, camera)
-        write_labels(root / "masks/sim" / camera.name, permuted(truth, i))
-        write_labels(root / "gt/instance" / camera.name, truth)
+    write_true_scene(root, scene, test=(3, 7))
+    for camera in scene.cameras:
         write_rgb(root / "images" / camera.name, np.zeros((120, 160, 3), np.uint8))
-    names = [camera.name for camera in scene.cameras]
-    split = {"train": names[:3] + names[4:7], "test": [names[3], names[7]]}
-    (root / "split.json").write_text(json.dumps(split))
     return root
 
 
 @pytest.fixture
 def folder(made: Path, tmp_path: Path) -> SceneFolder:
     """A copy of the scene to write into."""
-    root = tmp_path / "scene"
-    for source in sorted(made.rglob("*")):
-        target = root / source.relative_to(made)
-        if source.is_dir():
-            target.mkdir(parents=True)
-        else:
-            target.write_bytes(source.read_bytes())
-    return open_scene_folder(root)
-
-
-def _contents(root: Path) -> dict[str, str]:
-    files = sorted(path for path in root.rglob("*") if path.is_file())
-    sums = {str(p.relative_to(root)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
-    return sums | {str(p.relative_to(root)): "" for p in root.rglob("*") if p.is_dir()}
+    return open_scene_folder(shutil.copytree(made, tmp_path / "scene"))
 
 
 def test_associate_writes_bank_labels_and_pseudo_labels(folder: SceneFolder) -> None:
@@ -186,7 +160,7 @@ def test_more_than_255_groups_survive_the_files(folder: SceneFolder) -> None:
     n = 400  # groups; the last one is what every splat gets
     folder.work.mkdir()
     run_stage(associate_scene(folder))
-    labels, confidence = read_groups(folder, len(read_groups_any(folder)))
+    labels, confidence = read_groups(folder, 1400)
     np.savez(
         folder.work / "labels.npz",
         labels=np.where(labels > 0, labels + n, 0).astype(np.int32),
@@ -196,30 +170,25 @@ def test_more_than_255_groups_survive_the_files(folder: SceneFolder) -> None:
     assert read_labels(files[0]).max() > n
 
 
-def read_groups_any(folder: SceneFolder) -> np.ndarray:
-    with np.load(folder.work / "labels.npz") as data:
-        return np.asarray(data["labels"])
-
-
-@pytest.mark.parametrize("steps", [1, 4, 9, 14, 17])
-def test_cancelled_association_leaves_the_folder_untouched(folder: SceneFolder, steps: int) -> None:
-    before = _contents(folder.root)
-    stage = associate_scene(folder)
-    for _ in range(steps):
-        next(stage)
-    stage.close()
-    assert _contents(folder.root) == before
+def test_cancelled_association_leaves_the_folder_untouched(folder: SceneFolder) -> None:
+    before = contents(folder.root)
+    for steps in (1, 4, 9, 14, 17):
+        stage = associate_scene(folder)
+        for _ in range(steps):
+            next(stage)
+        stage.close()
+        assert contents(folder.root) == before
 
 
 def test_cancelled_association_keeps_the_former_result(folder: SceneFolder) -> None:
     run_stage(associate_scene(folder))
-    before = _contents(folder.root)
+    before = contents(folder.root)
     stage = associate_scene(folder, config=AssociateConfig(threshold=0.9))
     for step in stage:
         if step.stage == "Write label maps":
             break
     stage.close()
-    assert _contents(folder.root) == before
+    assert contents(folder.root) == before
 
 
 def test_cancelled_render_leaves_nothing(folder: SceneFolder, tmp_path: Path) -> None:
@@ -262,15 +231,6 @@ def test_plain_sentences(folder: SceneFolder, tmp_path: Path) -> None:
     (folder.root / "point_cloud.ply").unlink()
     with pytest.raises(GagaError, match="no model"):
         run_stage(associate_scene(open_scene_folder(folder.root)))
-
-
-def test_several_providers_have_to_be_told_apart(folder: SceneFolder) -> None:
-    (folder.root / "masks" / "other").mkdir()
-    write_labels(folder.root / "masks/other/000.png", np.ones((4, 4), np.int32))
-    both = open_scene_folder(folder.root)
-    with pytest.raises(GagaError, match="several mask folders: other, sim"):
-        mask_path_of(both, None)
-    assert mask_path_of(both, "sim") == folder.root / "masks" / "sim"
 
 
 def test_groups_of_another_model_are_refused(folder: SceneFolder) -> None:

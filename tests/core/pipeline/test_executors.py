@@ -3,7 +3,6 @@
 import contextlib
 import json
 import shutil
-from importlib.util import find_spec
 from pathlib import Path
 from typing import cast
 
@@ -15,7 +14,6 @@ from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.pipeline.executors import (
     SUMMARY,
     TRIES,
-    EngineConfig,
     ScenesReport,
     SceneTask,
     list_tasks,
@@ -23,6 +21,7 @@ from gaga_core.pipeline.executors import (
     run_scenes,
 )
 from gaga_core.pipeline.run import RunConfig, missing_stages
+from gaga_core.pipeline.settings import EngineConfig
 from gaga_core.progress import Stage, run_stage
 from tests.app.folders import write_scene
 
@@ -184,8 +183,8 @@ def test_an_engine_that_is_not_there_is_told(scenes: Path) -> None:
     away = EngineConfig("dask", address="tcp://127.0.0.1:9")
     with pytest.raises(GagaError, match="no dask scheduler"):
         run_stage(run_scenes(scenes, engine=away))
-    with pytest.raises(GagaError, match="dask or ray"):
-        EngineConfig("local", address="tcp://127.0.0.1:9")
+    with pytest.raises(GagaError, match="--executor dask"):
+        run_stage(run_scenes(scenes, engine=EngineConfig("local", address="tcp://127.0.0.1:9")))
 
 
 def test_dask_started_here_listens_on_this_machine_alone_and_says_nothing(
@@ -225,14 +224,3 @@ def listeners() -> set[str]:
                 if connection.status == psutil.CONN_LISTEN:
                     found.add(connection.laddr.ip)
     return found
-
-
-@pytest.mark.slow
-def test_ray_workers_and_one_that_dies(scenes: Path) -> None:
-    if find_spec("ray") is None:  # importing it here would read its switches too early
-        pytest.skip("ray is not installed")
-    listening: set[str] = set()
-    report = run_and_kill(watched(scenes, EngineConfig("ray", 2, 1), listening), scenes)
-    complete(scenes, report)
-    assert [outcome.attempts for outcome in report.outcomes].count(2) == 1
-    assert listening <= {"127.0.0.1", "::ffff:127.0.0.1"}

@@ -21,17 +21,27 @@ from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.orientation import estimate_up
-from gaga_core.scene.project import open_path_stage, save_project
+from gaga_core.scene.project import Project, open_path_stage, save_project
 from tests.app.folders import write_scene
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """A scene folder of two balls."""
+    write_scene(tmp_path / "table", masks=False, n_objects=2)
+    return tmp_path / "table"
+
+
+@pytest.fixture
+def project(table: Path) -> Project:
+    return run_stage(open_path_stage(table))
 
 
 @pytest.mark.parametrize("switches", [[], ["--centre", "--ground", "--scale", "3"]])
 def test_exported_cameras_fit_the_exported_scene(
-    tmp_path: Path, switches: list[str], capsys: pytest.CaptureFixture[str]
+    project: Project, tmp_path: Path, switches: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_scene(tmp_path / "table", masks=False, n_objects=2)
     folder = open_scene_folder(tmp_path / "table")
-    project = run_stage(open_path_stage(tmp_path / "table"))
     means = project.scene.gaussians.means.astype(np.float64)
     turned = 0.5 * np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]])
     History(project.scene).do(
@@ -66,10 +76,8 @@ def _transforms(path: Path) -> tuple[Camera, ...]:
 
 
 def test_every_form_holds_the_same_cameras_and_replaces_nothing_that_is_read(
-    tmp_path: Path,
+    project: Project, tmp_path: Path
 ) -> None:
-    write_scene(tmp_path / "table", masks=False, n_objects=2)
-    project = run_stage(open_path_stage(tmp_path / "table"))
     assert project.folder is not None
     cameras = project.folder.cameras
     (tmp_path / "far").mkdir()
@@ -100,10 +108,10 @@ def test_every_form_holds_the_same_cameras_and_replaces_nothing_that_is_read(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_no_place_that_would_become_the_cameras_of_the_scene_is_written(tmp_path: Path) -> None:
+def test_no_place_that_would_become_the_cameras_of_the_scene_is_written(
+    project: Project, tmp_path: Path
+) -> None:
     """A model in sparse/ hides the cameras.json that a scene was opened with."""
-    write_scene(tmp_path / "table", masks=False, n_objects=2)
-    project = run_stage(open_path_stage(tmp_path / "table"))
     export_cameras(project, tmp_path / "table" / "cameras.json")
     shutil.rmtree(tmp_path / "table" / "sparse")
     alone = run_stage(open_path_stage(tmp_path / "table"))
@@ -113,26 +121,23 @@ def test_no_place_that_would_become_the_cameras_of_the_scene_is_written(tmp_path
     assert find_sparse(tmp_path / "table") is None
 
 
-def test_points_of_a_small_unit_keep_their_digits(tmp_path: Path) -> None:
-    write_scene(tmp_path / "table", masks=False, n_objects=2)
-    project = run_stage(open_path_stage(tmp_path / "table"))
+def test_points_of_a_small_unit_keep_their_digits(project: Project, tmp_path: Path) -> None:
     export_cameras(project, tmp_path / "small", ExportOptions(scale=1e-6))
     own, small = (read_colmap(tmp_path / name) for name in ("table/sparse/0", "small"))
     listed = [np.sort(points, axis=0) for points in (own.points, small.points * 1e6)]
     np.testing.assert_allclose(listed[0], listed[1], rtol=1e-6, atol=1e-6)
 
 
-def test_a_lone_file_has_no_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_scene(tmp_path / "table", masks=False, n_objects=2)
-    lone = next((tmp_path / "table").glob("*.ply")).rename(tmp_path / "lone.ply")
+def test_a_lone_file_has_no_cameras(
+    table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lone = next(table.glob("*.ply")).rename(tmp_path / "lone.ply")
     assert main(["export", str(lone), "--out", str(tmp_path / "a.json"), "--what", "cameras"]) == 1
     assert "scene folder" in capsys.readouterr().err
     assert not (tmp_path / "a.json").exists()
 
 
-def test_the_ground_of_a_scene_that_was_turned_is_below_it(tmp_path: Path) -> None:
-    write_scene(tmp_path / "table", masks=False, n_objects=2)
-    project = run_stage(open_path_stage(tmp_path / "table"))
+def test_the_ground_of_a_turned_scene_is_below_it(project: Project, tmp_path: Path) -> None:
     assert project.folder is not None
     up = estimate_up(project.folder.cameras)
     turn = np.eye(3)[[2, 0, 1]]  # axes take each other's places
@@ -146,10 +151,8 @@ def test_the_ground_of_a_scene_that_was_turned_is_below_it(tmp_path: Path) -> No
     assert abs(np.percentile(heights, 0.5)) < 1e-3
 
 
-def test_a_model_that_was_not_exported_from_this_scene_stays(tmp_path: Path) -> None:
+def test_a_model_exported_from_another_scene_stays(project: Project, tmp_path: Path) -> None:
     """A COLMAP model as text of another scene was overwritten; one of a moved scene was not."""
-    write_scene(tmp_path / "table", masks=False, n_objects=2)
-    project = run_stage(open_path_stage(tmp_path / "table"))
     other = tmp_path / "other"
     shutil.copytree(tmp_path / "table", other)
     model = read_colmap(other / "sparse" / "0")
@@ -174,11 +177,9 @@ def test_a_model_that_was_not_exported_from_this_scene_stays(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("name", ["cameras.json", "transforms.json", "model"])
 def test_the_size_of_exported_cameras_is_about_what_was_estimated(
-    tmp_path: Path, name: str
+    project: Project, tmp_path: Path, name: str
 ) -> None:
     """Points of a COLMAP model were not counted."""
-    write_scene(tmp_path / "table", masks=False, n_objects=2)
-    project = run_stage(open_path_stage(tmp_path / "table"))
     assert project.folder is not None
     out = tmp_path / "out" / name
     out.parent.mkdir()

@@ -1,6 +1,5 @@
 """The stage over a scene folder: what it writes, that it writes it whole or not at all."""
 
-import hashlib
 import json
 import os
 import shutil
@@ -23,7 +22,6 @@ from gaga_core.identity.refine import RefineConfig
 from gaga_core.identity.rows import RowConfig
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.identity.train import PaperConfig
-from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.folder.scene_folder import (
     SceneFolder,
     open_scene_folder,
@@ -32,19 +30,17 @@ from gaga_core.io.folder.scene_folder import (
 )
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import mask_folder, read_labels, write_labels
-from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.lift import (
     decode_groups,
     lift_scene,
     read_identity,
-    render_encodings,
 )
 from gaga_core.pipeline.render import render_views
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.project import open_path_stage
-from tests.core.grouping.true_masks import permuted, true_map
+from tests.made import contents, write_true_scene
 from tests.scenes import objects_scene
 
 _ROWS = RowConfig(per_view=1000)
@@ -59,14 +55,7 @@ _MODES: tuple[Mode, ...] = ("vote", "refine", "paper")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A scene folder of 6 views with perfect masks, associated."""
     root = tmp_path_factory.mktemp("made") / "scene"
-    scene = objects_scene(n_objects=4, per_object=150, n_cameras=6)
-    write_ply(root / "point_cloud.ply", scene.gaussians)
-    write_colmap(root / "sparse" / "0", scene.cameras, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
-    (root / "masks/sim").mkdir(parents=True)
-    for i, camera in enumerate(scene.cameras):
-        write_labels(root / "masks/sim" / camera.name, permuted(true_map(scene, camera), i))
-    names = [camera.name for camera in scene.cameras]
-    (root / "split.json").write_text(json.dumps({"train": names[:5], "test": names[5:]}))
+    write_true_scene(root, objects_scene(n_objects=4, per_object=150, n_cameras=6), test=(5,))
     run_stage(associate_scene(open_scene_folder(root)))
     return root
 
@@ -77,16 +66,11 @@ def folder(made: Path, tmp_path: Path) -> SceneFolder:
     return open_scene_folder(shutil.copytree(made, tmp_path / "scene"))
 
 
-def _contents(root: Path) -> dict[str, str]:
-    files = sorted(path for path in root.rglob("*") if path.is_file())
-    return {str(p.relative_to(root)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
-
-
 @pytest.mark.parametrize("mode", _MODES)
 def test_lift_writes_identities_and_a_report(folder: SceneFolder, mode: Mode) -> None:
-    before = _contents(folder.root)
+    before = contents(folder.root)
     report = run_stage(lift_scene(folder, mode, _SMALL))
-    after = _contents(folder.root)
+    after = contents(folder.root)
     changed = {name for name in after if after[name] != before.get(name)}
     assert changed == {"gaga/identity.npz", "gaga/report.json"}
     gaussians = run_stage(read_model(folder))
@@ -122,13 +106,13 @@ def test_a_cancelled_lift_leaves_the_folder_untouched(folder: SceneFolder, mode:
     steps = sum(1 for _ in lift_scene(folder, mode, _SMALL))
     shutil.rmtree(folder.work)
     run_stage(associate_scene(folder))
-    before = _contents(folder.root)
+    before = contents(folder.root)
     for stop_at in range(1, steps + 1, max(1, steps // 5)):
         stage = lift_scene(folder, mode, _SMALL)
         for _ in range(stop_at):
             next(stage)
         stage.close()
-        assert _contents(folder.root) == before
+        assert contents(folder.root) == before
 
 
 def test_a_cancelled_training_leaves_a_checkpoint_alone_and_goes_on(folder: SceneFolder) -> None:
@@ -136,13 +120,13 @@ def test_a_cancelled_training_leaves_a_checkpoint_alone_and_goes_on(folder: Scen
     gaussians = run_stage(read_model(folder))
     whole = read_identity(folder, len(gaussians))
     run_stage(lift_scene(folder, "vote"))
-    before = _contents(folder.root)
+    before = contents(folder.root)
     stage = lift_scene(folder, "paper", _SMALL)
     for progress in stage:
         if progress.stage == "Train identities" and progress.done == 14:
             break
     stage.close()
-    after = _contents(folder.root)
+    after = contents(folder.root)
     assert set(after) - set(before) == {f"gaga/{CHECKPOINT}"}
     assert {name: after[name] for name in before} == before
     report = run_stage(lift_scene(folder, "paper", _SMALL))
@@ -261,7 +245,7 @@ def _opened(folder: SceneFolder) -> tuple[str, IntArray]:
 
 def test_encodings_are_pictures_of_their_colors(folder: SceneFolder) -> None:
     run_stage(lift_scene(folder, "vote"))
-    (picture,) = run_stage(render_encodings(folder))
+    (picture,) = run_stage(render_views(folder, what="encodings"))
     gaussians, camera = run_stage(read_model(folder)), select_views(folder, "test")[0]
     field = read_identity(folder, len(gaussians)).field
     channels = encoding_colors(field.encodings).astype(np.float32) / np.float32(255)

@@ -10,19 +10,17 @@ from PIL import Image
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
-from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks.coco import decode_rle
-from gaga_core.io.masks.label_maps import read_labels, write_labels
-from gaga_core.io.splats.ply import write_ply
+from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.mask_dataset import export_mask_dataset
 from gaga_core.pipeline.render import export_masks
 from gaga_core.progress import run_stage
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.project import Project, open_path_stage
-from tests.core.grouping.true_masks import permuted, true_map
+from tests.made import write_true_scene
 from tests.scenes import objects_scene
 
 
@@ -31,16 +29,12 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An associated scene of 4 views; one photo is larger than its camera, one is gone."""
     root = tmp_path_factory.mktemp("made") / "scene"
     scene = objects_scene(n_objects=3, per_object=150, n_cameras=4)
-    write_ply(root / "point_cloud.ply", scene.gaussians)
-    write_colmap(root / "sparse" / "0", scene.cameras, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
+    write_true_scene(root, scene)
     rng = np.random.default_rng(0)
     for i, camera in enumerate(scene.cameras):
-        write_labels(root / "masks/sim" / camera.name, permuted(true_map(scene, camera), i))
         size = (240, 320, 3) if i == 1 else (120, 160, 3)
         if i < 3:
             write_rgb(root / "images" / camera.name, rng.integers(0, 255, size, dtype=np.uint8))
-    names = [camera.name for camera in scene.cameras]
-    (root / "split.json").write_text(json.dumps({"train": names, "test": []}))
     run_stage(associate_scene(open_scene_folder(root), config=AssociateConfig.of("paper")))
     return root
 

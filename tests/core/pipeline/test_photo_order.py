@@ -5,13 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.io.folder.scene_folder import open_scene_folder
-from gaga_core.pipeline.segment import (
-    SegmentConfig,
-    coverage_order,
-    greedy_cover,
-    segment_scene,
-    visible,
-)
+from gaga_core.pipeline.segment import coverage_order, greedy_cover, segment_scene, visible
+from gaga_core.pipeline.settings import SegmentConfig
 from gaga_core.progress import run_stage
 from tests.app.folders import write_scene
 from tests.core.segmentation.fake_provider import Quarters
@@ -53,7 +48,7 @@ def test_a_run_that_stops_early_keeps_the_telling_photos(tmp_path: Path) -> None
     other, ordered = Quarters(setting=2, name="all"), SegmentConfig(order="coverage")
     whole = run_stage(segment_scene(few_photos, other, config=ordered))
     assert sorted(whole.made) == sorted(few_photos.train)
-    config = SegmentConfig(order="coverage", stop_after_s=1e-9)
+    config = SegmentConfig(order="coverage", stop_after=1e-9)
     stopped = run_stage(segment_scene(few_photos, Quarters(), config=config))
     assert stopped.made == whole.made[:1]
     assert sorted(stopped.left) == sorted(set(few_photos.train) - set(stopped.made))

@@ -14,7 +14,6 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.group_scores import evaluate
 from gaga_core.io.cameras.cameras_json import read_cameras_json, write_cameras_json
-from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, select_views
 from gaga_core.io.images import read_rgb, write_rgb
 from gaga_core.io.masks.label_maps import (
@@ -24,7 +23,6 @@ from gaga_core.io.masks.label_maps import (
     view_keys,
     write_labels,
 )
-from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.import_masks import import_masks, match_views
 from gaga_core.pipeline.mask_dataset import export_mask_dataset
@@ -36,6 +34,7 @@ from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
 from tests.core.grouping.true_masks import permuted, true_map
 from tests.core.segmentation.fake_provider import Quarters
+from tests.made import write_true_scene
 from tests.scenes import objects_scene
 
 SCENE = objects_scene(n_objects=4, per_object=150, n_cameras=6)
@@ -53,13 +52,9 @@ def truth_of(camera: Camera) -> IntArray:
 def folder(tmp_path: Path) -> SceneFolder:
     """Six views in two folders of photos with the same three names, all for training."""
     root = tmp_path / "scene"
-    write_ply(root / "point_cloud.ply", SCENE.gaussians)
-    write_colmap(root / "sparse" / "0", CAMERAS, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
+    write_true_scene(root, SCENE, cameras=CAMERAS)
     for i, camera in enumerate(CAMERAS):
         write_rgb(root / "images" / camera.name, np.full((120, 160, 3), 40 * i, np.uint8))
-        write_labels(root / "masks" / "sim" / camera.name, permuted(truth_of(camera), i))
-        write_labels(root / "gt" / camera.name, truth_of(camera))
-    (root / "split.json").write_text(json.dumps({"train": NAMES, "test": []}))
     return open_scene_folder(root)
 
 
@@ -91,13 +86,13 @@ def test_association_renders_and_scores_keep_views_apart(folder: SceneFolder) ->
     assert [p.relative_to(folder.work / "renders" / "groups").as_posix() for p in written] == list(
         NAMES
     )
-    report = evaluate(folder.work / "masks", folder.root / "gt")
+    report = evaluate(folder.work / "masks", folder.root / "gt" / "instance")
     assert report.images == tuple(view_key(name) for name in NAMES)
     assert report.missing == ()
     assert report.without_void.iou > 0.95
     (folder.work / "masks" / "r" / "1.png").unlink()
-    assert evaluate(folder.work / "masks", folder.root / "gt").missing == ("r/1",)
-    part = evaluate(folder.work / "masks", folder.root / "gt", views=["l/1.png"])
+    assert evaluate(folder.work / "masks", folder.root / "gt" / "instance").missing == ("r/1",)
+    part = evaluate(folder.work / "masks", folder.root / "gt" / "instance", views=["l/1.png"])
     assert part.images == ("l/1",)
 
 

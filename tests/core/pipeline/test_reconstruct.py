@@ -12,14 +12,10 @@ from gaga_core.errors import GagaError
 from gaga_core.io.cameras.cameras_json import read_cameras_json
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.splats.ply import read_ply
-from gaga_core.pipeline.reconstruct import (
-    WORKSPACE,
-    ReconstructConfig,
-    find_photos,
-    read_entry,
-    reconstruct_scene,
-)
+from gaga_core.pipeline.place import WORKSPACE, find_photos, read_entry
+from gaga_core.pipeline.reconstruct import reconstruct_scene
 from gaga_core.pipeline.run import missing_stages
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.training.losses import psnr

@@ -1,6 +1,5 @@
 """Running what is missing in a scene folder: each stage once, and again when its source changed."""
 
-import hashlib
 import json
 import os
 from dataclasses import replace
@@ -12,13 +11,11 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.bank_file import load_bank, save_bank
-from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, read_model
 from gaga_core.io.masks.label_maps import read_labels, write_labels
-from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline import run
 from gaga_core.pipeline.associate import associate_scene
-from gaga_core.pipeline.lift import lift_scene, read_identity, render_identity
+from gaga_core.pipeline.lift import lift_scene, read_identity
 from gaga_core.pipeline.render import render_views
 from gaga_core.pipeline.run import (
     JOIN,
@@ -29,42 +26,30 @@ from gaga_core.pipeline.run import (
     run_missing,
 )
 from gaga_core.progress import Progress, Stage, run_stage
-from tests.core.grouping.true_masks import permuted, true_map
+from tests.made import contents, write_true_scene
 from tests.scenes import objects_scene
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> SceneFolder:
     """A scene folder of 5 views, 4 of them for training, with perfect masks and no results."""
-    root = tmp_path / "scene"
     scene = objects_scene(n_objects=3, per_object=120, n_cameras=5)
-    write_ply(root / "point_cloud.ply", scene.gaussians)
-    write_colmap(root / "sparse" / "0", scene.cameras, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
-    (root / "masks/sim").mkdir(parents=True)
-    for i, camera in enumerate(scene.cameras):
-        write_labels(root / "masks/sim" / camera.name, permuted(true_map(scene, camera), i))
-    names = [camera.name for camera in scene.cameras]
-    (root / "split.json").write_text(json.dumps({"train": names[:4], "test": names[4:]}))
-    return open_scene_folder(root)
-
-
-def _contents(root: Path) -> dict[str, str]:
-    files = sorted(path for path in root.rglob("*") if path.is_file())
-    return {str(p.relative_to(root)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+    write_true_scene(tmp_path / "scene", scene, test=(4,))
+    return open_scene_folder(tmp_path / "scene")
 
 
 def test_each_stage_runs_once(folder: SceneFolder) -> None:
     everything = ("associate", "lift", "render")
     assert missing_stages(folder) == everything
     assert run_stage(run_missing(folder)) == everything
-    before = _contents(folder.root)
+    before = contents(folder.root)
     assert run_stage(run_missing(folder)) == ()
-    assert _contents(folder.root) == before
+    assert contents(folder.root) == before
     (folder.work / "renders" / "groups" / f"{Path(folder.test[0]).stem}.png").unlink()
     assert run_stage(run_missing(folder)) == ("render",)
     (folder.work / "identity.npz").unlink()
     assert run_stage(run_missing(folder)) == ("lift",)
-    after = _contents(folder.root)
+    after = contents(folder.root)
     assert {name for name in before if after.get(name) != before[name]} <= {"gaga/report.json"}
 
 
@@ -141,10 +126,10 @@ def test_a_stage_that_fails_leaves_what_came_before(folder: SceneFolder) -> None
 def test_identities_are_drawn_as_groups_are(folder: SceneFolder, tmp_path: Path) -> None:
     """The closed form decodes to the label map but for pixels where two groups weigh the same."""
     with pytest.raises(GagaError, match="Lift the groups first"):
-        run_stage(render_identity(folder))
+        run_stage(render_views(folder, what="identity"))
     run_stage(associate_scene(folder))
     run_stage(lift_scene(folder, "vote"))
-    decoded = run_stage(render_identity(folder, views="all"))
+    decoded = run_stage(render_views(folder, what="identity", views="all"))
     assert [path.parent for path in decoded] == [folder.work / "renders" / "identity"] * 5
     splatted = run_stage(render_views(folder, tmp_path / "groups", views="all"))
     n = len(run_stage(read_model(folder)))

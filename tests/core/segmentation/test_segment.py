@@ -22,7 +22,8 @@ from gaga_core.io.masks.label_maps import (
 )
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline import segment
-from gaga_core.pipeline.segment import SegmentConfig, segment_scene
+from gaga_core.pipeline.segment import segment_scene
+from gaga_core.pipeline.settings import SegmentConfig
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import choose
 from gaga_core.segmentation.base import (

@@ -16,7 +16,8 @@ from gaga_core.io.folder.scene_folder import SceneFolder, find_mask_folders
 from gaga_core.io.masks.label_maps import mask_folder, read_labels, view_key
 from gaga_core.io.masks.other_programs import recognise
 from gaga_core.pipeline.import_masks import ImportReport, import_masks
-from gaga_core.pipeline.segment import SegmentConfig, SegmentReport, ViewDone, segment_scene
+from gaga_core.pipeline.segment import SegmentReport, ViewDone, segment_scene
+from gaga_core.pipeline.settings import SegmentConfig
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.project import Project
 from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings, available_providers

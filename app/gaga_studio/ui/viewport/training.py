@@ -9,6 +9,7 @@ import numpy as np
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_core.errors import GagaError
+from gaga_core.settings import setting_of
 from gaga_studio.features import commands, reconstruction
 from gaga_studio.features.find import association
 from gaga_studio.features.reconstruction import ReconstructionPlan
@@ -38,44 +39,49 @@ _MANY = 150.0  # matches of a strong link
 def draw_fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     """Draw the settings of the placement; return the plan with what was changed."""
     config = plan.config
-    numbers = [
-        ("focal", "Focal length, pixels", "%.0f", np.inf,
-         "Of the photos as they are; 0: from EXIF, else estimated"),
-        ("video_fps", "Frames of each second", "%.1f", _MOST_FPS,
-         "0: as the camera moves, the sharpest ones"),
-        ("place_minutes", "Minutes for placing", "%.0f", _MOST_MINUTES,
-         "For all attempts to place the photos; 0: as the quality says"),
-    ]  # fmt: skip
-    for name, label, form, most, hint in numbers:
-        if name == "video_fps" and not found.is_video:
-            continue
-        widgets.field_name(label, em(NAMES))
-        changed, value = imgui.input_float(f"##{label}", getattr(config, name) or 0.0, 0, 0, form)
-        widgets.tooltip(hint)
-        if changed:
-            plan = reconstruction.plan_with(plan, **{name: min(max(value, 0.0), most)})  # type: ignore[arg-type]
-    widgets.field_name("Scene", em(NAMES))
-    changed, number = imgui.input_int("##Scene", config.scene)
-    widgets.tooltip("Which one, by its number of photos, when the photos show several")
-    if changed:
-        plan = _with(plan, scene=min(max(number, 1), _MOST_SCENES))
-    hint = "The object turned, the camera stood still: the background is left out"
-    plan = _tick(plan, "turntable", "Object on a turntable", hint)
-    widgets.field_name("Masks of the object", em(NAMES))
-    changed, folder = imgui.input_text("##Masks of the object", config.foreground or "")
-    widgets.tooltip("A folder with NAME.png for each photo, black where the background is")
-    return _with(plan, foreground=folder.strip() or None) if changed else plan
+    tip = "Of the photos as they are; 0: from EXIF, else estimated"
+    plan = draw_setting(plan, "focal", config.focal or 0.0, tip)
+    if found.is_video:
+        tip, rate = "0: as the camera moves, the sharpest ones", config.video_fps or 0.0
+        plan = draw_setting(plan, "video_fps", rate, tip, form="%.1f")
+    tip = "For all attempts to place the photos; 0: as the quality says"
+    plan = draw_setting(plan, "place_minutes", config.place_minutes or 0.0, tip)
+    tip = "Which one, by its number of photos, when the photos show several"
+    plan = draw_setting(plan, "scene", config.scene, tip)
+    tip = "The object turned, the camera stood still: the background is left out"
+    plan = draw_setting(plan, "turntable", config.turntable, tip)
+    tip = "A folder with NAME.png for each photo, black where the background is"
+    return draw_setting(plan, "foreground", config.foreground or "", tip)
 
 
-def _with(plan: ReconstructionPlan, **changed: object) -> ReconstructionPlan:
-    return replace(plan, config=replace(plan.config, **changed))  # type: ignore[arg-type]
-
-
-def _tick(plan: ReconstructionPlan, name: str, label: str, hint: str) -> ReconstructionPlan:
-    """A box to tick for a switch of the plan's settings."""
-    was = getattr(plan.config, name)
-    value = widgets.tick(label, was, hint, em(NAMES))
-    return plan if value == was else _with(plan, **{name: value})
+def draw_setting(
+    plan: ReconstructionPlan,
+    name: str,
+    shown: float | str,  # value of the field; its type says which field it is
+    tip: str = "",
+    *,
+    steps: tuple[int, int] = (1, 100),
+    form: str = "%.0f",
+) -> ReconstructionPlan:
+    """Draw the field ``name`` of the settings by its description; return the plan."""
+    about = setting_of(plan.config, name)
+    changed, value = False, shown
+    if isinstance(shown, bool):
+        widgets.under_fields(em(NAMES))
+        changed, value = widgets.checkbox(about.label, shown)
+    else:
+        widgets.field_name(about.label, em(NAMES))
+    if isinstance(shown, str):
+        changed, text = imgui.input_text(f"##{about.label}", shown)
+        value = text.strip()
+    elif isinstance(shown, float):
+        changed, number = imgui.input_float(f"##{about.label}", shown, 0, 0, form)
+        value = about.clamped(number)
+    elif not isinstance(shown, bool):
+        changed, count = imgui.input_int(f"##{about.label}", shown, *steps)
+        value = int(about.clamped(count))
+    widgets.tooltip(tip)
+    return reconstruction.plan_with(plan, name, value) if changed else plan
 
 
 def draw_placement(placement: "PlacementReport") -> None:
@@ -123,7 +129,6 @@ _QUALITIES = (
     ("standard", "Standard", "About an hour on a processor"),
     ("full", "Full", "The published schedule, for a graphics card or a night"),
 )
-_MOST_SIDE, _MOST_ITERATIONS = 8192, 1_000_000
 
 
 @dataclass
@@ -284,25 +289,19 @@ def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     named = {name: title for name, title, _ in _QUALITIES}
     chosen = widgets.choice("Quality", named, config.quality, em(NAMES))
     if chosen != config.quality:
-        plan = reconstruction.plan_with(plan, quality=chosen)
+        plan = reconstruction.plan_with(plan, "quality", chosen)
     widgets.dim(next(text for name, _, text in _QUALITIES if name == chosen), wrap=True)
     settings = plan.config.train()
-    widgets.field_name("Longest side, pixels", em(NAMES))
-    changed, side = imgui.input_int("##Longest side, pixels", settings.longest_side, 80, 320)
-    if changed:
-        plan = reconstruction.plan_with(plan, max_side=min(max(side, 64), _MOST_SIDE))
-    widgets.field_name("Iterations", em(NAMES))
-    changed, count = imgui.input_int("##Iterations", settings.iterations, 500, 5000)
-    if changed:
-        plan = reconstruction.plan_with(plan, iterations=min(max(count, 1), _MOST_ITERATIONS))
+    plan = draw_setting(plan, "max_side", settings.longest_side, steps=(80, 320))
+    plan = draw_setting(plan, "iterations", settings.iterations, steps=(500, 5000))
     if not found.is_placed:
         plan = draw_fields(plan, found)
-    hint = "Those of split.json where there is one. Without, all photos are trained on."
-    plan = _tick(plan, "hold_out", "Hold the test photos out, to measure on", hint)
-    hint = "Splats that also look right from nearer and from farther away (mip mode)"
-    plan = _tick(plan, "antialiased", "Antialiased", hint)
-    hint = "Train brightness and white balance of each photo along, and leave them out"
-    plan = _tick(plan, "exposure", "Photos differ in brightness", hint)
+    tip = "Those of split.json where there is one. Without, all photos are trained on."
+    plan = draw_setting(plan, "hold_out", plan.config.hold_out, tip)
+    tip = "Splats that also look right from nearer and from farther away (mip mode)"
+    plan = draw_setting(plan, "antialiased", plan.config.antialiased, tip)
+    tip = "Train brightness and white balance of each photo along, and leave them out"
+    plan = draw_setting(plan, "exposure", plan.config.exposure, tip)
     if found.photos is not None:
         widgets.field_name("Scene folder", em(NAMES))
         changed, text = imgui.input_text("##Scene folder", str(plan.scene))
