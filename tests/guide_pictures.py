@@ -6,19 +6,12 @@ import numpy as np
 from imgui_bundle import ImVec2
 from PIL import Image
 
-from gaga_studio import commands
-from gaga_studio.actions import (
-    bank_timeline,
-    camera_path,
-    children,
-    color_grade,
-    files,
-    folders,
-    objects,
-    quality,
-)
+from gaga_studio.features import camera, commands, folders, objects, transform
+from gaga_studio.features.find import association, memory_bank
+from gaga_studio.features.find.search import SearchState
+from gaga_studio.features.object_list import ObjectListView
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.system import paths
 from tests.app.window.driver import KEY, Driver
 from tests.shots import Film, Picture, Shot, rest
@@ -59,7 +52,7 @@ def _find_objects(d: Driver, shot: Shot) -> None:
     viewport = d.studio.viewport
     assert viewport is not None
     n = viewport.n_draws
-    files.associate(d.session)
+    association.associate(d.session)
     d.until(lambda: _fraction(d.session) > 0.45, "half of the views are associated")
     rest(d)
     d.until(lambda: viewport.n_draws > n, "the groups are drawn")
@@ -83,10 +76,10 @@ def _memory_bank(d: Driver, shot: Shot) -> None:
 def _timeline(d: Driver, shot: Shot) -> None:
     """The replay of the bank after its third view."""
     commands.run("view.timeline", d.session)
-    timeline = bank_timeline.timeline_of(d.session)
+    timeline = memory_bank.timeline_of(d.session)
     d.until(lambda: timeline.is_open, "the growth is known")
-    d.on_main(lambda: bank_timeline.toggle_playing(d.session))
-    d.on_main(lambda: bank_timeline.go_to_step(d.session, 3))
+    d.on_main(lambda: memory_bank.toggle_timeline_playing(d.session))
+    d.on_main(lambda: memory_bank.go_to_step(d.session, 3))
     shot.window(d)
 
 
@@ -133,7 +126,7 @@ def _click_real(d: Driver, shot: Shot) -> None:
 
 def _edit(d: Driver, shot: Shot) -> None:
     _select_teapot(d)
-    color_grade.recolor(d.session, (0.25, 0.45, 0.85))
+    transform.recolor(d.session, (0.25, 0.45, 0.85))
     commands.run("tool.move", d.session)
     d.settle()
     shot.window(d)
@@ -143,7 +136,7 @@ def _search(d: Driver, shot: Shot) -> None:
     d.keys(KEY.mod_ctrl, KEY.f)
     d.engine.key_chars("largest red thing")
     document = d.session.need()
-    d.until(lambda: bool(document.search.meant), "something is found")
+    d.until(lambda: bool(document.feature(SearchState).meant), "something is found")
     d.keys(KEY.down_arrow)
     shot.window(d)
 
@@ -152,7 +145,7 @@ def _camera_path(d: Driver, shot: Shot) -> None:
     pixels = d.size[1] / 580  # turns as in a picture of that height
     for turn in (0, -60, -60, -60):
         d.session.rig.orbit(turn * pixels, 6 * pixels)
-        camera_path.add_keyframe(d.session)
+        camera.add_keyframe(d.session)
     commands.run("camera.add_bookmark", d.session)
     d.focus("Camera path")
     shot.window(d)
@@ -180,7 +173,7 @@ def _modes(d: Driver, shot: Shot) -> None:
 
 def _quality(d: Driver, shot: Shot) -> None:
     """The list with its column of quality, and the views in which an object agrees least."""
-    quality.measure(d.session)
+    memory_bank.measure_quality(d.session)
     d.settle()
     _select_teapot(d)
     d.click("Inspector/###Quality")
@@ -190,7 +183,9 @@ def _quality(d: Driver, shot: Shot) -> None:
 def _folders(d: Driver, shot: Shot) -> None:
     """Objects in folders and fruit under its bowl, a folder chosen, the groups in its colors."""
     session = d.session
-    d.until(lambda: session.need().search.described is not None, "objects are described")
+    d.until(
+        lambda: session.need().feature(SearchState).described is not None, "objects are described"
+    )
     named = list(zip(session.objects().ids.tolist(), session.objects().names, strict=True))
 
     def named_like(*words: str) -> list[int]:
@@ -203,8 +198,8 @@ def _folders(d: Driver, shot: Shot) -> None:
     bowl, fruit = _bowl_and_fruit(session)
     objects.rename(session, bowl, "bowl")
     folders.put_in(session, "Toys/Round", [bowl])
-    children.put_under(session, bowl, fruit)
-    session.need().listing.toggle("Dishes")
+    folders.put_under(session, bowl, fruit)
+    session.need().feature(ObjectListView).toggle("Dishes")
     folders.choose(session, "Toys/Round")
     session.view.mode = Mode.GROUPS
     commands.run("view.folder_colors", session)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from gaga_core.io.demo_scene import ensure_demo
 from gaga_core.progress import run_stage
-from gaga_studio.actions import files
+from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.system import paths
@@ -102,7 +102,7 @@ def _opened(what: Opens, scenes: Path) -> Path | None:
         session = Session(Settings())
         session.open(made)
         session.jobs.wait(_PATIENCE_S)
-        files.associate(session)
+        association.associate(session)
         session.jobs.wait(_PATIENCE_S)
         session.save()
         session.jobs.wait(_PATIENCE_S)

@@ -2,7 +2,9 @@
 
 import logging
 import time
-from dataclasses import replace
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -13,44 +15,249 @@ from imgui_bundle import imgui
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.export.export import MeshForm
 from gaga_core.io.files import explain_os_error
-from gaga_studio.actions import autosave, bank_timeline, cleanup, mask_splats, split_view
-from gaga_studio.actions import camera_path as camera_path_actions
+from gaga_core.io.splats.splat_files import SplatFormat
+from gaga_studio.features import autosave, cleanup, split_view
+from gaga_studio.features import camera as camera_path_actions
+from gaga_studio.features.cleanup import ReducePlan
+from gaga_studio.features.find import memory_bank as bank
+from gaga_studio.features.find.search import find_here
 from gaga_studio.gpu.context import attach
-from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.images import ImageStore
-from gaga_studio.gpu.viewport import Overlays, Viewport
+from gaga_studio.gpu.viewport import Overlays, Pacing, Viewport
 from gaga_studio.session import level_of_detail, saving
-from gaga_studio.session.notices import Level
-from gaga_studio.session.render_requests import RenderRequests
+from gaga_studio.session.notices import Level, Request
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, ViewState
+from gaga_studio.session.view import Mode, RenderRequests, ViewState
 from gaga_studio.system import paths, window
-from gaga_studio.system.log import start_log
-from gaga_studio.system.window import Hooks, Window, WindowOptions
-from gaga_studio.ui.chrome import command_buttons, menu, status_bar, toasts, toolbar
-from gaga_studio.ui.chrome.status_text import status_text
+from gaga_studio.system.paths import start_log
+from gaga_studio.system.window import Hooks, Panel, Window, WindowOptions
+from gaga_studio.ui.chrome import command_buttons, menu, status, toasts, toolbar
+from gaga_studio.ui.chrome.status import status_text
+from gaga_studio.ui.chrome.toasts import ToastState
 from gaga_studio.ui.dialogs import (
-    add_views,
     export,
+    files,
     film_and_picture,
-    find_objects,
     first_steps,
-    make_masks,
+    masks,
     models,
     preferences,
     reduce,
     sheets,
-    shortcuts,
 )
-from gaga_studio.ui.dialogs.file_dialog import FilePicker, has_native
-from gaga_studio.ui.dispatch import request_table
-from gaga_studio.ui.docked import panels
+from gaga_studio.ui.dialogs.export import ExportSheet
+from gaga_studio.ui.dialogs.files import FilePicker, has_native
+from gaga_studio.ui.dialogs.film_and_picture import FilmChoices
+from gaga_studio.ui.dialogs.masks import MaskDialog
+from gaga_studio.ui.dialogs.preferences import DraggedPreferences
+from gaga_studio.ui.dialogs.sheets import PaletteState
 from gaga_studio.ui.kit import theme
-from gaga_studio.ui.kit.guard import Guard
-from gaga_studio.ui.state import UiState
+from gaga_studio.ui.kit.picture_area import PictureArea
+from gaga_studio.ui.panels import (
+    camera_path,
+    film_strip,
+    history,
+    inspector,
+    memory_bank,
+    objects,
+    search,
+    selecting,
+)
+from gaga_studio.ui.panels.camera_path import BookmarkState
+from gaga_studio.ui.panels.film_strip import FilmStripState
+from gaga_studio.ui.panels.history import HistoryState
+from gaga_studio.ui.panels.inspector import InspectorState
+from gaga_studio.ui.panels.objects import ObjectListState
+from gaga_studio.ui.panels.selecting import SelectBy
 from gaga_studio.ui.viewport import training
-from gaga_studio.ui.viewport.viewport import ViewportPanel
+from gaga_studio.ui.viewport.training import PlanSheet
+from gaga_studio.ui.viewport.viewport import PictureState, ViewportPanel
+
+# --- What the panels and dialogs remember between frames; each part is defined next to its owner.
+
+
+@dataclass
+class SceneUi:
+    """What belongs to the open scene, and is forgotten with it."""
+
+    picture: PictureState = field(default_factory=PictureState)
+    objects: ObjectListState = field(default_factory=ObjectListState)
+    inspector: InspectorState = field(default_factory=InspectorState)
+    select_by: SelectBy = field(default_factory=SelectBy)
+    film_strip: FilmStripState = field(default_factory=FilmStripState)
+    bookmarks: BookmarkState = field(default_factory=BookmarkState)
+    history: HistoryState = field(default_factory=HistoryState)
+    masks: MaskDialog = field(default_factory=MaskDialog)
+
+
+@dataclass
+class UiState:
+    """The parts, in the hands of the panels and dialogs that own them."""
+
+    files: FilePicker = field(default_factory=FilePicker)
+    scene: SceneUi = field(default_factory=SceneUi)
+    area: PictureArea = field(default_factory=PictureArea)
+    palette: PaletteState = field(default_factory=PaletteState)
+    preferences: DraggedPreferences = field(default_factory=DraggedPreferences)
+    export: ExportSheet = field(default_factory=ExportSheet)
+    reduce: ReducePlan = field(default_factory=ReducePlan)
+    film: FilmChoices = field(default_factory=FilmChoices)
+    plan: PlanSheet = field(default_factory=PlanSheet)
+    toasts: ToastState = field(default_factory=ToastState)
+
+    def forget_scene(self) -> None:
+        """Another scene was opened; own models and the switch of the film strip stay."""
+        before = self.scene
+        self.scene = SceneUi(
+            film_strip=FilmStripState(shows_masks=before.film_strip.shows_masks),
+            masks=MaskDialog(own=before.masks.own),
+        )
+
+
+# --- The dockable panels: their titles, who draws them, and where each is docked.
+
+
+def panels(session: Session, ui: UiState, picture: ViewportPanel) -> tuple[Panel, ...]:
+    """Every panel of the window. State of a scene is looked up when a panel is drawn."""
+
+    def draw_objects() -> None:
+        objects.draw(session, ui.scene.objects, ui.scene.picture.evidence.menu, ui.area)
+
+    def draw_bookmarks() -> None:
+        camera_path.draw_bookmarks(session, ui.scene.bookmarks)
+
+    def draw_picture() -> None:
+        picture.draw(session, ui.scene.picture, ui.area)
+
+    right, down = ("Right", "RightBottom"), ("RightDown", "RightBottom")
+    bottom, main = ("Bottom", "Right"), ("MainDockSpace", "MainDockSpace")
+    return (
+        Panel("Viewport", draw_picture, *main, is_bare=True),
+        Panel("Objects", draw_objects, "Left", "Right"),
+        Panel("Inspector", lambda: inspector.draw(session, ui.scene.inspector), *right),
+        Panel("Select by", lambda: selecting.draw(session, ui.scene.select_by), *right),
+        Panel("Memory bank", lambda: memory_bank.draw(session, ui.scene.picture.evidence), *down),
+        Panel("Views", lambda: film_strip.draw(session, ui.scene.film_strip), *bottom),
+        Panel("Camera path", lambda: camera_path.draw(session), *bottom),
+        Panel(
+            "Bookmarks", lambda: camera_path.draw_bookmarks(session, ui.scene.bookmarks), *bottom
+        ),
+        Panel(
+            memory_bank.TIMELINE,
+            lambda: memory_bank.draw_timeline(session),
+            *bottom,
+            is_wanted=lambda: bank.timeline_of(session).is_open,
+        ),
+        Panel("History", lambda: history.draw(session, ui.scene.history), *down),
+    )
+
+
+# --- What answers the requests of the session.
+
+_POPUPS = {
+    Request.SHORTCUTS: sheets.KEYS,
+    Request.ABOUT: sheets.ABOUT,
+    Request.PREFERENCES: preferences.SHEET,
+    Request.OBJECT_MENU: command_buttons.OBJECT_POPUP,
+    Request.SCENE_MENU: command_buttons.SCENE_POPUP,
+    Request.MAKE_SPLATS: training.SHEET,
+    Request.SAVE_FILM: film_and_picture.FILM,
+    Request.SAVE_PICTURE: film_and_picture.PICTURE,
+    Request.MAKE_MASKS: masks.MAKE,
+    Request.EXPORT_MASKS: masks.EXPORT,
+    Request.FIND_OBJECTS: masks.FIND_OBJECTS,
+    Request.ADD_VIEWS: masks.ADD_VIEWS,
+}
+
+
+def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
+    """What opens for each request. State of a scene is looked up when a request comes."""
+    exports = partial(export.opens, sheet=ui.export)
+    popups = {request: _popup(name) for request, name in _POPUPS.items()}
+    return {
+        **popups,
+        **files.openers(ui.files),
+        Request.COMMAND_LIST: lambda _: sheets.open_commands(ui.palette),
+        Request.EXPORT_SCENE: partial(exports, what="scene"),
+        Request.EXPORT_SELECTED: partial(exports, what="selected"),
+        Request.EXPORT_OBJECTS: partial(exports, what="objects"),
+        Request.EXPORT_MESHES: partial(exports, what="objects", solid=MeshForm.MESH),
+        Request.EXPORT_PAGE: partial(exports, what="scene", form=SplatFormat.HTML),
+        Request.EXPORT_CAMERAS: partial(exports, what="cameras"),
+        Request.MODELS: models.opens,
+        Request.REDUCE: partial(reduce.opens, plan=ui.reduce),
+        Request.RENAME: lambda s: objects.rename_selected(s, ui.scene.objects),
+        Request.TIMELINE: lambda _: imgui.set_window_focus(memory_bank.TIMELINE),
+        Request.FIND: lambda _: search.focus(ui.scene.objects.search),
+        Request.FIND_IN_VIEW: lambda s: find_here(s, ui.area.size),
+    }
+
+
+def _popup(name: str) -> Callable[[Session], object]:
+    return lambda _: imgui.open_popup(name)
+
+
+# --- What becomes of an error while something is drawn: it is told, and the frame goes on.
+# An error that leaves a child window, a popup or a table open would end the process at the end of
+# the frame. So the toolkit's stacks are put back to where they were before.
+
+Act = Callable[[], object]
+
+
+class Guard:
+    """Calls what the window wants drawn. ``tell`` gets the place and the error.
+
+    A place that fails in every frame in the same way is told of once.
+    """
+
+    def __init__(self, tell: Callable[[str, Exception], None]) -> None:
+        self._tell = tell
+        self._failing: dict[str, str] = {}  # what each place failed with when it was called last
+
+    def wrap(self, place: str, act: Act) -> Callable[[], None]:
+        """``act``, called by this guard."""
+        return lambda: self.call(place, act)
+
+    def call(self, place: str, act: Act) -> None:
+        """Call ``act``; whatever it raises is told, never passed on."""
+        stacks = _stacks()
+        try:
+            act()
+        except Exception as error:  # noqa: BLE001  the toolkit would abort: it becomes a notice and a log entry
+            # A list clipper ends itself when it goes, and needs its window for that.
+            traceback.clear_frames(error.__traceback__)
+            if stacks is not None:
+                _put_back(stacks)
+            failure = repr(error)
+            if self._failing.get(place) != failure:
+                self._failing[place] = failure
+                self._tell(place, error)
+        else:
+            self._failing.pop(place, None)
+
+
+def _stacks() -> imgui.internal.ErrorRecoveryState | None:
+    """How much is open now; None between two frames, when nothing can be."""
+    if not imgui.get_current_context().within_frame_scope:
+        return None
+    stacks = imgui.internal.ErrorRecoveryState()
+    imgui.internal.error_recovery_store_state(stacks)
+    return stacks
+
+
+def _put_back(stacks: imgui.internal.ErrorRecoveryState) -> None:
+    """Close what was opened since; in silence, for the error itself is told."""
+    io = imgui.get_io()
+    said = [f"config_error_recovery_enable_{what}" for what in ("assert", "tooltip", "debug_log")]
+    kept = [getattr(io, name) for name in said]
+    for name in said:
+        setattr(io, name, False)
+    imgui.internal.error_recovery_try_to_recover_state(stacks)
+    for name, was in zip(said, kept, strict=True):
+        setattr(io, name, was)
+
 
 _LOG = logging.getLogger(__name__)
 _REST_RATE = 2.0  # frames a second while nothing happens
@@ -71,7 +278,7 @@ class Studio:
     ) -> None:
         self.session = session or Session()
         self.ui = UiState(FilePicker(use_native=has_native()))
-        self._requests = request_table(self.ui)
+        self._openers = openers(self.ui)
         self.viewport: Viewport | None = None
         self.left: Viewport | None = None  # of a split view whose left side is drawn, too
         self._shows_left = False  # in this frame
@@ -117,7 +324,7 @@ class Studio:
             fonts=theme.load_fonts,
             style=theme.apply_style,
             before_frame=self._before_frame,
-            keys=guarded("Keys", lambda: shortcuts.pressed(session, self._escape)),
+            keys=guarded("Keys", lambda: preferences.pressed(session, self._escape)),
             menu=guarded("Menu", lambda: menu.draw(session, self.window.reset_layout)),
             tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, self.ui.area)),
             status=guarded("Status bar", self._status),
@@ -179,7 +386,7 @@ class Studio:
         theme.resize(self.session.settings.ui_scale)
         self.session.tick(imgui.get_io().delta_time)
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)
-        bank_timeline.tick(self.session, imgui.get_io().delta_time)
+        bank.tick_timeline(self.session, imgui.get_io().delta_time)
         had_focus, self._has_focus = self._has_focus, not imgui.get_io().app_focus_lost
         if self._has_focus and not had_focus:
             saving.look_at_files(self.session)
@@ -217,7 +424,7 @@ class Studio:
         is_covered = ui.scene.picture.evidence.decision is not None or session.live is not None
         steps = partial(first_steps.draw, session, ui.area, self._steps, is_covered=is_covered)
         # A place of its own for each: a failure is told once while the same place goes on failing.
-        call("Commands", lambda: self._requests.take(session))
+        call("Commands", self._answer_request)
         call("File dialog", ui.files.draw)
         call("Dialogs", lambda: sheets.draw(session, ui.palette))
         call("Preferences", lambda: preferences.draw(session, ui.preferences))
@@ -225,13 +432,18 @@ class Studio:
         call("Film and picture", lambda: film_and_picture.draw(session, ui.film, ui.files))
         call("Make splats", lambda: training.sheet(session, ui.plan))
         call("Menus", lambda: command_buttons.picture_menus(session))
-        call("Make masks", lambda: make_masks.draw(session, ui.scene.masks, ui.files))
-        call("Find objects", lambda: find_objects.draw(session))
-        call("Add views", lambda: add_views.draw(session))
+        call("Make masks", lambda: masks.draw_make_masks(session, ui.scene.masks, ui.files))
+        call("Find objects", lambda: masks.draw_find_objects(session))
+        call("Add views", lambda: masks.draw_add_views(session))
         call("Models", lambda: models.draw(session))
         call("Reduce splats", lambda: reduce.draw(session, ui.reduce))
         call("First steps", steps)
         call("Notices", lambda: toasts.draw(session, ui.toasts, ui.area))
+
+    def _answer_request(self) -> None:
+        request = self.session.take_request()
+        if request is not None:
+            self._openers[request](self.session)
 
     def _status(self) -> None:
         hint = status_text(self.session, self.picture.controller.tool(self.session))
@@ -239,8 +451,8 @@ class Studio:
         figures = None
         if document is not None:
             n_splats = document.read.n_splats()
-            figures = status_bar.FrameFigures(n_splats, self._pacing.frame_ms, self._backend)
-        status_bar.draw(self.session, hint, figures)
+            figures = status.FrameFigures(n_splats, self._pacing.frame_ms, self._backend)
+        status.draw(self.session, hint, figures)
 
     def _escape(self) -> bool:
         """End a preview or a gesture, or close the compared photo; whether there was one."""
@@ -251,8 +463,8 @@ class Studio:
             return True
         if self.picture.cancel(self.session):
             return True
-        if bank_timeline.timeline_of(self.session).is_open:
-            bank_timeline.close(self.session)
+        if bank.timeline_of(self.session).is_open:
+            bank.close_timeline(self.session)
             return True
         evidence = self.ui.scene.picture.evidence
         if evidence.decision is not None:
@@ -359,8 +571,8 @@ class Studio:
         return Overlays(
             cameras=session.cameras if session.view.show_frusta else (),
             active_camera=session.active_view,
-            labels=session.live_labels if session.live else bank_timeline.labels(session),
-            tint=mask_splats.tint(session, decision),
+            labels=session.live_labels if session.live else bank.timeline_labels(session),
+            tint=bank.mask_tint(session, decision),
             muted=session.muted_colors(),
             hovered_group=session.hovered_group,
             focused_group=session.focus if session.view.mode is Mode.MASK else 0,
@@ -377,7 +589,7 @@ class Studio:
         is_drawn &= self.left is None or not self._shows_left or self.left.settled
         is_loading = self.images is not None and self.images.loading
         is_driven = self.session.rig.is_moving or self.picture.is_busy
-        is_driven |= bank_timeline.timeline_of(self.session).is_playing
+        is_driven |= bank.timeline_of(self.session).is_playing
         is_driven |= self.session.view.playback.is_playing or self.session.view.holds_photo
         is_driven |= (
             self.session.render_requests is not None and self.session.render_requests.is_wanted

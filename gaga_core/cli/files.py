@@ -47,7 +47,7 @@ class EditCommand:
 
     def run(self) -> int:
         """Write what is visible after the edits."""
-        from gaga_core.edit_script.run import parse_script, run_script
+        from gaga_core.edit_script import parse_script, run_script
         from gaga_core.export.export import export_losses, export_scene_stage
         from gaga_core.export.options import ExportOptions
         from gaga_core.export.page import content_of

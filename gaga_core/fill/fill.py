@@ -30,11 +30,9 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Frame, Rasterizer
 from gaga_core.scene.bake import bake_stage
-from gaga_core.scene.edits.append import append_made
-from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.edits.placement import recolor
-from gaga_core.scene.edits.state import delete
-from gaga_core.scene.edits.values import Edit, together
+from gaga_core.scene.edits.splats import append_made, delete
+from gaga_core.scene.edits.values import Edit, joined, together
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.scene import Revision, Scene, State

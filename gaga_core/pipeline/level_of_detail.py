@@ -9,7 +9,7 @@ from pathlib import Path
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splats.splat_files import model_fingerprint
 from gaga_core.progress import Stage
-from gaga_core.scene.edits.placement_values import first_rows
+from gaga_core.scene.edits.values import first_rows
 from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.tree import FOLDER, LodTree, open_lod
 from gaga_core.scene.project import Project

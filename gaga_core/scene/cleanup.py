@@ -29,9 +29,9 @@ from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntAr
 from gaga_core.color import rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage
-from gaga_core.scene.edits.groups import set_labels
+from gaga_core.scene.edits.objects import set_labels
 from gaga_core.scene.edits.placement import recolor
-from gaga_core.scene.edits.state import delete, isolate, select
+from gaga_core.scene.edits.splats import delete, isolate, select
 from gaga_core.scene.edits.values import Edit, SetLabels, together
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_indices, selected_groups

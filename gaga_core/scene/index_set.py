@@ -5,9 +5,7 @@ under a few hundred bytes: each set picks the smallest of three forms (runs, lis
 SuperSplat (runs) and LichtFeld Studio (sparse or dense by size) do.
 """
 
-from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
 
 import numpy as np
 
@@ -22,14 +20,11 @@ class Storage(Enum):
     BITS = "bits"  # ceil(n / 8) bytes
 
 
-@dataclass(frozen=True, eq=False)
 class IndexSet:
-    """A set of rows of a table of ``n`` rows."""
+    """A set of ``count`` rows of a table of ``n`` rows, in the smallest form; never changed."""
 
-    n: int
-    count: int
-    form: Storage
-    data: AnyArray
+    def __init__(self, n: int, count: int, form: Storage, data: AnyArray) -> None:
+        self.n, self.count, self.form, self.data = n, count, form, data
 
     @staticmethod
     def of(indices: IntArray | LongArray, n: int) -> "IndexSet":
@@ -92,12 +87,14 @@ class IndexSet:
         )
 
 
-@dataclass(frozen=True, eq=False)
 class PackedInts:
-    """Int32 values (K,), as one number when all agree, else in the smallest integer type."""
+    """Int32 values (K,), as one number when all agree, else in the smallest integer type.
 
-    count: int
-    data: AnyArray  # () or (K,)
+    ``data`` () or (K,) is never changed.
+    """
+
+    def __init__(self, count: int, data: AnyArray) -> None:
+        self.count, self.data = count, data
 
     @staticmethod
     def of(values: IntArray) -> "PackedInts":
@@ -110,7 +107,7 @@ class PackedInts:
         dtype = np.promote_types(np.min_scalar_type(low), np.min_scalar_type(high))
         return PackedInts(len(values), values.astype(dtype))
 
-    @cached_property
+    @property
     def nbytes(self) -> int:
         """Bytes held."""
         return int(self.data.nbytes)

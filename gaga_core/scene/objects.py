@@ -10,7 +10,6 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.color import LUMA, group_palette, shades
 from gaga_core.errors import GagaError
-from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.raster.cpu.prepare import for_kernel
 from gaga_core.scene.folders import Folders
@@ -238,37 +237,3 @@ def uncertain(scene: Scene, splats: IntArray, below: float) -> IntArray:
         raise GagaError("How sure the splats are is not known. Use Find objects to learn it.")
     free = ~scene.has(State.LOCKED | State.DELETED)[splats]
     return splats[free & (column[splats] < below * 255)]
-
-
-# --- Parts of an object: what the levels of detail of its association cut it into.
-
-
-_PART_SHARE, _PART_SPLATS = 0.01, 10  # of its whole, and splats: what is smaller is no part
-
-
-@dataclass(frozen=True, eq=False)
-class Parting:
-    """How some splats are cut into two parts or more."""
-
-    level: int  # that cuts them
-    ids: LongArray  # (P,) labels of the parts at that level, the largest first
-    part_of: LongArray  # (K,) part 0..P-1 of each splat; what is in no part goes to the largest
-
-
-def parting(levels: Levels, source: LongArray, first: int = 0) -> Parting | None:
-    """Cut splats with these rows (K,) of the opened file at the coarsest level that parts them.
-
-    Levels before ``first`` do not count. None when no level parts them.
-    """
-    least = max(_PART_SPLATS, _PART_SHARE * len(source))
-    for level in range(first, len(levels.labels)):
-        label = levels.labels[level][source]
-        size = np.bincount(label)
-        size[:1] = 0
-        parts = np.flatnonzero(size >= least)
-        if len(parts) > 1:
-            ids = parts[np.argsort(-size[parts], kind="stable")]
-            number = np.zeros(len(size), np.int64)
-            number[ids] = np.arange(len(ids))
-            return Parting(level, ids, number[label])
-    return None

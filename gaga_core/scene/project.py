@@ -13,23 +13,21 @@ does not know.
 
 import json
 import re
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
 from uuid import uuid4
 
 import msgspec
 import numpy as np
 
 from gaga_core import __version__
-from gaga_core.arrays import AnyArray, IntArray, UInt8Array, check_shape
+from gaga_core.arrays import IntArray, UInt8Array, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.bank_file import bank_arrays, bank_digest, bank_of, load_bank
+from gaga_core.grouping.bank_file import bank_digest, load_bank
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.identity.classifier_io import CLASSIFIER_FILE, field_of_model
 from gaga_core.identity.field import FILE as IDENTITY_FILE
@@ -38,7 +36,6 @@ from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.files import atomic_write, fingerprint
 from gaga_core.io.folder.lock import lock_folder
 from gaga_core.io.folder.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
-from gaga_core.io.json_file import PathText, read_json
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.io.splats.sog import META, is_sog_meta
 from gaga_core.io.splats.splat_files import is_same_model, model_fingerprint, read_splats_stage
@@ -54,209 +51,29 @@ from gaga_core.scene.camera_path import (
     path_entry,
     path_of,
 )
-from gaga_core.scene.edits.append import read_added_stage, with_added_stage
-from gaga_core.scene.edits.append_values import joined
-from gaga_core.scene.edits.groups import as_bytes
+from gaga_core.scene.edits.objects import as_bytes
+from gaga_core.scene.edits.splats import with_added_stage
+from gaga_core.scene.edits.values import joined, read_added_stage
 from gaga_core.scene.export_manifest import MANIFEST, read_manifest
 from gaga_core.scene.folders import Folders
-from gaga_core.scene.frame import Frame, carried_cameras
-from gaga_core.scene.identity_arrays import identities_of, identity_arrays
-from gaga_core.scene.index_set import IndexSet
+from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.objects import group_colors
-from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Placements, Scene
-from gaga_core.scene.splat_columns import columns_of, splats_of
+from gaga_core.scene.project_file import (
+    CURE,
+    FORMAT,
+    PROJECT_FILE,
+    SCENE_FILE,
+    FileEntry,
+    ProjectFile,
+    made_of,
+    read_project_file,
+    saved_scene,
+    scene_arrays,
+    scene_of,
+)
+from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Scene
 
-# --- The file project.json: its fields, and reading it while another program may replace it.
-
-
-FORMAT = 1
-PROJECT_FILE = "project.json"
-CURE = "Move project.json away to open the scene from the start."
-_TRIES, _PAUSE_S = 50, 0.02  # a writer removes the former scene file right after the new note
-_SCENE_FILE = r"^scene-[0-9a-f]{12}\.npz$"
 _PATIENCE_S = 10.0  # for another program that is saving
-
-Group = Annotated[str, msgspec.Meta(pattern="^[0-9]{1,10}$")]
-Rows = Annotated[int, msgspec.Meta(ge=0, lt=1 << 31)]
-
-
-class FileEntry(msgspec.Struct, frozen=True):
-    """A file of splats that the project needs."""
-
-    path: PathText  # relative to the project's folder, or absolute; "": splats that an edit made
-    fingerprint: str
-    gaussians: Rows = 0
-    # As which an .spz is read that does not say its axes; projects without this took RUB.
-    axes: SilentAxes = "RUB"
-    # Of added splats: how the scene had been moved by then, rows of (4, 4); none: not at all.
-    frame: tuple[tuple[float, float, float, float], ...] = ()
-    merged: bool = False  # splats that an edit made of others, which it deleted
-
-
-class ProjectFile(msgspec.Struct, frozen=True):
-    """Content of project.json. ``bookmarks``, ``path`` and ``colors`` are checked entry by entry:
-    what is damaged there is left out, it is no edit of the scene."""
-
-    format: int
-    model: FileEntry
-    scene: Annotated[str, msgspec.Meta(pattern=_SCENE_FILE)]
-    names: dict[Group, str]
-    gaga_studio: str = ""
-    added: list[FileEntry] = []
-    folder: PathText | None = ".."
-    colors: object = None
-    folders: list[str] = []  # of the object list
-    in_folder: dict[Group, str] = {}
-    parents: dict[Group, Annotated[int, msgspec.Meta(gt=0, lt=1 << 31)]] = {}
-    sets: list[str] = []
-    bookmarks: object = None
-    path: object = None
-
-
-class _Head(msgspec.Struct, frozen=True):
-    format: int
-
-
-class _SceneName(msgspec.Struct, frozen=True):
-    scene: str
-
-
-def read_project_file(file: Path) -> tuple[ProjectFile, dict[str, AnyArray]]:
-    """Read project.json and the columns and tables of its scene file, which belong together.
-
-    Reads again when another program saved in between. Raises ``GagaError`` with one sentence.
-    """
-    document = _document(file)
-    for _ in range(_TRIES):
-        scene = file.parent / document.scene
-        try:
-            return document, read_arrays(scene, CURE)
-        except GagaError:
-            if scene.is_file():
-                raise
-        time.sleep(_PAUSE_S)
-        document = _document(file)
-        if file.parent / document.scene == scene and not scene.is_file():
-            break
-    raise GagaError(f"{file.parent / document.scene} of the saved project is gone. {CURE}")
-
-
-def saved_scene(folder: Path) -> str:
-    """Name of the scene file that the project saved in ``folder`` has now; "" when there is none.
-
-    A project.json that cannot be read counts as none of ours: "?".
-    """
-    file = folder / PROJECT_FILE
-    if not file.exists():
-        return ""
-    try:
-        return read_json(file, _SceneName, "").scene
-    except GagaError:
-        return "?"
-
-
-def _document(file: Path) -> ProjectFile:
-    if read_json(file, _Head, CURE).format > FORMAT:
-        raise GagaError(f"{file} was saved by a newer gaga-studio. Update it to open the project.")
-    return read_json(file, ProjectFile, CURE)
-
-
-# --- Columns and tables of a scene as named arrays: the file scene-<id>.npz of a project.
-
-
-def scene_arrays(scene: Scene) -> dict[str, AnyArray]:
-    """All that a project keeps of a scene in arrays. No pickles."""
-    arrays: dict[str, AnyArray] = {
-        "labels": scene.labels,
-        "state": scene.state,
-        "placement": scene.placement,
-        "source": scene.source,
-        "matrix": scene.placements.matrix,
-        "color": scene.placements.color,
-        "opacity": scene.placements.opacity,
-    }
-    if scene.bank is not None:
-        arrays |= {f"bank_{name}": array for name, array in bank_arrays(scene.bank).items()}
-    if scene.confidence is not None:
-        arrays["confidence"] = scene.confidence
-    arrays |= identity_arrays(scene.identities)
-    if not scene.frame.is_identity:
-        arrays["world"] = scene.frame.world
-        arrays["is_metric"] = np.array(scene.frame.is_metric)
-    for i, kept in enumerate(scene.named_selections.values()):
-        arrays[f"set_{i}"] = np.packbits(kept.mask())
-        arrays[f"length_{i}"] = np.array(kept.n)
-    # No file has the splats that edits made, so their columns are kept.
-    made = [item for item in scene.added if item.is_made]
-    sources, places = np.unique(scene.source, return_index=True) if made else (scene.source,) * 2
-    for i, item in enumerate(made):
-        first, end = np.searchsorted(sources, (item.first, item.first + item.n))
-        columns = columns_of(scene.gaussians.take(places[first:end]))
-        arrays |= {f"made_{i}:{name}": column for name, column in columns.items()}
-    return arrays
-
-
-def made_of(file: Path, arrays: dict[str, AnyArray], n: int) -> list[Gaussians]:
-    """The ``n`` sets of splats that edits made. Raises ``GagaError`` that names ``file``."""
-    found = []
-    try:
-        for i in range(n):
-            head = f"made_{i}:"
-            columns = {k.removeprefix(head): v for k, v in arrays.items() if k.startswith(head)}
-            found.append(splats_of(columns))
-    except (ValueError, KeyError) as error:
-        raise GagaError(f"{file} is damaged. {CURE}") from error
-    return found
-
-
-def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_opened: int) -> Scene:
-    """The scene of `scene_arrays`, on the splats (M,) of all its files.
-
-    ``n_opened`` splats are of the opened file. Raises ``GagaError`` that names ``file`` when the
-    arrays do not fit each other or the splats.
-    """
-    try:
-        source = arrays["source"].astype(np.int64)
-        n = len(source)
-        for name in ("labels", "state", "placement"):
-            check_shape(name, arrays[name], (n,))
-        rows = len(arrays["opacity"])
-        check_shape("matrix", arrays["matrix"], (rows, 3, 4))
-        check_shape("color", arrays["color"], (rows, 3, 4))
-        if source.min() < 0 or source.max() >= len(gaussians):
-            raise ValueError("source row outside the model")
-        if arrays["placement"].min() < 0 or arrays["placement"].max() >= rows:
-            raise ValueError("placement row outside the table")
-        bank = {k.removeprefix("bank_"): v for k, v in arrays.items() if k.startswith("bank_")}
-        confidence = arrays.get("confidence")
-        if confidence is not None:
-            check_shape("confidence", confidence, (n_opened,), np.uint8)
-        frame = Frame()
-        if "world" in arrays:
-            check_shape("world", arrays["world"], (4, 4), np.float64)
-            frame = Frame(arrays["world"], bool(arrays["is_metric"]))
-        sets: dict[str, IndexSet] = {}  # named selections, by number
-        while f"set_{len(sets)}" in arrays:
-            i = len(sets)
-            kept = np.unpackbits(arrays[f"set_{i}"], count=int(arrays[f"length_{i}"]))
-            sets[f"{i}"] = IndexSet.of(np.flatnonzero(kept), len(kept))
-        untouched = n == len(gaussians) and np.array_equal(source, np.arange(n))
-        return Scene(
-            gaussians=gaussians if untouched else gaussians.take(source),
-            labels=arrays["labels"].astype(np.int32),
-            state=arrays["state"].astype(np.uint8),
-            placement=arrays["placement"].astype(np.int32),
-            source=source,
-            placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
-            bank=bank_of(bank) if bank else None,
-            confidence=confidence,
-            identities=identities_of(arrays, n_opened),
-            named_selections=sets,
-            frame=frame,
-        )
-    except (ValueError, KeyError, TypeError) as error:
-        raise GagaError(f"{file} is damaged. {CURE}") from error
-
 
 # --- Files of splats that other programs change: noticed at every save, and replaced by a copy.
 
@@ -664,7 +481,7 @@ def _write_project(project: Project, target: Path, entries: list[FileEntry]) -> 
         raise
     project.known_saves.add(name)
     for stale in target.glob("scene-*.npz"):
-        if re.match(_SCENE_FILE, stale.name) and stale.name != name:
+        if re.match(SCENE_FILE, stale.name) and stale.name != name:
             with suppress(OSError):  # in use elsewhere: the next save removes it
                 stale.unlink()
 

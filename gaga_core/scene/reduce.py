@@ -28,8 +28,7 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 from gaga_core.raster.cpu.prepare import for_kernel
 from gaga_core.scene.bake import bake_stage
-from gaga_core.scene.edits.append import append_made
-from gaga_core.scene.edits.state import delete
+from gaga_core.scene.edits.splats import append_made, delete
 from gaga_core.scene.edits.values import Edit, together
 from gaga_core.scene.frame import Frame
 from gaga_core.scene.merge_splats import merge_splats

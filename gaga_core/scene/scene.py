@@ -45,11 +45,18 @@ class Placements:
     an affine color in which the DC coefficient gets scale and offset and the rest gets scale, so
     view dependence survives a recolor; the view direction is rotated back by the matrix, so SH
     stay right under a move. Row 0 is the identity and stays so.
+
+    Raises ``ValueError`` when the columns differ in length.
     """
 
     matrix: DoubleArray  # (P, 3, 4) world_from_file
     color: DoubleArray  # (P, 3, 4) affine in RGB
     opacity: DoubleArray  # (P,) factor
+
+    def __post_init__(self) -> None:
+        for name in ("matrix", "color"):  # a list without rows has no shape when it is read
+            column = getattr(self, name).reshape(len(self.opacity), 3, 4)
+            object.__setattr__(self, name, column)
 
     def __len__(self) -> int:
         return len(self.opacity)

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from gaga_core.identity.lift import LiftConfig
-from gaga_studio.actions import files
-from gaga_studio.session.find_options import FindOptions
+from gaga_studio.features.find import association
+from gaga_studio.features.find.association import FindOptions, FindState
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from tests.app.folders import write_scene
@@ -39,7 +39,7 @@ def new_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cal
 
     def make() -> Session:
         made.append(Session(Settings(preset="paper", identities="none")))
-        made[-1].find_options = FindOptions(lift=LiftConfig().switched(iterations=12))
+        made[-1].feature(FindState).options = FindOptions(lift=LiftConfig().switched(iterations=12))
         return made[-1]
 
     yield make
@@ -65,7 +65,7 @@ def grouped_scene(made_scene: Path, tmp_path_factory: pytest.TempPathFactory) ->
     made = Session(Settings(preset="paper", identities="none"))
     made.open(folder)
     assert made.jobs.wait()
-    files.associate(made)
+    association.associate(made)
     assert made.jobs.wait()
     made.save()
     assert made.jobs.wait()
@@ -74,12 +74,18 @@ def grouped_scene(made_scene: Path, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture
-def associated(new_session: Callable[[], Session], grouped_scene: Path, tmp_path: Path) -> Session:
-    """A session with the small scene open and its objects found."""
+def grouped_copy(grouped_scene: Path, tmp_path: Path) -> Path:
+    """A copy of that folder that a test may write to."""
     folder = tmp_path / "grouped"
     shutil.copytree(grouped_scene, folder)
+    return folder
+
+
+@pytest.fixture
+def associated(new_session: Callable[[], Session], grouped_copy: Path) -> Session:
+    """A session with the small scene open and its objects found."""
     made = new_session()
-    made.open(folder)
+    made.open(grouped_copy)
     assert made.jobs.wait()
     assert made.scene is not None, made.notices
     return made

@@ -12,7 +12,7 @@ from gaga_core.grouping.bank_file import load_bank
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import Project, open_path_stage
 from gaga_core.scene.scene import State
-from gaga_studio.actions import autosave
+from gaga_studio.features import autosave
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 

@@ -20,7 +20,7 @@ from gaga_core.scene.scene import Scene, State
 from gaga_studio.gpu.context import is_software
 from gaga_studio.gpu.sorter import Sorter, SortJob
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import ViewState
+from gaga_studio.session.view import ViewState
 from tests.bench.figures import Figure, cpu_median
 from tests.scenes import orbit_cameras, random_gaussians
 

@@ -25,7 +25,7 @@ from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.masks import resize_labels
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from gaga_studio.commands import run
+from gaga_studio.features.commands import run
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from tests.app.tools.hand import Hand

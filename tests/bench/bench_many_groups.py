@@ -22,6 +22,7 @@ from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.images import write_rgb
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.objects import group_indices
+from gaga_studio.features.find.search import SearchState
 from tests.app.window.driver import Driver, drive
 from tests.bench.before import HERE, Costs, run_worker
 from tests.bench.figures import Figure
@@ -93,7 +94,9 @@ def measure(root: Path) -> dict[str, float]:
 
     def walk(d: Driver) -> None:
         document = d.session.need()
-        d.until(lambda: document.search.described is not None, "objects are described")
+        d.until(
+            lambda: document.feature(SearchState).described is not None, "objects are described"
+        )
         d.settle()
         scene = document.scene
         several = [group_indices(scene, g) for g in (3, 11, 29)]

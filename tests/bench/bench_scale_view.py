@@ -20,10 +20,9 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.by_screen import pick
 from gaga_studio.gpu.buffers import SceneBuffers
 from gaga_studio.gpu.context import is_software
-from gaga_studio.gpu.frame_pacing import Pacing
 from gaga_studio.gpu.sorter import SortColumns, SortJob
-from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import ViewState
+from gaga_studio.gpu.viewport import Pacing, Viewport
+from gaga_studio.session.view import ViewState
 from tests.bench.figures import Figure, cpu_median
 from tests.scenes import orbit_cameras
 

@@ -14,7 +14,7 @@ from gaga_core.io.folder.scene_folder import open_scene_folder, select_views
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.raster import choose
-from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.values import joined
 from tests.bench.rooms import solid, surface_of
 from tools.demo.lighting import Lights, bake
 from tools.demo.objects import TABLE_TOP, table

@@ -29,7 +29,7 @@ from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.by_screen import pick
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import ViewState
+from gaga_studio.session.view import ViewState
 
 BUDGET = 500_000
 _N_FRAMES = 8

@@ -14,8 +14,7 @@ from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.segment import segment_scene
 from gaga_core.progress import run_stage
 from gaga_core.segmentation.base import Provider
-from gaga_studio.actions import history
-from gaga_studio.commands.base import Command
+from gaga_studio.features.base import Command
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.tools.base import Tool, ViewportPoint
@@ -58,7 +57,7 @@ def session(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
 def test_the_command_selects_and_is_undone_at_once(
     names: Callable[..., dict[str, Any]], session: Session
 ) -> None:
-    found = names("app/gaga_studio/actions/selection.py", "app/gaga_studio/commands/select.py")
+    found = names("app/gaga_studio/features/selection.py")
     command = found["FAINT"]
     assert isinstance(command, Command)
     assert command.enabled(session) == ""
@@ -66,7 +65,7 @@ def test_the_command_selects_and_is_undone_at_once(
     scene.gaussians.logit_opacities[:5] = -6.0
     command.run(session)
     assert session.selected_indices().tolist() == [0, 1, 2, 3, 4]
-    history.undo(session)
+    session.undo()
     assert len(session.selected_indices()) == 0
     session.shut_down()
 

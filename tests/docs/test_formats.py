@@ -41,7 +41,7 @@ from gaga_core.segmentation.models.hub import Listing
 from gaga_core.training.checkpoint import Best, Exposures, TrainState, save_checkpoint
 from gaga_core.training.densification import ScreenSums
 from gaga_core.training.optimizer import Splats
-from gaga_studio.actions.autosave import Autosave, RecoveryNote
+from gaga_studio.features.autosave import Autosave, RecoveryNote
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, save_settings, settings_file
 from tests.app.folders import write_scene

@@ -14,7 +14,8 @@ import msgspec
 import pytest
 
 from gaga_core.cli.main import main
-from gaga_core.edit_script.run import OPERATION_TYPES, run_script
+from gaga_core.edit_script import run_script
+from gaga_core.edit_script.operations import OPERATION_TYPES
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
 from tests.docs.pages import DOCS, PAGES, ROOT, code_blocks, tables

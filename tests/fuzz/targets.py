@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.evaluate.benchmark.files import read_runs, write_runs
 from gaga_core.evaluate.benchmark.tables import BenchmarkRun, InstanceScores, PromptScores
 from gaga_core.evaluate.group_scores import Score

@@ -11,7 +11,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.raster import choose
 from gaga_core.scene.scene import Scene
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import ViewState
+from gaga_studio.session.view import ViewState
 
 BACKGROUND = (0.2, 0.1, 0.05)
 Errors = Callable[[Scene, Gaussians, Camera], float]

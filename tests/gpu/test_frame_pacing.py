@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from gaga_studio.gpu.frame_pacing import (
+from gaga_studio.gpu.viewport import (
     LEAST_SCALE,
     LEAST_SPLATS,
     REST_S,
@@ -12,7 +12,7 @@ from gaga_studio.gpu.frame_pacing import (
     TARGET_MS,
     Pacing,
 )
-from gaga_studio.session.view_state import ViewState
+from gaga_studio.session.view import ViewState
 
 VIEW = ViewState()
 

@@ -22,10 +22,9 @@ from gaga_core.scene.lod.cut import hidden_nodes
 from gaga_core.scene.lod.tree import NODE, LodTree, level_file
 from gaga_core.scene.scene import Scene
 from gaga_studio.gpu import lod_view
-from gaga_studio.gpu.node_pool import NodePool
-from gaga_studio.gpu.node_reader import NodeReader, ReadNode
+from gaga_studio.gpu.lod_view import NodePool, NodeReader, ReadNode
 from gaga_studio.gpu.viewport import Overlays, Viewport
-from gaga_studio.session.view_state import Mode, ViewState
+from gaga_studio.session.view import Mode, ViewState
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
 CAMERAS = orbit_cameras(12, width=160, height=120, radius=2.6)

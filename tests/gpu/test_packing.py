@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import AnyArray, FloatArray
-from gaga_studio.gpu.packing import changed_range, pack_sh, pieces
+from gaga_studio.gpu.buffers import changed_range, pack_sh, pieces
 from tests.scenes import random_gaussians
 
 

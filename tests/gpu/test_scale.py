@@ -15,7 +15,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_studio.gpu.buffers import SceneBuffers
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import ViewState
+from gaga_studio.session.view import ViewState
 from tests.gpu.conftest import Errors
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from gaga_core.scene.scene import Scene
-from gaga_studio.gpu.slices import Slices
-from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import Mode, ViewState
+from gaga_studio.gpu.viewport import Slices, Viewport
+from gaga_studio.session.view import Mode, ViewState
 from tests.scenes import objects_scene, orbit_cameras
 
 pytestmark = pytest.mark.gl

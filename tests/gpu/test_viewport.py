@@ -13,7 +13,7 @@ from gaga_core.scene.scene import Placements, Scene, State
 from gaga_studio.gpu.buffers import SceneBuffers
 from gaga_studio.gpu.overlays import Ground, Overlays
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import Mode, ViewState
+from gaga_studio.session.view import Mode, ViewState
 from tests.scenes import Synthetic, objects_scene, orbit_cameras, random_gaussians
 
 pytestmark = pytest.mark.gl

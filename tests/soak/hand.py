@@ -8,7 +8,7 @@ import threading
 import time
 from dataclasses import dataclass
 
-from gaga_studio import commands
+from gaga_studio.features import commands
 from tests.app.window.typist import Keyboard, XEvent
 
 _BUTTON_PRESS, _BUTTON_RELEASE, _MOTION = 4, 5, 6  # X.h

@@ -26,18 +26,7 @@ from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.scene import edits
 from gaga_core.scene.project import saved_scene, scene_arrays
 from gaga_core.scene.scene import Scene
-from gaga_studio import commands
-from gaga_studio.actions import (
-    autosave,
-    children,
-    color_grade,
-    files,
-    history,
-    named_selections,
-    objects,
-    selection,
-    transform,
-)
+from gaga_studio.features import autosave, commands, files, folders, objects, selection, transform
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from tests.scenes import objects_scene, random_gaussians
@@ -145,11 +134,11 @@ class SessionMachine(RuleBasedStateMachine):
         for part in (0.5, 1.0):
             matrix = np.c_[np.eye(3), part * np.array(by)]
             transform.preview_move(self.session, matrix)
-        (history.commit_preview if keeps else history.cancel_preview)(self.session)
+        (Session.commit_preview if keeps else Session.cancel_preview)(self.session)
 
     @rule(rgb=st.tuples(*[st.floats(0, 1, width=32)] * 3), opacity=st.floats(0, 1, width=32))
     def recolor(self, rgb: tuple[float, float, float], opacity: float) -> None:
-        color_grade.recolor(self.session, rgb, opacity)
+        transform.recolor(self.session, rgb, opacity)
 
     @rule(at=st.integers(0, 9), name=st.text(max_size=12))
     def rename(self, at: int, name: str) -> None:
@@ -161,7 +150,7 @@ class SessionMachine(RuleBasedStateMachine):
 
     @rule(at=st.integers(0, 9), parent=st.integers(0, 9))
     def put_under(self, at: int, parent: int) -> None:
-        children.put_under(self.session, self._group(parent), (self._group(at),))
+        folders.put_under(self.session, self._group(parent), (self._group(at),))
 
     @rule(at=st.integers(0, 9))
     def assign(self, at: int) -> None:
@@ -169,7 +158,7 @@ class SessionMachine(RuleBasedStateMachine):
 
     @rule(name=st.sampled_from("abc"), forgets=st.booleans())
     def name_selection(self, name: str, forgets: bool) -> None:
-        change = named_selections.forget if forgets else named_selections.keep
+        change = selection.forget_named if forgets else selection.keep_selection
         change(self.session, name)
 
     @rule(seed=st.integers(0, 99))
@@ -197,7 +186,7 @@ class SessionMachine(RuleBasedStateMachine):
     @rule(back=st.booleans(), times=st.integers(1, 4))
     def undo_or_redo(self, back: bool, times: int) -> None:
         for _ in range(times):
-            (history.undo if back else history.redo)(self.session)
+            (Session.undo if back else Session.redo)(self.session)
             self._same_as_before()
 
     @rule(share=st.floats(0, 1))
@@ -270,7 +259,7 @@ class SessionMachine(RuleBasedStateMachine):
             self._same_as_before()
             self._tick()
             assert not [text for text in self._texts() if "went wrong" in text]
-            while len(self.scene) > MOST_SPLATS and history.undo(self.session) is not None:
+            while len(self.scene) > MOST_SPLATS and self.session.undo() is not None:
                 pass
 
     def _same_as_before(self) -> None:

@@ -21,7 +21,7 @@ import glfw
 import psutil
 from imgui_bundle import glfw_utils, hello_imgui, immapp
 
-from gaga_studio.actions import files
+from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.studio import Studio
@@ -68,7 +68,7 @@ def _made_scene(folder: Path) -> None:
     session = Session(Settings(preset="paper", identities="none"))
     session.open(folder)
     assert session.jobs.wait(600)
-    files.associate(session)
+    association.associate(session)
     assert session.jobs.wait(600)
     session.save()
     assert session.jobs.wait(600)

@@ -109,8 +109,10 @@ class ImageStore:
                 self._failed.add(key)
             elif key not in self._textures:
                 self._textures[key] = self._upload(pixels)
-        while len(self._textures) > 1 and self._used() > self._budget:
+        used = sum(4 * texture.width * texture.height for texture in self._textures.values())
+        while len(self._textures) > 1 and used > self._budget:
             _, oldest = self._textures.popitem(last=False)
+            used -= 4 * oldest.width * oldest.height
             oldest.release()
 
     def _upload(self, pixels: UInt8Array) -> moderngl.Texture:
@@ -120,9 +122,6 @@ class ImageStore:
         texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         texture.repeat_x = texture.repeat_y = False
         return texture
-
-    def _used(self) -> int:
-        return sum(4 * texture.width * texture.height for texture in self._textures.values())
 
     def _work(self) -> None:
         while (request := self._next()) is not None:

@@ -1,20 +1,361 @@
 """Level of detail of the picture: the cut of the tree that is drawn, and how it changes."""
 
+import logging
+import threading
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.scene.lod.cut import choose_cut, drawn_nodes, hidden_nodes, parent_of, picture_shares
-from gaga_core.scene.lod.edited import NodeFacts, node_facts, placed_boxes
+from gaga_core.gaussians import Gaussians
+from gaga_core.scene.lod.cut import (
+    choose_cut,
+    covers_of,
+    drawn_nodes,
+    hidden_nodes,
+    parent_of,
+    picture_shares,
+)
+from gaga_core.scene.lod.edited import NodeFacts, merged_again, node_facts, placed_boxes
 from gaga_core.scene.lod.tree import FAN, NODE, LodTree
-from gaga_core.scene.scene import Scene
-from gaga_studio.gpu.buffers import SceneBuffers
-from gaga_studio.gpu.node_pool import NodePool
-from gaga_studio.gpu.node_reader import NodeReader
+from gaga_core.scene.scene import Revision, Scene, State
+from gaga_studio.gpu import sort_kernels
+from gaga_studio.gpu.buffers import PackedSplats, SceneBuffers, pack_splats, words_of_colors
 from gaga_studio.gpu.sorter import Rows
+
+# --- Reads nodes of a tree in a thread of its own, ready to be sent to the graphics card.
+
+_LOG = logging.getLogger(__name__)
+_MOST_WAITING = 64  # nodes that were read and not taken
+_NEVER = 1 << 31
+
+
+@dataclass(frozen=True, eq=False)
+class ReadNode:
+    """The splats of a node."""
+
+    node: int
+    means: FloatArray  # (K, 3)
+    log_scales: FloatArray  # (K, 3)
+    logit_opacities: FloatArray  # (K,)
+    rows: IntArray  # (K,) of the scene: those that the splats are, or that count most in them
+    packed: PackedSplats
+    edits: int  # count of edits after which it was read, see `NodeReader.edit`
+    is_placed: bool  # whether the splats stand where they are drawn: no placement moves them
+
+
+class NodeReader:
+    """One thread; what was asked for last is read next, in the order of the list."""
+
+    def __init__(self, tree: LodTree, opened: Gaussians, scale_range: tuple[float, float]) -> None:
+        self._tree, self._opened, self._scale_range = tree, opened, scale_range
+        self._changed = threading.Condition()
+        self._wanted: list[int] = []
+        self._read: list[ReadNode] = []
+        self._reading = -1
+        self._first_changed = _NEVER  # node, while one of the former ones is being read
+        self._ended = False
+        self._edited: tuple[Scene | None, BoolArray, int] = (None, np.zeros(0, np.bool_), 0)
+        self.error: GagaError | None = None  # after which nothing is read any more
+        self._thread = threading.Thread(target=self._work, name="gaga-lod", daemon=True)
+        self._thread.start()
+
+    def ask(self, nodes: Sequence[int]) -> None:
+        """Read these nodes, the first one first; what was asked for before is forgotten."""
+        with self._changed:
+            coming = {self._reading, *(read.node for read in self._read)}
+            self._wanted = [node for node in nodes if node not in coming]
+            self._changed.notify_all()
+
+    def follow(self, gaussians: Gaussians, first: int) -> None:
+        """Read further splats from these columns; nodes from ``first`` on are not those any more
+        that were asked for."""
+        with self._changed:
+            self._opened = gaussians
+            self._first_changed = first
+            self._wanted = [node for node in self._wanted if node < first]
+            self._read = [read for read in self._read if read.node < first]
+
+    def edit(self, scene: Scene, again: BoolArray, count: int) -> None:
+        """Merge the nodes of ``again`` (M,) from the splats of ``scene`` from now on."""
+        with self._changed:
+            self._edited = replace(scene), again, count
+
+    def take(self, most: int) -> list[ReadNode]:
+        """At most so many nodes that were read."""
+        with self._changed:
+            taken, self._read = self._read[:most], self._read[most:]
+            self._changed.notify_all()
+            return taken
+
+    def wait(self, timeout: float = 60.0) -> None:
+        """Until there is something to take, or nothing is to be read: for pictures to save."""
+        with self._changed:
+            self._changed.wait_for(lambda: bool(self._read) or self._is_idle(), timeout)
+
+    def release(self) -> None:
+        """End the thread."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+        self._thread.join(timeout=10)
+
+    def _is_idle(self) -> bool:
+        return self._ended or (not self._wanted and self._reading < 0)
+
+    def _work(self) -> None:
+        try:
+            while (node := self._next()) is not None:
+                found = self._one(node)
+                with self._changed:
+                    if node < self._first_changed:
+                        self._read.append(found)
+                    self._first_changed = _NEVER
+                    self._reading = -1
+                    self._changed.notify_all()
+        except GagaError as error:
+            self.error = error
+        except Exception as error:  # noqa: BLE001  or a picture to save would wait forever
+            _LOG.exception("level of detail")
+            self.error = GagaError(f"The level of detail cannot be read ({error}).")
+        finally:  # however the thread ended, nobody may wait for it
+            with self._changed:
+                self._ended, self._reading = True, -1
+                self._changed.notify_all()
+
+    def _one(self, node: int) -> ReadNode:
+        extra = node - self._tree.n_nodes
+        scene, again, count = self._edited
+        is_again = scene is not None and extra < 0 and bool(again[node])
+        if scene is not None and is_again:
+            splats, rows = merged_again(self._tree, node, scene)
+        elif extra < 0:
+            splats, rows = self._tree.read(node, self._opened)
+        else:  # splats that were added since: in the order of the scene
+            first = len(self._tree) + extra * NODE
+            rows = np.arange(first, min(first + NODE, len(self._opened)), dtype=np.int32)
+            splats = self._opened.take(rows)
+        return ReadNode(
+            node,
+            splats.means,
+            splats.log_scales,
+            splats.logit_opacities,
+            rows,
+            pack_splats(splats, 0, len(splats), self._scale_range),
+            count,
+            is_again,
+        )
+
+    def _next(self) -> int | None:
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._ended or (self._wanted and len(self._read) < _MOST_WAITING)
+            )
+            if self._ended:
+                return None
+            self._reading = self._wanted.pop(0)
+            return self._reading
+
+
+# --- A pool of fixed size that holds nodes of a tree: the one that was drawn longest ago gives
+# way.
+# To buffers and depth sort the pool is a scene of its own: each of its rows stands for a row of
+# the opened scene and takes that one's state, placement and group.
+
+_NONE = -1
+_COLUMNS = ("labels", "state", "placement", "source")
+
+
+class NodePool:
+    """Slots of `NODE` rows each, and the columns of these rows."""
+
+    def __init__(self, n_slots: int, n_nodes: int, scene: Scene) -> None:
+        n, n_sh = n_slots * NODE, scene.gaussians.sh.shape[1]
+        self.represents: IntArray = np.zeros(n, np.int32)  # row of the opened scene
+        self._means: FloatArray = np.zeros((n, 3), np.float32)
+        self._reach: FloatArray = np.zeros(n, np.float32)
+        self._scores: FloatArray = np.zeros(n, np.float32)
+        self._covers: FloatArray = np.zeros(n, np.float32)  # see `occlusion.covers_of`
+        self._is_placed: BoolArray = np.zeros(n, np.bool_)  # no placement moves these rows
+        self._node_in: IntArray = np.full(n_slots, _NONE, np.int32)
+        self._counts: IntArray = np.zeros(n_slots, np.int32)
+        self._slots: IntArray = np.full(n_nodes, _NONE, np.int32)  # of each node
+        self._used: LongArray = np.zeros(n_slots, np.int64)  # pull in which each was wanted last
+        # Rows of a slot that left the picture may still be sorted or drawn: they stay until an
+        # order of this ticket is drawn.
+        self._busy_until: LongArray = np.zeros(n_slots, np.int64)
+        self._sorted: IntArray = np.zeros(0, np.int32)  # slots of the last sort job
+        self._overlaid: dict[str, tuple[AnyArray, AnyArray]] = {}  # given column, and gathered
+        self._seen: tuple[object, ...] = ()
+        self.scene = self._scene_of(scene, n, n_sh)
+
+    def _scene_of(self, scene: Scene, n: int, n_sh: int) -> Scene:
+        nothing = np.zeros(1, np.float32)  # only the graphics card holds these columns
+        gaussians = Gaussians(
+            means=self._means,
+            quats=np.broadcast_to(nothing, (n, 4)),
+            log_scales=np.broadcast_to(nothing, (n, 3)),
+            logit_opacities=np.broadcast_to(nothing, (n,)),
+            sh=np.broadcast_to(nothing, (n, n_sh, 3)),
+            comments=scene.gaussians.comments,
+        )
+        return Scene(
+            gaussians=gaussians,
+            **{name: getattr(scene, name)[self.represents] for name in _COLUMNS},
+            placements=scene.placements,
+            revision=Revision(),
+        )
+
+    # --- columns
+
+    def follow(self, scene: Scene) -> None:
+        """Take over what edits changed: columns of the rows that are stood for, and tables."""
+        now, pool = scene.revision, self.scene
+        seen = (scene, now.splats, now.labels, now.state, now.placement, now.placements, now.names)
+        if seen == self._seen:
+            return
+        before, self._seen = self._seen, seen
+        is_other = not before or before[:2] != seen[:2]
+        for at, name in ((2, "labels"), (3, "state"), (4, "placement")):
+            if is_other or before[at] != seen[at]:
+                setattr(pool, name, getattr(scene, name)[self.represents])
+                setattr(pool.revision, name, getattr(pool.revision, name) + 1)
+                if name == "placement":
+                    pool.placement[self._is_placed] = 0
+        if is_other:
+            pool.source = scene.source[self.represents]
+        pool.placements, pool.names, pool.colors = scene.placements, scene.names, scene.colors
+        pool.revision.placements += 1
+        pool.confidence, pool.identities = scene.confidence, scene.identities
+        pool.added = scene.added
+
+    def overlaid(self, name: str, column: AnyArray | None) -> AnyArray | None:
+        """A column (N, ...) of the opened scene for the rows of the pool; None as given."""
+        if column is None:
+            self._overlaid.pop(name, None)
+            return None
+        held = self._overlaid.get(name)
+        if held is None or held[0] is not column:
+            held = self._overlaid[name] = (column, column[self.represents])
+        return held[1]
+
+    # --- nodes
+
+    def holds(self, nodes: IntArray) -> BoolArray:
+        """Whether each of the nodes is here."""
+        found: BoolArray = self._slots[nodes] != _NONE
+        return found
+
+    def resize(self, n_nodes: int, first: int) -> None:
+        """Have room for so many nodes; those from ``first`` on are taken out."""
+        gone = self._slots[first:]
+        gone = gone[gone != _NONE]
+        self._node_in[gone] = _NONE
+        self.represents.reshape(-1, NODE)[gone] = 0  # their rows may be no more
+        fresh = np.full(n_nodes - first, _NONE, np.int32)
+        self._slots = np.concatenate([self._slots[:first], fresh])
+
+    def forget(self, nodes: IntArray) -> None:
+        """Take nodes out, as far as they are here: they are read again."""
+        slots = self._slots[nodes]
+        self._node_in[slots[slots != _NONE]] = _NONE
+        self._slots[nodes] = _NONE
+
+    def free_slots(self, drawn: IntArray, shown: int) -> list[int]:
+        """Slots that nothing needs, the one that was drawn longest ago first.
+
+        ``drawn``: nodes whose slots stay; ``shown``: ticket of the order that is drawn.
+        """
+        free = self._busy_until <= shown
+        free[self._sorted] = False
+        free[self._slots[drawn]] = False
+        places = np.flatnonzero(free)
+        found: list[int] = places[np.argsort(self._used[places], kind="stable")].tolist()
+        return found
+
+    def write(self, slot: int, read: ReadNode, scene: Scene, buffers: SceneBuffers) -> None:
+        """Put a node into a slot, in place of what was there."""
+        if (former := int(self._node_in[slot])) != _NONE:
+            self._slots[former] = _NONE
+        if (place := int(self._slots[read.node])) != _NONE:
+            self._node_in[place] = _NONE
+        self._slots[read.node], self._node_in[slot] = slot, read.node
+        n = len(read.rows)
+        self._counts[slot] = n
+        first = slot * NODE
+        part = slice(first, first + n)
+        self.represents[part] = read.rows
+        self._means[part] = read.means
+        sort_kernels.reaches(read.log_scales, self._reach[part])
+        sort_kernels.importance(read.log_scales, read.logit_opacities, self._scores[part])
+        np.nan_to_num(self._scores[part], copy=False, nan=-np.inf)
+        self._covers[part] = covers_of(read.log_scales, read.logit_opacities)
+        for name in _COLUMNS:
+            getattr(self.scene, name)[part] = getattr(scene, name)[read.rows]
+        self._is_placed[part] = read.is_placed
+        if read.is_placed:
+            self.scene.placement[part] = 0
+        for given, gathered in self._overlaid.values():
+            gathered[part] = given[read.rows]
+        buffers.write(read.packed, first, self._texels(part))
+
+    def _texels(self, part: slice) -> dict[str, AnyArray]:
+        """Rows of the columns that textures hold, by their names there."""
+        pool = self.scene
+        labels = self._overlaid.get("labels", (None, pool.labels))[1]
+        found: dict[str, AnyArray] = {
+            "labels": labels[part],
+            "state": pool.state[part],
+            "placement": pool.placement[part],
+        }
+        rows = Scene(
+            gaussians=pool.gaussians,
+            labels=pool.labels[part],
+            state=pool.state[part],
+            placement=pool.placement[part],
+            source=pool.source[part],
+            placements=pool.placements,
+            confidence=pool.confidence,
+            identities=pool.identities,
+            added=pool.added,
+        )
+        confidence, identities = rows.confidence_of(), rows.identity_colors_of()
+        if confidence is not None:
+            found["confidence"] = confidence
+        if identities is not None:
+            found["identity"] = words_of_colors(identities)
+        if "tint" in self._overlaid:
+            found["tint"] = words_of_colors(self._overlaid["tint"][1][part])
+        return found
+
+    def want(self, nodes: IntArray, pull: int) -> None:
+        """Note that these nodes, as far as they are here, are wanted in this pull."""
+        slots = self._slots[nodes]
+        self._used[slots[slots != _NONE]] = pull
+
+    def samples(self, nodes: IntArray, every: int) -> tuple[FloatArray, FloatArray]:
+        """Places (K, 3) of some splats of these nodes, and what each covers, and others for which
+        it stands (K,). Hidden splats cover nothing, and moved ones are left out."""
+        slots = self._slots[nodes]
+        places = np.arange(0, NODE, every, dtype=np.int32)
+        rows = (slots[:, None] * NODE + places)[places < self._counts[slots, None]]
+        is_there = self.scene.state[rows] & np.uint8(State.HIDDEN | State.DELETED) == 0
+        rows = rows[is_there & (self.scene.placement[rows] == 0)]
+        return self._means[rows], self._covers[rows] * np.float32(every)
+
+    def sort_job(self, nodes: IntArray, ticket: int) -> Rows:
+        """The rows of these nodes, for the depth sort with this ticket."""
+        slots = np.sort(self._slots[nodes])
+        self._busy_until[self._sorted] = ticket
+        self._sorted = slots
+        places = np.arange(NODE, dtype=np.int32)
+        is_filled: BoolArray = places < self._counts[slots, None]
+        rows = (slots[:, None] * NODE + places)[is_filled].astype(np.int32, copy=False)
+        return Rows(rows, self._reach, self._scores)
+
 
 _MOST_WRITES = 32  # nodes sent in one frame
 _MOST_SWAPS = 16  # nodes that are replaced by finer or coarser ones in one frame
@@ -253,10 +594,7 @@ class LodView:
         """
         coarser, finer = self._coarser(drawn), self._finer(drawn)
         ready = coarser[self._pool.holds(coarser)]
-        firsts, n_children = self._children(finer)
-        steps = np.arange(FAN)
-        children = np.minimum(firsts[:, None] + steps, firsts[:, None] + n_children[:, None] - 1)
-        here = self._pool.holds(children).all(axis=1)
+        here = self._pool.holds(self._children(finer)).all(axis=1)
         found = np.concatenate([ready, finer[here]])[:most]
         changes = np.cumsum(self._changes(found))
         n = int(np.searchsorted(changes, change, side="right"))
@@ -276,8 +614,9 @@ class LodView:
     def _ask(self, drawn: IntArray) -> None:
         """Let the reader read what is missing for the next steps: what makes room comes first."""
         coarser, finer = self._coarser(drawn), self._finer(drawn)
-        firsts, n_children = self._children(finer)
-        children = (firsts[:, None] + np.arange(FAN))[np.arange(FAN) < n_children[:, None]]
+        children = self._children(finer)
+        is_filler = np.diff(children, axis=1, prepend=-1) == 0  # where a node has fewer than others
+        children = children[~is_filler]
         stale = drawn[self._stale[drawn]]
         wanted = np.concatenate([self._extra, stale, coarser, children]).astype(np.int32)
         self._pool.want(np.concatenate([drawn, wanted]), self._pulls)
@@ -295,15 +634,13 @@ class LodView:
         parents = self._parents[drawn]
         parents = np.unique(parents[parents >= 0])
         parents = parents[~self._target[parents]]
-        firsts, n_children = self._children(parents)
-        steps = np.arange(FAN)
-        children = np.minimum(firsts[:, None] + steps, firsts[:, None] + n_children[:, None] - 1)
-        found: IntArray = parents[~self._divided[children].any(axis=1)]
+        found: IntArray = parents[~self._divided[self._children(parents)].any(axis=1)]
         return found
 
-    def _children(self, nodes: IntArray) -> tuple[IntArray, IntArray]:
-        """First child of each node above level 0, and how many there are."""
+    def _children(self, nodes: IntArray) -> IntArray:
+        """Children (K, FAN) of each node above level 0; of fewer the last one several times."""
         firsts = self.tree.first_nodes
         levels = np.searchsorted(firsts, nodes, side="right") - 1
         first = firsts[levels - 1] + (nodes - firsts[levels]) * FAN
-        return first, np.minimum(FAN, firsts[levels] - first)
+        found: IntArray = np.minimum(first[:, None] + np.arange(FAN), firsts[levels, None] - 1)
+        return found

@@ -29,9 +29,8 @@ class Rows:
         """The most important ones."""
         if not 0 < budget < len(self.rows):
             return _Chosen(0, self.rows, -np.inf)
-        scores, last = self.scores[self.rows], len(self.rows) - budget
-        least = np.partition(scores, last)[last]
-        return _Chosen(budget, self.rows[scores >= least][:budget], float(least))
+        places, least = _best(self.scores[self.rows], budget)
+        return _Chosen(budget, self.rows[places], least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,12 +261,18 @@ class SortColumns:
             sort_kernels.importance(gaussians.log_scales, gaussians.logit_opacities, self._scores)
             np.nan_to_num(self._scores, copy=False, nan=-np.inf)
         if self._chosen.budget != budget:
-            # Row order: memory is read forwards, and ties in depth stay as without a budget.
-            last = len(gaussians) - budget
-            least = np.partition(self._scores, last)[last]
-            rows = np.flatnonzero(self._scores >= least)[:budget].astype(np.int32)
-            self._chosen = _Chosen(budget, rows, float(least))
+            self._chosen = _Chosen(budget, *_best(self._scores, budget))
         return self._chosen
+
+
+def _best(scores: FloatArray, n: int) -> tuple[IntArray, float]:
+    """Places (n,) of the largest scores and the least of them.
+
+    Ascending: memory is read forwards, and ties in depth stay as without a budget.
+    """
+    last = len(scores) - n
+    least = np.partition(scores, last)[last]
+    return np.flatnonzero(scores >= least)[:n].astype(np.int32), float(least)
 
 
 def _poses(placements: Placements, camera: Camera) -> tuple[DoubleArray, DoubleArray]:

@@ -9,11 +9,9 @@ import numpy as np
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
-from gaga_studio.gpu.buffers import SceneBuffers, texture_bytes, write_rows
-from gaga_studio.gpu.context import bind_textures, load_program, set_uniforms
-from gaga_studio.gpu.packing import WIDTH, sh_layers
-from gaga_studio.gpu.targets import Target
-from gaga_studio.session.view_state import CentreColors, Mode
+from gaga_studio.gpu.buffers import WIDTH, SceneBuffers, sh_layers, texture_bytes, write_rows
+from gaga_studio.gpu.context import Target, bind_textures, load_program, set_uniforms
+from gaga_studio.session.view import CentreColors, Mode
 
 _QUADS = 128  # quads an instance: one alone keeps graphics cards idle
 _MODES = {mode: number for number, mode in enumerate(Mode)}  # as project.frag numbers them

@@ -11,6 +11,7 @@ from gaga_core.scene.camera_path import Shot
 from gaga_core.scene.frame import inverse, scale_of
 from gaga_core.scene.orientation import common_target, estimate_up, upright_basis
 
+FLY_KEYS = frozenset("WASDQE")  # by their place on a US keyboard
 _JUMP_S = 0.35  # time of an animated jump
 _STEEPEST = np.radians(89.9)  # straight up and down has no heading
 _ORBIT_PER_HEIGHT = np.pi  # drag over the picture's height: half a turn

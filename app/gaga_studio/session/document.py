@@ -1,17 +1,14 @@
-"""The open scene: its history, previews, its selection, and what panels read of it."""
+"""The open scene: its history, previews, its selection, what is unsaved, state of features."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.io.folder.lock import FolderLock
-from gaga_core.scene import cleanup as cleanup_edits
 from gaga_core.scene import edits
 from gaga_core.scene.camera_path import Shot, carried_shot
 from gaga_core.scene.edits import Edit, How
@@ -22,25 +19,69 @@ from gaga_core.scene.orientation import Pose, up_of_moved
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import OrientedBox
-from gaga_studio.session.click_state import ClickState
 from gaga_studio.session.notices import NothingSelectedError
-from gaga_studio.session.object_list import ObjectListView
-from gaga_studio.session.save_state import SaveState
 from gaga_studio.session.scene_cache import SceneCache
-from gaga_studio.session.search_state import SearchState
-from gaga_studio.session.timeline import Timeline
 
 if TYPE_CHECKING:
-    from gaga_core.evaluate.quality import Quality
-    from gaga_core.fill.fill import Filling
-    from gaga_core.grouping.figures import MaskSplats
-    from gaga_core.grouping.repair.view_evidence import Evidence
-    from gaga_core.scene.cleanup import CleanPreview
     from gaga_core.scene.lod.tree import LodTree
+    from gaga_studio.session.session import Session
+
+Content = tuple[int, int]
+
+
+T = TypeVar("T")
+Build = Callable[[Scene, IntArray, str], Edit | None]  # of the scene, splats (K,) and a title
+
+
+class SaveState:
+    """Maps states of a history to contents; selecting makes a state but no new content."""
+
+    def __init__(self) -> None:
+        self._content = {0: 0}  # by History.state_id
+        self._newest = 0
+        self._outside = 0  # changes of what is saved but is no edit of the scene
+        self._saved: Content | None = (0, 0)
+
+    def note(self, before: int, after: int, is_content: bool) -> None:
+        """Note that an edit made state ``after`` from ``before``."""
+        if before == after:
+            return
+        self._newest += is_content
+        self._content[after] = self._newest if is_content else self._content.get(before, 0)
+
+    def note_outside_history(self) -> None:
+        """Note a change that a save keeps and undo does not know: bookmarks, the path."""
+        self._outside += 1
+
+    def content(self, state: int) -> Content:
+        """Return the content of a state, and the count of changes outside the history."""
+        return self._content.get(state, 0), self._outside
+
+    def resume(self, contents: Sequence[int]) -> None:
+        """Take ``contents`` as those of the states 0, 1, 2 and so on."""
+        self._content = dict(enumerate(contents))
+        self._newest = max(contents)
+
+    def saved(self, content: Content | None) -> None:
+        """Note that ``content`` is on disk now; None: nothing is."""
+        self._saved = content
+
+    def is_unsaved(self, history: History) -> bool:
+        """Whether the present state differs from what is on disk."""
+        return self.content(history.state_id) != self._saved
+
+
+@runtime_checkable
+class Closes(Protocol):
+    """State of a feature that ends something when its document is closed."""
+
+    def closed(self, session: "Session") -> None:
+        """End it."""
+        ...
 
 
 class Document:
-    """One open project. The edits themselves are in ``gaga_studio.actions``."""
+    """One open project. The edits themselves are in ``gaga_studio.features``."""
 
     def __init__(self, project: Project) -> None:
         self.project = project
@@ -49,24 +90,25 @@ class Document:
         self.read = SceneCache(self.scene)
         self.save_state = SaveState()
         self.focus = 0  # group shown in the inspector; 0 = none
-        self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
-        self.looked_at: set[tuple[str, Evidence]] = set()  # views, see `mask_splats`
-        self.lit: tuple[object, MaskSplats | None] | None = None  # of one mask, see there
-        self.timeline = Timeline()
-        self.other_groups: tuple[MemoryBank, IntArray] | None = None  # see `split_view`
         self.lods: tuple[LodTree, ...] = ()  # see `level_of_detail`
-        self.quality: dict[str, Quality] = {}  # by digest of the labels; see `quality`
-        self.confidence_threshold = 0.6  # confidence under which splats count as uncertain
-        self.search = SearchState()
-        self.clicks = ClickState()  # of the tool Object
-        self.listing = ObjectListView()
-        self.recovered_from: Path | None = None  # an autosave that holds what is open
         self.lock: FolderLock | None = None  # of the saved project, see `saving.claim`
         self.in_use_by = ""  # the other program that has the project open
         self.copies_model = False  # saves copy files of splats that changed
         self.stamps: tuple[tuple[int, int, int] | None, ...] = ()  # see `saving.look_at_files`
-        self._cleaning: tuple[CleanPreview, Edit] | None = None  # and the edit that shows it
-        self._filling: tuple[Filling, Edit] | None = None  # and the edit that makes it
+        self._tint: Edit | None = None  # a preview that is no edit to keep
+        self._features: dict[type, object] = {}
+
+    def feature(self, kind: type[T]) -> T:
+        """Return the state of a feature in this document, made when first asked for."""
+        if kind not in self._features:
+            self._features[kind] = kind()
+        return cast(T, self._features[kind])
+
+    def closed(self, session: "Session") -> None:
+        """Tell the features that end something when the document is closed."""
+        for state in self._features.values():
+            if isinstance(state, Closes):
+                state.closed(session)
 
     @property
     def name(self) -> str:
@@ -140,12 +182,6 @@ class Document:
         folder = self.project.folder
         return up_of_moved(folder.cameras if folder is not None else (), self.cameras)
 
-    def forget_views(self) -> None:
-        """Forget what was found in the masks of the views: they are read again."""
-        self.evidence.clear()
-        self.looked_at.clear()
-        self.lit = None
-
     def as_opened(self, shot: Shot, known: Mapping[Shot, Shot]) -> Shot:
         """``shot`` before the scene was moved as a whole: what a project keeps.
 
@@ -156,19 +192,25 @@ class Document:
 
     # --- previews: the frames of a drag
 
-    def preview(self, build: Callable[[Scene, IntArray], Edit | None]) -> None:
+    def preview_selected(self, verb: str, build: Build) -> None:
         """Show the edit that ``build`` makes for the selected splats, without an entry."""
-        indices = self.selected()
-        self.history.preview_with(lambda scene: build(scene, indices))
+        indices, title = self.selected(), self.title_for(verb)
+        self.history.preview_with(lambda scene: build(scene, indices, title))
 
     def commit_preview(self) -> bool:
         """Make the preview an entry of the history; False if there is none."""
-        if self.cleaning is not None:
-            return False  # its colors are no edit to keep: see `actions.cleanup.apply`
+        if self._tint is not None and self._tint is self.history.preview_edit:
+            return False
         before = self.history.state_id
         done = self.history.commit_preview()
         self.save_state.note(before, self.history.state_id, True)
         return done
+
+    def show(self, edit: Edit, *, is_tint: bool = False) -> None:
+        """Show an edit without an entry; a tint only shows something and is never kept."""
+        self.settled()
+        self.history.preview(edit)
+        self._tint = edit if is_tint else None
 
     def cancel_preview(self) -> None:
         """Cancel the preview: everything is as before the drag."""
@@ -179,33 +221,6 @@ class Document:
         self.history.preview(None)
         return self.project
 
-    # --- cleaning: its preview ends with whatever is done next
-
-    @property
-    def cleaning(self) -> "CleanPreview | None":
-        """The cleaning whose preview is shown: splats that would join and leave the object."""
-        held = self._cleaning
-        return held[0] if held is not None and held[1] is self.history.preview_edit else None
-
-    def show_cleaning(self, found: "CleanPreview") -> None:
-        """Show what cleaning an object would change."""
-        tint = cleanup_edits.cleaning_tint(self.settled().scene, found)
-        if tint is not None:
-            self.history.preview(tint)
-            self._cleaning = found, tint
-
-    @property
-    def filling(self) -> "Filling | None":
-        """The filled hole whose preview is shown; `commit_preview` keeps it."""
-        held = self._filling
-        return held[0] if held is not None and held[1] is self.history.preview_edit else None
-
-    def show_filling(self, found: "Filling", edit: Edit) -> None:
-        """Show an object removed and its hole filled."""
-        self.settled()
-        self.history.preview(edit)
-        self._filling = found, edit
-
     # --- the selection
 
     def selected(self) -> IntArray:
@@ -215,9 +230,11 @@ class Document:
             raise NothingSelectedError
         return indices
 
-    def edit_selected(
-        self, verb: str, build: Callable[[Scene, IntArray, str], Edit | None]
-    ) -> bool:
+    def edit(self, build: Callable[[Scene], Edit | None]) -> bool:
+        """Apply the edit that ``build`` makes of the scene."""
+        return self.do(build(self.settled().scene))
+
+    def edit_selected(self, verb: str, build: Build) -> bool:
         """Apply the edit that ``build`` makes of the scene, the selected splats and a title."""
         scene = self.settled().scene
         return self.do(build(scene, self.selected(), self.title_for(verb)))
@@ -233,12 +250,14 @@ class Document:
         """Name of a group, as the object list shows it."""
         return group_name(self.scene, group)
 
+    def names_of(self, groups: Sequence[int]) -> str:
+        """Name of one object, or how many there are: "chair", "3 objects"."""
+        return self.name_of(groups[0]) if len(groups) == 1 else f"{len(groups)} objects"
+
     def title_for(self, verb: str) -> str:
         """Title of an edit of the selection: "Move chair", "Delete 3 objects"."""
         groups = self.read.selected_groups()
-        if len(groups) == 1:
-            return f"{verb} {self.name_of(groups[0])}"
-        return f"{verb} {len(groups)} objects" if groups else f"{verb} splats"
+        return f"{verb} {self.names_of(groups) if groups else 'splats'}"
 
     def selected_box(self) -> tuple[DoubleArray, DoubleArray] | None:
         """Box lo, hi (3,) of the selection, world; None when nothing is selected.

@@ -60,6 +60,11 @@ class JobRunner:
         return worker.describe() if worker is not None else None
 
     @property
+    def why_busy(self) -> str:
+        """Sentence on what runs; "" when nothing does."""
+        return f"{job.title} is still running." if (job := self.running) is not None else ""
+
+    @property
     def at_risk(self) -> Job | None:
         """The job that is lost when the program ends now; saves are waited for."""
         return self._worker.describe() if self._worker is not None else None

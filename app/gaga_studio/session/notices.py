@@ -1,9 +1,9 @@
-"""Notices and questions for the user, and the errors that become notices."""
+"""Notices and questions for the user, errors that become notices, requests to the window."""
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import Enum, StrEnum, auto
 from functools import wraps
 from pathlib import Path
 from typing import Concatenate, ParamSpec, Protocol, TypeVar
@@ -93,3 +93,47 @@ def unsaved_question(
             discard()
 
     return UserQuestion(text, ("Save", "Discard", "Cancel"), chosen)
+
+
+class Request(Enum):
+    """One request; exactly one dialog registers itself for each (`ui.kit.requests`)."""
+
+    # Sheets and menus over the window.
+    COMMAND_LIST = auto()
+    SHORTCUTS = auto()
+    ABOUT = auto()
+    PREFERENCES = auto()
+    MAKE_MASKS = auto()
+    EXPORT_MASKS = auto()
+    MODELS = auto()
+    REDUCE = auto()
+    FIND_OBJECTS = auto()
+    ADD_VIEWS = auto()
+    EXPORT_OBJECTS = auto()
+    MAKE_SPLATS = auto()
+    SAVE_FILM = auto()
+    SAVE_PICTURE = auto()
+    OBJECT_MENU = auto()  # of the object under the mouse
+    SCENE_MENU = auto()  # where no object is under the mouse
+    # A text field that takes the keyboard.
+    RENAME = auto()
+    FIND = auto()
+    FIND_IN_VIEW = auto()  # the text that is there already
+    # A panel that comes to the front.
+    TIMELINE = auto()
+    # A path of the file dialog.
+    OPEN_FOLDER = auto()
+    OPEN_FILE = auto()
+    ADD_SPLATS = auto()
+    IMPORT_MASK_FOLDER = auto()
+    IMPORT_MASK_FILE = auto()
+    SAVE_AS = auto()
+    SAVE_SCRIPT = auto()
+    EXPORT_SCENE = auto()
+    EXPORT_PAGE = auto()
+    EXPORT_MESHES = auto()
+    EXPORT_SELECTED = auto()
+    EXPORT_CAMERAS = auto()
+    INPAINTING_MODEL = auto()
+    OPEN_PATH = auto()  # of the camera
+    SAVE_PATH = auto()

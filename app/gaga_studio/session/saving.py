@@ -16,8 +16,7 @@ from gaga_core.scene.project import (
     reopen_stage,
 )
 from gaga_studio.session import stages
-from gaga_studio.session.notices import Level, UserQuestion
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Level, Request, UserQuestion
 
 if TYPE_CHECKING:
     from gaga_studio.session.session import Session

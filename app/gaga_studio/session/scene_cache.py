@@ -12,7 +12,7 @@ from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongAr
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene import objects
-from gaga_core.scene.edits.append import spread
+from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.objects import ObjectTable, confidence_histogram
 from gaga_core.scene.orientation import Pose, pose_of
 from gaga_core.scene.scene import Scene, State
@@ -23,6 +23,7 @@ from gaga_core.scene.tint import mean_color
 T = TypeVar("T")
 _SAMPLE = 50_000  # splats looked at for a box
 SHARE = 0.98  # of the splats that a box of the selection holds, along each axis
+_PLACED = "splats state placement placements"  # of the revision: where the selection stands
 SortKey = Literal["id", "name", "splats", "views", "quality"]
 
 
@@ -40,6 +41,11 @@ class SceneCache:
             kept = (key, compute())
             self._kept[name] = kept
         return cast(T, kept[1])
+
+    def _by(self, name: str, fields: str, compute: Callable[[], T], *more: object) -> T:
+        """Compute once for the revision of these ``fields`` of the scene, and ``more``."""
+        revision = self._scene.revision
+        return self.once(name, (*(getattr(revision, f) for f in fields.split()), *more), compute)
 
     def objects(self, live: BankSnapshot | None, is_previewing: bool) -> ObjectTable:
         """The object list; of the growing bank while ``live``. Unchanged during a drag."""
@@ -62,30 +68,23 @@ class SceneCache:
 
     def has_groups(self) -> bool:
         """Whether any splat belongs to an object."""
-        revision = self._scene.revision
-        key = (revision.splats, revision.labels)
-        return self.once("grouped", key, lambda: bool((self._scene.labels > 0).any()))
+        return self._by("grouped", "splats labels", lambda: bool((self._scene.labels > 0).any()))
 
     def n_splats(self) -> int:
         """How many splats there are, without deleted ones."""
-        revision = self._scene.revision
-        key = (revision.splats, revision.state)
-        return self.once("count", key, lambda: int((~self._scene.has(State.DELETED)).sum()))
+        scene = self._scene
+        return self._by("count", "splats state", lambda: int((~scene.has(State.DELETED)).sum()))
 
     def selected_indices(self) -> IntArray:
         """Selected splats (K,)."""
-        revision = self._scene.revision
-        key = (revision.splats, revision.state)
-        return self.once("indices", key, lambda: objects.selected_indices(self._scene))
+        return self._by("indices", "splats state", lambda: objects.selected_indices(self._scene))
 
     def selected_groups(self) -> tuple[int, ...]:
         """Groups with a selected splat, ascending, without 0."""
-        revision = self._scene.revision
-        key = (revision.splats, revision.state, revision.labels)
-        return self.once(
+        return self._by(
             "groups",
-            key,
-            lambda: tuple(int(g) for g in objects.selected_groups(self._scene)),
+            "splats state labels",
+            lambda: tuple(objects.selected_groups(self._scene).tolist()),
         )
 
     def selected_box(self, is_previewing: bool) -> tuple[DoubleArray, DoubleArray]:
@@ -132,15 +131,11 @@ class SceneCache:
         kept = self._kept.get(name)
         if is_previewing and kept is not None:
             return cast(T, kept[1])
-        revision = self._scene.revision
-        key = (revision.splats, revision.state, revision.placement, revision.placements, more)
-        return self.once(name, key, compute)
+        return self._by(name, _PLACED, compute, more)
 
     def selected_color(self) -> DoubleArray:
         """Mean color (3,) of the selection, 0..1, as it is drawn."""
-        revision = self._scene.revision
-        key = (revision.splats, revision.state, revision.placement, revision.placements)
-        return self.once("color", key, lambda: mean_color(self._scene, self.selected_indices()))
+        return self._by("color", _PLACED, lambda: mean_color(self._scene, self.selected_indices()))
 
     def listed(
         self, table: ObjectTable, text: str, sort: SortKey, descending: bool, quality: DoubleArray
@@ -157,15 +152,7 @@ class SceneCache:
 
     def labels_digest(self) -> str:
         """Digest of the groups of all splats; an undo restores it."""
-        revision = self._scene.revision
-        key = (revision.splats, revision.labels)
-        return self.once("digest", key, lambda: _digest(self._scene.labels))
-
-    def held_by_masks(self) -> dict[int, float]:
-        """Share of each group's splats that its masks gave it: 0 for one made by hand."""
-        revision = self._scene.revision
-        key = (revision.splats, revision.labels, self._scene.bank)
-        return self.once("held", key, lambda: _held_by_masks(self._scene))
+        return self._by("digest", "splats labels", lambda: _digest(self._scene.labels))
 
     def overlap_is_of_points(self) -> bool:
         """Whether overlaps in the log are shares of surface points, not of splats."""
@@ -206,16 +193,6 @@ class SceneCache:
 
 def _digest(labels: IntArray) -> str:
     return hashlib.blake2b(labels.tobytes(), digest_size=8).hexdigest()
-
-
-def _held_by_masks(scene: Scene) -> dict[int, float]:
-    if scene.bank is None:
-        return {}
-    live = scene.labels[~scene.has(State.DELETED)]
-    same = scene.labels[scene.labels == labels_of_bank(scene.bank, scene)]
-    n = int(scene.labels.max(initial=0)) + 1
-    share = np.bincount(same, minlength=n) / np.maximum(np.bincount(live, minlength=n), 1)
-    return {int(group): float(share[group]) for group in np.flatnonzero(share)}
 
 
 def _by_mask(bank: MemoryBank) -> dict[tuple[str, int], Decision]:

@@ -3,10 +3,12 @@
 Pull, not push: panels read it every frame. Main thread only; works without a window.
 """
 
+import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
@@ -14,37 +16,121 @@ from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
+from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.objects import ObjectTable, folder_colors, muted_colors
 from gaga_core.scene.orientation import guess_up
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import RGB, Scene
 from gaga_core.scene.selection.bounds import splat_box, whole_box
 from gaga_core.scene.selection.by_screen import Pick, pick
-from gaga_studio.session import level_of_detail, next_stage, saving, stages, upright
+from gaga_studio.session import level_of_detail, saving, stages, upright
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
-from gaga_studio.session.find_options import FindOptions, lift_mode
-from gaga_studio.session.hover import Hovering
 from gaga_studio.session.jobs import JobRunner
-from gaga_studio.session.models_state import ModelsState
-from gaga_studio.session.notices import Level, Notice, UserQuestion, notifies, unsaved_question
-from gaga_studio.session.render_requests import RenderRequests
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import (
+    Level,
+    Notice,
+    Request,
+    UserQuestion,
+    notifies,
+    unsaved_question,
+)
 from gaga_studio.session.settings import Settings, load_settings, save_settings
 from gaga_studio.session.training_preview import TrainingPreview
-from gaga_studio.session.view_state import ImageSource, Mode, ToolName, ViewState
+from gaga_studio.session.view import ImageSource, RenderRequests, ToolName, ViewState
 from gaga_studio.system import paths
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.reconstruct import PhotoFind
 
+
+_LEAST_INTERVAL_S = 0.1
+_STILL_S = 0.05  # the mouse and the camera must rest this long
+_STILL_PIXELS = 2.0
+
+
+class Hovering:
+    """Look up the hovered object without blocking; only the newest position counts."""
+
+    def __init__(self) -> None:
+        self.group = 0  # under the mouse; 0 = none
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="hover")
+        self._answer: Future[int] | None = None
+        self._wanted: tuple[float, float, int, int] | None = None
+        self._asked: object = None
+        self._moved_at = 0.0
+        self._asked_at = 0.0
+
+    def at(self, u: float, v: float, width: int, height: int) -> None:
+        """Note that the mouse is at pixel (u, v) of a picture of this size."""
+        before = self._wanted
+        far = before is None or max(abs(before[0] - u), abs(before[1] - v)) > _STILL_PIXELS
+        if far or before is None or before[2:] != (width, height):
+            self._wanted = (u, v, width, height)
+            self._moved_at = time.monotonic()
+
+    def away(self) -> None:
+        """Note that the mouse left the picture, or that a drag or a jump runs."""
+        self.group, self._wanted, self._asked = 0, None, None
+
+    def update(
+        self,
+        scene: Scene,
+        camera_of: Callable[[int, int], Camera],
+        pose: object,
+        antialiased: bool | None = None,
+        boxes: PickBoxes | None = None,
+    ) -> None:
+        """Take an answer, ask the next question. ``pose`` tells whether the camera moved.
+
+        ``antialiased`` is how the splats are drawn, as in `pick`; ``boxes`` of a large scene.
+        """
+        if self._answer is not None:
+            if not self._answer.done():
+                return
+            answer, self._answer = self._answer, None
+            group = answer.result()
+            self.group = group if self._wanted is not None else 0
+        wanted, now = self._wanted, time.monotonic()
+        if wanted is None:
+            return
+        asked = (wanted, pose, scene.revision.total())
+        is_still = now - self._moved_at >= _STILL_S and now - self._asked_at >= _LEAST_INTERVAL_S
+        if asked == self._asked or not is_still:
+            return
+        self._asked, self._asked_at = asked, now
+        camera = camera_of(wanted[2], wanted[3])
+        # Edits replace columns, never change them in place: this is the scene as it is now.
+        self._answer = self._pool.submit(
+            _group_at, replace(scene), camera, (wanted[0], wanted[1]), antialiased, boxes
+        )
+
+    def shut_down(self) -> None:
+        """End the thread."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _group_at(
+    scene: Scene,
+    camera: Camera,
+    at: tuple[float, float],
+    antialiased: bool | None,
+    boxes: PickBoxes | None,
+) -> int:
+    rows = None if boxes is None else boxes.rows_at(camera, *at, len(scene))
+    found = pick(scene, camera, *at, antialiased=antialiased, rows=rows)
+    return found.group if found is not None else 0
+
+
 _MOST_NOTICES = 50
+T = TypeVar("T")
 NO_GROUPS = "There are no groups here. Use Find objects to make them."
 
 
 class Session:
-    """At most one open document, its view and its jobs. Edits are in ``gaga_studio.actions``."""
+    """At most one open document, its view and its jobs. Edits are in ``gaga_studio.features``."""
 
     def __init__(self, settings: Settings | None = None) -> None:
         self.document: Document | None = None
@@ -65,8 +151,7 @@ class Session:
         self.images: ImageSource | None = None
         self.render_requests: RenderRequests | None = None  # to OpenGL; the window gives one
         self.masks = MaskSet()  # of `provider`
-        self.models = ModelsState()
-        self.find_options = FindOptions()
+        self._features: dict[type, object] = {}
         self.provider = ""
         self.active_view: int | None = None  # training camera last jumped to
         self.has_exported = False  # anything, since the program was started
@@ -74,6 +159,12 @@ class Session:
         self._apply_settings()
         if problem:
             self.notify(Level.WARNING, problem)
+
+    def feature(self, kind: type[T]) -> T:
+        """Return the state of a feature in this run of the program, made when first asked for."""
+        if kind not in self._features:
+            self._features[kind] = kind()
+        return cast(T, self._features[kind])
 
     # --- messages
 
@@ -240,14 +331,35 @@ class Session:
     def _forget(self) -> None:
         if self.document is not None:
             saving.release(self.document.lock)
-            if self.document.timeline.is_open and self.view.mode is Mode.GROUPS:
-                self.view.mode = self.document.timeline.former_mode
+            self.document.closed(self)
         # What a notice offers is about the scene that it was made for.
         self.notices = tuple(notice for notice in self.notices if not notice.command)
         self.document = self.live = self.active_view = self.photos = self.training = None
         self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
-        self.view.ground = self.view.measured = ()
         self.hovering.away()
+
+    def edit(self, build: Callable[[Scene], Edit | None]) -> bool:
+        """Apply the edit that ``build`` makes of the open scene."""
+        return self.need().edit(build)
+
+    # --- undo and redo, and the end of a drag whose edit is only shown
+
+    def undo(self) -> str | None:
+        """Undo the newest edit; return its title, None if there is none."""
+        return self.document.undo() if self.document is not None else None
+
+    def redo(self) -> str | None:
+        """Redo the next undone edit; return its title, None if there is none."""
+        return self.document.redo() if self.document is not None else None
+
+    def commit_preview(self) -> bool:
+        """Make what a drag shows one entry of the history; False if nothing changed."""
+        return self.document is not None and self.document.commit_preview()
+
+    def cancel_preview(self) -> None:
+        """Cancel a drag: everything is as it was before."""
+        if self.document is not None:
+            self.document.cancel_preview()
 
     # --- every frame
 
@@ -343,15 +455,6 @@ class Session:
     def decisions(self, group: int) -> tuple[Decision, ...]:
         """Return which masks joined a group and why, in the order of the association."""
         return self.need().read.decisions(group, self.live)
-
-    def stage_offer(self) -> next_stage.StageOffer | None:
-        """Return the stage that the open scene needs next; None if none, or while a job runs."""
-        if self.document is None or self.jobs.running or self.document.read.has_groups():
-            return None
-        trains = lift_mode(self.settings) == "paper"
-        training = next_stage.training_seconds(self.find_options.lift) if trains else 0.0
-        preset, n_masks = self.settings.preset, len(self.masks)
-        return next_stage.stage_offer(self.document.project, n_masks, preset, training)
 
     def need(self) -> Document:
         """Return the open document; ``GagaError`` when there is none."""

@@ -13,6 +13,7 @@ import msgspec
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, set_aside
 from gaga_core.io.json_file import read_json
+from gaga_core.scene.edits.history import DEFAULT_BUDGET
 from gaga_studio.system import paths
 
 _LOG = logging.getLogger(__name__)
@@ -54,7 +55,7 @@ class Settings:
     clean_first: bool = False  # clean objects before they are isolated, deleted, exported
     children_go_along: bool = True  # what lies under an object, when that is moved, deleted, ...
     autosave_minutes: float = 1.0  # at most this much work is lost in a crash
-    undo_megabytes: float = 1024.0  # what undo may hold
+    undo_megabytes: float = DEFAULT_BUDGET / 1e6  # what undo may hold
     lod_millions: float = 2.0  # splats in the picture of a scene with level of detail
     first_steps_done: bool = False  # the card of five steps is hidden
     hub_mirror: _Address = (

@@ -1,8 +1,15 @@
-"""Where things lie on disk: the user's settings, the demo scene."""
+"""Where things lie on disk: settings, demo scene, log; and a look at one in the file manager."""
 
+import logging
 import os
 import re
+import shutil
+import subprocess
+import sys
+from logging.handlers import RotatingFileHandler
 from pathlib import Path
+
+from gaga_core.errors import GagaError
 
 
 def home() -> Path:
@@ -49,3 +56,50 @@ def shown(path: Path) -> str:
     home = Path.home()
     inside = path.is_relative_to(home) and path != home
     return str(Path("~") / path.relative_to(home)) if inside else str(path)
+
+
+# --- The log file: what went wrong, in full, for the person who fixes it.
+
+_MOST_BYTES = 1 << 20
+
+
+def log_file() -> Path:
+    """Where the log is."""
+    return home() / "log.txt"
+
+
+def start_log() -> Path | None:
+    """Write warnings and errors to the log file from now on; None when it cannot be written."""
+    path = log_file()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handler = RotatingFileHandler(path, maxBytes=_MOST_BYTES, backupCount=1, encoding="utf-8")
+    except OSError:
+        return None
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    handler.setLevel(logging.WARNING)
+    logging.getLogger().addHandler(handler)
+    return path
+
+
+# --- Shows a file in the file manager of the system.
+
+
+def show(path: Path) -> None:
+    """Open the folder of ``path`` with the file in sight; ``GagaError`` where nothing can."""
+    path = path.absolute()
+    folder = path if path.is_dir() else path.parent
+    if not folder.is_dir():
+        raise GagaError(f"{folder} is not there any more.")
+    command = _command(path, folder)
+    if shutil.which(command[0]) is None:
+        raise GagaError(f"No file manager was found. The folder is {folder}.")
+    subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def _command(path: Path, folder: Path) -> list[str]:
+    if sys.platform == "win32":
+        return ["explorer", f"/select,{path}"]
+    if sys.platform == "darwin":
+        return ["open", "-R", str(path)]
+    return ["xdg-open", str(folder)]

@@ -5,19 +5,8 @@ from typing import Protocol
 
 from gaga_core.scene.edits import How
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
-
-
-@dataclass(frozen=True)
-class ViewportPoint:
-    """A pixel of the picture, its size, and what the modifiers do to a selection."""
-
-    u: float
-    v: float
-    width: int
-    height: int
-    how: How = "set"
-    alt: bool = False
+from gaga_studio.session.view import ToolName
+from gaga_studio.session.view import ViewportPoint as ViewportPoint
 
 
 @dataclass(frozen=True)
@@ -97,6 +86,34 @@ class ClickTool:
     def overlay(self) -> RectShape | None:
         """Draw nothing."""
         return None
+
+
+class BoxDrag:
+    """Base of tools whose drag has two corners."""
+
+    takes_drag = True
+
+    def __init__(self) -> None:
+        self._from: ViewportPoint | None = None
+        self._to: ViewportPoint | None = None
+
+    def press(self, session: Session, place: ViewportPoint) -> None:
+        """Set the first corner."""
+        self._from = self._to = place
+
+    def drag(self, session: Session, place: ViewportPoint) -> None:
+        """Set the opposite corner, for now."""
+        self._to = place
+
+    def cancel(self, session: Session) -> None:
+        """Forget the box."""
+        self._from = self._to = None
+
+    def overlay(self) -> RectShape | None:
+        """The box while it is drawn."""
+        if self._from is None or self._to is None:
+            return None
+        return RectShape(self._from.u, self._from.v, self._to.u, self._to.v, self._from.how)
 
 
 def region_hint(session: Session, act: str) -> str:

@@ -1,22 +1,16 @@
 """Join mouse, keys, tools and camera: one call a frame for the picture."""
 
 from gaga_core.arrays import DoubleArray
-from gaga_studio.actions import align_ground, measure, navigation, selection
-from gaga_studio.session.requests import Request
+from gaga_studio.features import camera, measure, selection
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, RectShape, Tool, ViewportPoint
-from gaga_studio.tools.brush import BrushTool
 from gaga_studio.tools.gestures import Act, Action, Gestures, KeyState, PointerState, fly_move
-from gaga_studio.tools.ground import GroundTool
-from gaga_studio.tools.lasso import LassoTool
-from gaga_studio.tools.measure import MeasureTool
 from gaga_studio.tools.move import MoveTool
-from gaga_studio.tools.object import ObjectTool
-from gaga_studio.tools.paint import CloneTool, ColorTool, EraseTool
-from gaga_studio.tools.pick import PickTool
-from gaga_studio.tools.polygon import PolygonTool
-from gaga_studio.tools.rect import RectTool
+from gaga_studio.tools.paint import BrushTool, CloneTool, ColorTool, EraseTool
+from gaga_studio.tools.pick import GroundTool, MeasureTool, ObjectTool, PickTool
+from gaga_studio.tools.region import LassoTool, PolygonTool, RectTool
 from gaga_studio.tools.sphere import SphereTool
 
 
@@ -114,7 +108,7 @@ def _use(session: Session, tool: Tool, action: Action, pointer: PointerState) ->
         if isinstance(tool, PolygonTool):
             tool.double_click(session, place)
         else:
-            navigation.focus_at(session, place.u, place.v, place.width, place.height)
+            camera.focus_at(session, place.u, place.v, place.width, place.height)
     elif action.act is Act.CLICK:
         tool.click(session, place)
     elif action.act is Act.MENU:
@@ -137,10 +131,8 @@ def _menu(session: Session, place: ViewportPoint) -> None:
     if view.outline is not None:
         view.outline = view.outline.without_last()
         return
-    if session.tool is ToolName.GROUND and view.ground:
-        align_ground.take_back(session)
-        return
-    if session.tool is ToolName.MEASURE and view.measured:
+    clicks_points = session.tool in (ToolName.GROUND, ToolName.MEASURE)
+    if clicks_points and measure.clicked(session).points:
         measure.take_back(session)
         return
     found = session.pick(place.u, place.v, place.width, place.height)

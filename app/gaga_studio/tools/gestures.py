@@ -12,9 +12,9 @@ from enum import Enum, auto
 from typing import Literal
 
 from gaga_core.scene.edits import How
+from gaga_studio.session.camera_rig import FLY_KEYS as FLY_KEYS
 
 CLICK_PIXELS = 4.0
-FLY_KEYS = frozenset("WASDQE")  # by their place on a US keyboard
 _ZOOM_PER_PIXEL = 0.03  # wheel notches
 Button = Literal["left", "right", "middle"]
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
-from gaga_studio.actions import history, selection, transform
+from gaga_studio.features import selection, transform
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import ClickTool, ViewportPoint
 
 _VERBS = {ToolName.MOVE: "Move", ToolName.ROTATE: "Rotate", ToolName.SCALE: "Scale"}
@@ -52,12 +52,12 @@ class MoveTool(ClickTool):
     def finish(self, session: Session) -> bool:
         """End the drag: one edit, if anything moved."""
         self._start = None
-        return history.commit_preview(session)
+        return session.commit_preview()
 
     def cancel(self, session: Session) -> None:
         """Cancel (Escape): the selection stays where it was."""
         self._start = None
-        history.cancel_preview(session)
+        session.cancel_preview()
 
     def click(self, session: Session, place: ViewportPoint) -> None:
         """Select the object under the mouse."""

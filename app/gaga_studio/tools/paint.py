@@ -1,4 +1,4 @@
-"""Brushes that change what they go over: erase, color and clone. A stroke is one edit."""
+"""Brushes that select, erase, color or clone what they go over. A stroke is one edit."""
 
 from time import perf_counter
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.scene import edits
-from gaga_core.scene.edits import Edit
-from gaga_core.scene.edits.duplicate import clone
+from gaga_core.scene.edits import Edit, How
+from gaga_core.scene.edits.placement import clone
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import by_screen
 from gaga_core.scene.selection.by_volume import (
@@ -18,12 +18,12 @@ from gaga_core.scene.selection.by_volume import (
     surface_point,
 )
 from gaga_core.scene.tint import mean_color, tint_affine
+from gaga_studio.features.selection import Region
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
-from gaga_studio.tools.base import PathShape, ViewportPoint
-from gaga_studio.tools.region import Region
+from gaga_studio.session.view import ToolName
+from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
 
 _SHARE = 0.5  # of the time that the preview of a stroke may take at most
 _APART = 0.5  # brush radii between two points of a clone stroke
@@ -38,9 +38,11 @@ class _Brush:
     """A round brush that shows what its stroke does and commits it on release."""
 
     takes_drag = True
+    is_content = True  # whether a stroke changes what a save keeps
 
     def __init__(self) -> None:
         self._document: Document | None = None
+        self._how: How = "set"
         self._last = (0.0, 0.0)
         self._at: tuple[float, float] | None = None
         self._radius = 0.0
@@ -75,7 +77,7 @@ class _Brush:
         document, self._document = self._document, None
         if document is not None:
             self._go(session, place)
-            document.do(self._edit(document.settled().scene))
+            document.do(self._edit(document.settled().scene), is_content=self.is_content)
 
     def cancel(self, session: Session) -> None:
         """Cancel: everything is as before the stroke."""
@@ -91,7 +93,8 @@ class _Brush:
     def overlay(self) -> PathShape | None:
         """The brush."""
         at = self._last if self._document is not None else self._at
-        return None if at is None else PathShape((at,), "set", radius=self._radius)
+        how = self._how if self._document is not None else "set"
+        return None if at is None else PathShape((at,), how, radius=self._radius)
 
     def _begin(self, session: Session, place: ViewportPoint) -> bool:
         raise NotImplementedError
@@ -110,13 +113,15 @@ class _Brush:
 class _SurfaceBrush(_Brush):
     """Acts on the splats of the visible surface that it goes over."""
 
+    surface_only = True
+
     def __init__(self) -> None:
         super().__init__()
         self._region: Region | None = None
         self._mask: BoolArray = np.zeros((0, 0), np.bool_)
 
     def _begin(self, session: Session, place: ViewportPoint) -> bool:
-        self._region = Region(session, place, surface_only=True)
+        self._region = Region(session, place, surface_only=self.surface_only)
         self._mask = np.zeros(self._region.shape, np.bool_)
         return True
 
@@ -132,6 +137,27 @@ class _SurfaceBrush(_Brush):
 
     def _on(self, scene: Scene, splats: np.ndarray) -> Edit | None:
         raise NotImplementedError
+
+
+class BrushTool(_SurfaceBrush):
+    """Paint over what is to be selected, as the options of a region say."""
+
+    name = ToolName.BRUSH
+    is_content = surface_only = False
+
+    def hint(self, session: Session) -> str:
+        """What a drag does now."""
+        return region_hint(session, "Paint") + " [ and ] change the size."
+
+    def _begin(self, session: Session, place: ViewportPoint) -> bool:
+        self._how = place.how
+        return super()._begin(session, place)
+
+    def _edit(self, scene: Scene) -> Edit | None:
+        if self._region is None:
+            return None
+        chosen, title = self._region.chosen(self._mask)
+        return edits.select(scene, chosen, self._how, title)
 
 
 class EraseTool(_SurfaceBrush):

@@ -5,10 +5,10 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.scene import edits
 from gaga_core.scene.selection import by_volume
-from gaga_studio.actions import selection
+from gaga_studio.features import selection
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint
 
 

@@ -1,29 +1,48 @@
 """Builders of edits: each reads the scene and returns the edit, or None if nothing would change.
 
 Nothing here changes a scene; `gaga_core.scene.edits.history.History.do` does. ``indices`` are rows
-(K,) in any order, or a mask (N,) bool. Modules named after a topic build edits; modules whose name
-ends in ``values`` hold the edits themselves.
+(K,) in any order, or a mask (N,) bool. The edits themselves are in `values`.
 """
 
-from gaga_core.scene.edits.append import append
-from gaga_core.scene.edits.duplicate import duplicate, free_group
 from gaga_core.scene.edits.folders import (
     delete_folder,
+    leave_parent,
     moved_folders,
     new_folder,
     put_in_folder,
     rename_folder,
+    set_parent,
 )
-from gaga_core.scene.edits.frame import move_scene, set_origin, set_scale
-from gaga_core.scene.edits.groups import merge_groups, rename, set_color, set_grouping, set_labels
-from gaga_core.scene.edits.identities import set_identities, use_labels
-from gaga_core.scene.edits.levels import join_here, split_here
-from gaga_core.scene.edits.named_selections import forget_selection, keep_selection, named_selection
-from gaga_core.scene.edits.parents import leave_parent, set_parent
-from gaga_core.scene.edits.placement import recolor, reset_placement, transform
-from gaga_core.scene.edits.split import separate, split, split_off
-from gaga_core.scene.edits.state import (
+from gaga_core.scene.edits.objects import (
+    forget_selection,
+    free_group,
+    join_here,
+    keep_selection,
+    merge_groups,
+    named_selection,
+    rename,
+    separate,
+    set_color,
+    set_grouping,
+    set_identities,
+    set_labels,
+    split,
+    split_here,
+    split_off,
+    use_labels,
+)
+from gaga_core.scene.edits.placement import (
+    duplicate,
+    move_scene,
+    recolor,
+    reset_placement,
+    set_origin,
+    set_scale,
+    transform,
+)
+from gaga_core.scene.edits.splats import (
     How,
+    append,
     delete,
     hide,
     isolate,

@@ -1,15 +1,13 @@
 """Undo and redo: a list of edits and a cursor, bounded in bytes, not in number."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-from gaga_core.scene.edits import Edit
-from gaga_core.scene.edits.json import encode_edit
-from gaga_core.scene.edits.placement_values import SetPlacement
-from gaga_core.scene.edits.values import is_selection
+from gaga_core.scene.edits.values import Edit, SetPlacement, is_selection
+from gaga_core.scene.edits.wire import EditJson, recorded
 from gaga_core.scene.scene import Scene
 
-DEFAULT_BUDGET = 1 << 30  # bytes
+DEFAULT_BUDGET = 1_024_000_000  # bytes; what the settings of the window start with, too
 
 
 @dataclass(frozen=True)
@@ -26,6 +24,11 @@ class HistoryEntry:
 class _Step:
     edit: Edit
     serial: int  # names the state after it
+    nbytes: int
+
+    @staticmethod
+    def of(edit: Edit, serial: int) -> "_Step":
+        return _Step(edit, serial, edit.nbytes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +37,7 @@ class HistoryRecord:
 
     edits: tuple[Edit, ...]  # oldest first
     cursor: int  # how many of them are done
-    forgotten: tuple[dict[str, object], ...]  # recorded form of what undo has forgotten
+    forgotten: tuple[EditJson, ...]  # recorded form of what undo has forgotten
 
 
 class History:
@@ -53,7 +56,7 @@ class History:
         self._base_serial = 0  # of the state before the oldest step that is kept
         self._preview: Edit | None = None
         self._base: Scene | None = None
-        self._dropped: list[dict[str, object]] = []  # recorded form of what undo has forgotten
+        self._dropped: list[EditJson] = []  # recorded form of what undo has forgotten
 
     # --- reading
 
@@ -93,7 +96,7 @@ class History:
     @property
     def nbytes(self) -> int:
         """Bytes of all entries."""
-        return sum(step.edit.nbytes for step in self._steps)
+        return sum(step.nbytes for step in self._steps)
 
     @property
     def budget(self) -> int:
@@ -137,19 +140,16 @@ class History:
     def entries(self) -> tuple[HistoryEntry, ...]:
         """All entries, oldest first."""
         return tuple(
-            HistoryEntry(
-                step.edit.title, step.edit.nbytes, i < self._cursor, is_selection(step.edit)
-            )
+            HistoryEntry(step.edit.title, step.nbytes, i < self._cursor, is_selection(step.edit))
             for i, step in enumerate(self._steps)
         )
 
-    def recorded(self) -> list[dict[str, object]]:
+    def recorded(self) -> list[EditJson]:
         """All that is done since the scene was opened, as a script for ``gaga edit``.
 
         What the byte budget has taken from undo is still here, in its packed form.
         """
-        kept = [encode_edit(step.edit) for step in self._steps[: self._cursor]]
-        return [*self._dropped, *({"op": "edit", **edit} for edit in kept if edit is not None)]
+        return [*self._dropped, *_recorded(self._steps[: self._cursor])]
 
     # --- changing
 
@@ -198,7 +198,7 @@ class History:
         """
         if self._serial:
             raise ValueError("resume: expected a history without entries")
-        self._steps = [_Step(edit, i + 1) for i, edit in enumerate(record.edits)]
+        self._steps = [_Step.of(edit, i + 1) for i, edit in enumerate(record.edits)]
         self._cursor, self._serial = record.cursor, len(record.edits)
         self._dropped = list(record.forgotten)
         self.set_budget(self._budget)
@@ -249,7 +249,7 @@ class History:
     def _push(self, edit: Edit) -> None:
         del self._steps[self._cursor :]
         self._serial += 1
-        self._steps.append(_Step(edit, self._serial))
+        self._steps.append(_Step.of(edit, self._serial))
         self._forget_oldest()
         self._cursor = len(self._steps)
 
@@ -258,11 +258,14 @@ class History:
         total = self.nbytes
         dropped = 0
         while total > self._budget and dropped < len(self._steps) - 1:
-            total -= self._steps[dropped].edit.nbytes
+            total -= self._steps[dropped].nbytes
             dropped += 1
         if dropped:
             self._base_serial = self._steps[dropped - 1].serial
-            packed = [encode_edit(step.edit) for step in self._steps[:dropped]]
-            self._dropped += [{"op": "edit", **edit} for edit in packed if edit is not None]
+            self._dropped += _recorded(self._steps[:dropped])
             del self._steps[:dropped]
             self._cursor = max(self._cursor - dropped, 0)
+
+
+def _recorded(steps: Iterable[_Step]) -> list[EditJson]:
+    return [edit for edit in (recorded(step.edit) for step in steps) if edit is not None]

@@ -1,16 +1,33 @@
-"""Builders of edits of placement rows: move, recolor."""
+"""Builders of edits that move, recolor and copy splats, and that move the scene as a whole."""
 
+import re
+from collections.abc import Set
 from dataclasses import replace
 
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, IntArray
+from gaga_core.errors import GagaError
 from gaga_core.geometry import compose_affine
-from gaga_core.scene.edits.placement_values import SetPlacement, take_rows
-from gaga_core.scene.index_set import IndexSet, sorted_indices
-from gaga_core.scene.scene import Placements, Scene
+from gaga_core.scene.edits.folders import inherit_folders
+from gaga_core.scene.edits.objects import free_group
+from gaga_core.scene.edits.splats import select
+from gaga_core.scene.edits.values import (
+    AppendCopies,
+    Edit,
+    SetFrame,
+    SetNames,
+    SetPlacement,
+    take_rows,
+    together,
+)
+from gaga_core.scene.frame import Frame, scale_of
+from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
+from gaga_core.scene.scene import Placements, Scene, State
+from gaga_core.scene.selection import algebra
 
 _ROUNDING = 1e-12  # relative: what is that near to where its file has it was not moved
+_LEAST_SCALE, _MOST_SCALE = 1e-9, 1e9  # factors of the whole scene
 
 
 def transform(
@@ -87,7 +104,10 @@ def _place(
     if resets:
         sources = np.concatenate([in_place, parted])
         after = replace(after, matrix=_of_files(scene, splats, old, sources))
-    if _same(old, after):
+    columns = (
+        (getattr(old, name), getattr(after, name)) for name in ("matrix", "color", "opacity")
+    )
+    if all(np.array_equal(a, b) for a, b in columns):
         return None
     goes = np.isin(scene.placement[splats], parted)
     return SetPlacement(
@@ -127,9 +147,144 @@ def composed(
     )
 
 
-def _same(a: Placements, b: Placements) -> bool:
-    return (
-        np.array_equal(a.matrix, b.matrix)
-        and np.array_equal(a.color, b.color)
-        and np.array_equal(a.opacity, b.opacity)
-    )
+# --- the scene as a whole -----------------------------------------------------------------------
+
+
+def move_scene(
+    scene: Scene, matrix: AnyArray, title: str, *, is_metric: bool | None = None
+) -> Edit | None:
+    """Move everything, hidden and locked splats too, by a similarity (3, 4), world.
+
+    Photos, bookmarks and the camera path follow (`gaga_core.scene.frame`). ``is_metric`` says
+    whether a unit is a metre then; by default as before. Raises ``ValueError`` when the map is no
+    rotation times a scale.
+    """
+    motion = np.vstack([np.asarray(matrix, np.float64)[:3], [0.0, 0.0, 0.0, 1.0]])
+    scale_of(motion)
+    before = scene.frame
+    metric = before.is_metric if is_metric is None else is_metric
+    after = Frame(motion @ before.world, metric)
+    set_frame = None if after.equals(before) else SetFrame(title, before, after)
+    is_still = np.array_equal(motion, np.eye(4))
+    moved = None if is_still else transform(scene, algebra.whole(scene), motion[:3], title)
+    return together(title, [moved, set_frame])
+
+
+def set_scale(scene: Scene, length: float, metres: float, about: AnyArray) -> Edit | None:
+    """Scale everything about a point (3,) so that ``length``, world, becomes ``metres``.
+
+    A unit is a metre then. Raises ``GagaError`` when a length is no positive number, or the factor
+    is none that a scene can have.
+    """
+    if not (np.isfinite([length, metres]).all() and length > 0 and metres > 0):
+        raise GagaError("A length must be above 0.")
+    factor = metres / length
+    if not _LEAST_SCALE < factor < _MOST_SCALE:
+        raise GagaError(f"The scene would become {factor:.3g} times as large. Check the lengths.")
+    offset = (1 - factor) * np.asarray(about, np.float64)
+    grown = np.column_stack([factor * np.eye(3), offset])
+    return move_scene(scene, grown, "Set scale", is_metric=True)
+
+
+def set_origin(scene: Scene, point: AnyArray) -> Edit | None:
+    """Move everything so that a point (3,), world, becomes the origin."""
+    offset = -np.asarray(point, np.float64)
+    return move_scene(scene, np.column_stack([np.eye(3), offset]), "Set origin")
+
+
+# --- copies -------------------------------------------------------------------------------------
+
+
+def duplicate(
+    scene: Scene,
+    indices: AnyArray,
+    matrix: AnyArray | None = None,
+    new_group: bool = True,
+    title: str = "Duplicate",
+) -> Edit | None:
+    """Append copies of these splats, moved by ``matrix`` (3, 4) world; the copies get selected.
+
+    With ``new_group`` each group that is copied whole becomes a new group, named after the
+    original ("mug 2") where that has a name; copies of a part of a group stay in it. Deleted
+    splats are not copied.
+    """
+    splats = sorted_indices(indices, len(scene))
+    splats = splats[~scene.has(State.DELETED)[splats]]
+    if len(splats) == 0:
+        return None
+    labels: IntArray = scene.labels[splats]
+    named: tuple[Edit | None, ...] = ()
+    if new_group:
+        labels, named = _copied_groups(scene, splats)
+    unselect = select(scene, np.zeros(0, np.int32))
+    copies = _copies(scene, splats, matrix, labels, title)
+    return together(title, (unselect, *copies, *named))
+
+
+def clone(
+    scene: Scene, indices: AnyArray, matrix: AnyArray, group: int, title: str = "Clone"
+) -> Edit | None:
+    """Append copies of these splats, moved by ``matrix`` (3, 4) world, as part of ``group``.
+
+    What a clone brush does: nothing gets selected. Deleted splats are not copied.
+    """
+    splats = sorted_indices(indices, len(scene))
+    splats = splats[~scene.has(State.DELETED)[splats]]
+    if len(splats) == 0:
+        return None
+    labels = np.full(len(splats), group, np.int32)
+    return together(title, _copies(scene, splats, matrix, labels, title, State(0)))
+
+
+def _copies(
+    scene: Scene,
+    splats: AnyArray,
+    matrix: AnyArray | None,
+    labels: IntArray,
+    title: str,
+    state: State = State.SELECTED,
+) -> tuple[SetPlacement | None, AppendCopies]:
+    """Copies (K,), on rows of their own when they are moved; no splat of the scene moves there."""
+    n, rows, moved = len(scene), scene.placement[splats], None
+    if matrix is not None:
+        n_rows, none = len(scene.placements), np.zeros(0, np.int32)
+        used, places = np.unique(rows, return_inverse=True)
+        fresh = n_rows + np.arange(len(used), dtype=np.int32)
+        rows, world = fresh[places], np.asarray(matrix, np.float64)[:3]
+        after = composed(take_rows(scene.placements, used), world, None, 1.0)
+        before, nobody = take_rows(scene.placements, none), IndexSet.of(none, n)
+        moved = SetPlacement("Duplicate", n_rows, fresh, before, after, nobody, used, fresh)
+    packed = PackedInts.of(labels), int(state)
+    return moved, AppendCopies(title, *packed, IndexSet.of(splats, n), PackedInts.of(rows))
+
+
+def _copied_groups(scene: Scene, splats: AnyArray) -> tuple[IntArray, tuple[Edit | None, ...]]:
+    """Labels (K,) of the copies, and the names and folders of the new groups."""
+    labels = scene.labels[splats]
+    live = scene.labels[~scene.has(State.DELETED)]
+    n_labels = int(live.max(initial=0)) + 1
+    n_live = np.bincount(live, minlength=n_labels)
+    n_chosen = np.bincount(labels, minlength=n_labels)
+    whole = np.flatnonzero((n_chosen > 0) & (n_chosen == n_live))
+    whole = whole[whole != 0]
+    if len(whole) == 0:
+        return labels, ()
+    fresh = free_group(scene) + np.arange(len(whole), dtype=np.int32)
+    target = np.arange(n_labels, dtype=np.int32)
+    target[whole] = fresh
+    used, names = set(scene.names.values()), {}
+    for old, new in zip(whole.tolist(), fresh.tolist(), strict=True):
+        if old in scene.names:
+            names[new] = _next_name(scene.names[old], used)
+            used.add(names[new])
+    origins = dict(zip(fresh.tolist(), whole.tolist(), strict=True))
+    return target[labels], (SetNames.of(scene, names), inherit_folders(scene, origins))
+
+
+def _next_name(name: str, used: Set[str]) -> str:
+    """The first free of "mug 2", "mug 3" for a copy of "mug", and of "mug 2" if there is a mug."""
+    base = re.sub(r" \d+$", "", name)
+    stem, k = base if base in used else name, 2
+    while f"{stem} {k}" in used:
+        k += 1
+    return f"{stem} {k}"

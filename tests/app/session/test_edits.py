@@ -8,13 +8,16 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray
 from gaga_core.color import rgb_from_dc
+from gaga_core.export.export import export_scene_stage
 from gaga_core.io.splats.ply import read_ply
+from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.tint import mean_color
-from gaga_studio.actions import color_grade, files, history, objects, selection, transform
-from gaga_studio.session.motion import shift
+from gaga_studio.features import export, objects, selection, transform
+from gaga_studio.features.find import association
+from gaga_studio.features.transform import shift
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, objects_of, scene_of, snapshot
@@ -49,7 +52,7 @@ def _colors(gaussians_sh: FloatArray) -> FloatArray:
 def test_the_whole_walk(
     session: Session, new_session: Callable[[], Session], scene_folder: Path, tmp_path: Path
 ) -> None:
-    files.associate(session)
+    association.associate(session)
     finish(session)
     scene = scene_of(session)
     red_one, bowl, doomed = objects_of(session)[:3]
@@ -59,8 +62,8 @@ def test_the_whole_walk(
     assert set(np.unique(scene.labels[scene.visible])) == {red_one}
     objects.show_all(session)
     selection.select_groups(session, (red_one,))
-    color_grade.preview_recolor(session, (0.2, 0.4, 0.9))
-    color_grade.recolor(session, (0.9, 0.1, 0.1))
+    transform.preview_recolor(session, (0.2, 0.4, 0.9))
+    transform.recolor(session, (0.9, 0.1, 0.1))
     np.testing.assert_allclose(
         mean_color(scene, group_indices(scene, red_one)), [0.9, 0.1, 0.1], atol=0.02
     )
@@ -78,16 +81,15 @@ def test_the_whole_walk(
 
     final = snapshot(scene)
     n_edits = len(session.history.entries()) if session.history else 0
-    while history.undo(session) is not None:
+    while session.undo() is not None:
         pass
     assert not session.unsaved
     for _ in range(n_edits):
-        assert history.redo(session) is not None
+        assert session.redo() is not None
     assert snapshot(scene) == final
 
     target = tmp_path / "out" / "scene.ply"
-    files.export(session, "scene", target, groups=True)
-    finish(session)
+    run_stage(export_scene_stage(scene, target, what="visible", groups=True))
     written = read_ply(target)
     assert len(written) == int(scene.visible.sum())
     groups = written.extra["group"]
@@ -97,10 +99,10 @@ def test_the_whole_walk(
     np.testing.assert_allclose(reds.mean(axis=0), [0.9, 0.1, 0.1], atol=0.03)
 
     selection.select_groups(session, (copy,))
-    files.export(session, "selected", tmp_path / "copy.ply")
+    export.export(session, "selected", tmp_path / "copy.ply")
     finish(session)
     assert len(read_ply(tmp_path / "copy.ply")) == len(group_indices(scene, copy))
-    files.export(session, "objects", tmp_path / "objects")
+    export.export(session, "objects", tmp_path / "objects")
     finish(session)
     assert sorted(p.name for p in (tmp_path / "objects").iterdir()) == [
         "groups.json",
@@ -145,9 +147,9 @@ def test_eye_lock_and_solo_of_the_list(associated: Session) -> None:
     selection.select_groups(associated, (group,))
     assert associated.selected_groups() == ()
     objects.set_locked(associated, group, False)
-    objects.isolate_group(associated, other)
+    objects.isolate_item(associated, other)
     assert set(np.unique(scene.labels[scene.visible])) == {other}
-    objects.isolate_group(associated, other)
+    objects.isolate_item(associated, other)
     assert scene.visible.all()
 
 
@@ -169,7 +171,7 @@ def test_inspector_follows_the_selection_through_undo(associated: Session) -> No
     selection.select_groups(associated, (first,))
     selection.select_groups(associated, (second,))
     assert associated.focus == second
-    history.undo(associated)
+    associated.undo()
     assert associated.focus == first
 
 

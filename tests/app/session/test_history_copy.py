@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from gaga_core.io.splats.ply import write_ply
-from gaga_core.scene.project import save_project, saved_scene
-from gaga_studio.actions import files, history, objects, selection, transform
-from gaga_studio.session.history_copy import FILE, copy_history, read_history, write_history
+from gaga_core.scene.project import save_project
+from gaga_core.scene.project_file import saved_scene
+from gaga_studio.features import files, objects, selection, transform
+from gaga_studio.features.autosave import FILE, copy_history, read_history, write_history
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, objects_of, scene_of, snapshot
 from tests.scenes import random_gaussians
@@ -25,7 +26,7 @@ def _edit(session: Session) -> None:
     selection.select_groups(session, (objects_of(session)[0],))
     objects.delete(session)
     objects.rename(session, objects_of(session)[-1], "mug")
-    history.undo(session)
+    session.undo()
 
 
 def test_a_file_of_splats_that_is_gone_takes_only_its_entry_and_older_ones(
@@ -67,7 +68,7 @@ def test_a_history_that_does_not_lead_to_the_scene_is_left_out(
         name = "scene-000000000000.npz"
     elif damage == "other history":
         copied = copy_history(associated.need())
-        history.redo(associated)  # the cursor is another one
+        associated.redo()  # the cursor is another one
         write_history(folder, copied, name)
     else:
         (folder / FILE).unlink()

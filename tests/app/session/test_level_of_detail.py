@@ -16,8 +16,7 @@ from gaga_core.scene.lod import edited
 from gaga_core.scene.lod.edited import node_facts
 from gaga_core.scene.lod.tree import level_file
 from gaga_core.scene.project import save_project
-from gaga_studio import commands
-from gaga_studio.actions import files
+from gaga_studio.features import commands, files
 from gaga_studio.session import level_of_detail
 from gaga_studio.session.session import Session
 from tests.scenes import random_gaussians

@@ -19,9 +19,9 @@ from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.streamed import write_streamed_sog_stage
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.selection import algebra
-from gaga_studio.actions import objects
+from gaga_studio.features import objects
 from gaga_studio.session import saving
-from gaga_studio.session.requests import Request
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, objects_of, scene_of, snapshot
 from tests.gltf_files import write_gltf

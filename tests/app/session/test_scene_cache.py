@@ -6,7 +6,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.scene import Scene
-from gaga_studio.session.motion import motion, shift
+from gaga_studio.features.transform import motion, shift
 from gaga_studio.session.scene_cache import SceneCache, SortKey, listed
 from tests.scenes import objects_scene
 

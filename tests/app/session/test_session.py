@@ -10,8 +10,9 @@ import pytest
 
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene.project import open_path_stage
-from gaga_studio.actions import files, history, objects, selection, transform
-from gaga_studio.commands import command, run
+from gaga_studio.features import objects, selection, transform
+from gaga_studio.features.commands import command, run
+from gaga_studio.features.find import association
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
@@ -20,15 +21,12 @@ from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
 _W, _H = 320, 240
 
 
-# --- opening
-
-
 def test_open_a_folder(session: Session) -> None:
     assert session.title == "table"
     assert len(session.cameras) == 8
     assert session.provider == "made"
     assert len(session.masks) == 8
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     assert offer is not None
     assert offer.reason == "8 photos have masks but no objects yet."
     assert offer.command == "object.associate"
@@ -75,7 +73,7 @@ def test_a_lone_splat_file(new_session: Callable[[], Session], scene_folder: Pat
     finish(session)
     assert session.title == "point_cloud.ply"
     assert session.cameras == ()
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     assert offer is not None
     assert not offer.action
     assert session.pick(_W / 2, _H / 2, _W, _H) is not None  # the first view shows it
@@ -88,11 +86,11 @@ def test_a_folder_without_masks_offers_to_make_them(
     session = new_session()
     session.open(scene_folder)
     finish(session)
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     assert offer is not None
     assert "no masks" in offer.reason
     assert offer.command == "object.masks_quick"
-    files.associate(session)
+    association.associate(session)
     assert "no masks" in session.notices[-1].text
     assert session.jobs.running is None
 
@@ -109,12 +107,12 @@ def test_a_selection_is_nothing_to_save(associated: Session) -> None:
     assert associated.title.endswith("*")
     selection.select_groups(associated, (second,))
     assert associated.unsaved
-    history.undo(associated)
-    history.undo(associated)
+    associated.undo()
+    associated.undo()
     assert not associated.unsaved
-    history.redo(associated)
+    associated.redo()
     assert associated.unsaved
-    history.undo(associated)
+    associated.undo()
     selection.select_groups(associated, (second,))
     assert not associated.unsaved
 
@@ -124,9 +122,9 @@ def test_saved_edits_are_saved_until_one_is_undone(associated: Session) -> None:
     associated.save()
     finish(associated)
     assert not associated.unsaved
-    history.undo(associated)
+    associated.undo()
     assert associated.unsaved
-    history.redo(associated)
+    associated.redo()
     assert not associated.unsaved
 
 
@@ -258,8 +256,8 @@ def test_the_end_of_the_program_waits_for_saves(associated: Session) -> None:
 
 def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
     before = snapshot(scene_of(session))
-    files.associate(session)
-    assert session.stage_offer() is None
+    association.associate(session)
+    assert association.stage_offer(session) is None
     seen: list[int] = []
     end = time.monotonic() + 60
     while session.jobs.running is not None and time.monotonic() < end:
@@ -285,16 +283,16 @@ def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
     group = objects_of(session)[0]
     assert {d.group for d in session.decisions(group)} == {group}
     assert session.objects().n_views[session.objects().row(group)] > 0
-    history.undo(session)
+    session.undo()
     assert snapshot(scene) == before
     assert session.decisions(group) == ()
-    history.redo(session)
+    session.redo()
     assert len(objects_of(session)) == n_objects
 
 
 def test_cancelled_association_leaves_everything(session: Session) -> None:
     before = snapshot(scene_of(session))
-    files.associate(session)
+    association.associate(session)
     session.jobs.cancel()
     finish(session)
     session.tick(0)
@@ -302,7 +300,7 @@ def test_cancelled_association_leaves_everything(session: Session) -> None:
     assert snapshot(scene_of(session)) == before
     assert session.history is not None
     assert not session.history.can_undo
-    assert session.stage_offer() is not None
+    assert association.stage_offer(session) is not None
 
 
 def test_duplicates_follow_their_originals(associated: Session) -> None:
@@ -311,13 +309,13 @@ def test_duplicates_follow_their_originals(associated: Session) -> None:
     scene = scene_of(associated)
     n_file = int(scene.source.max()) + 1
     assert len(scene) > n_file
-    files.associate(associated)
+    association.associate(associated)
     finish(associated)
     np.testing.assert_array_equal(scene.labels[n_file:], scene.labels[scene.source[n_file:]])
 
 
 def test_unknown_masks_are_a_sentence(session: Session) -> None:
-    files.associate(session, "none")
+    association.associate(session, "none")
     assert session.notices[-1].level is Level.ERROR
     assert "made" in session.notices[-1].text
 
@@ -328,7 +326,7 @@ def test_the_demo_opens_ready_for_its_objects(new_session: Callable[[], Session]
     finish(session)
     assert len(scene_of(session)) > 100_000
     assert len(session.masks) == len(session.cameras) == 40
-    assert session.stage_offer() is not None
+    assert association.stage_offer(session) is not None
 
 
 def test_the_offer_counts_one_photo_as_one(
@@ -343,7 +341,7 @@ def test_the_offer_counts_one_photo_as_one(
         session = new_session()
         session.open(scene_folder)
         finish(session)
-        offer = session.stage_offer()
+        offer = association.stage_offer(session)
         assert offer is not None
         assert offer.reason.startswith(start)
         first.unlink(missing_ok=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from gaga_core.errors import GagaError
-from gaga_studio.actions import selection
+from gaga_studio.features import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, load_settings, save_settings, settings_file
 

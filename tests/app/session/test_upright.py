@@ -11,8 +11,7 @@ import pytest
 from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.scene import edits
 from gaga_core.scene.project import save_project
-from gaga_studio.actions import history
-from gaga_studio.commands import run
+from gaga_studio.features.commands import run
 from gaga_studio.session import upright
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
@@ -59,8 +58,8 @@ def test_a_turned_file_is_turned_when_it_is_opened_again(
     assert not any(notice.command for notice in other.notices)
     assert run(upright.COMMAND, other)  # back, and forgotten
     assert load_settings()[0].upright == ()
-    history.undo(other)
-    history.undo(other)
+    other.undo()
+    other.undo()
     third = new_session()
     np.testing.assert_allclose(_opened(third, silent), before, atol=1e-6)
 

@@ -25,6 +25,16 @@ class Hand:
         self.pointer = replace(self.pointer, **{"is_double": False, "wheel": 0.0, **changes})
         self.controller.update(self.session, self.pointer, keys, 1 / 60)
 
+    def press(self, u: float, v: float, **changes: Any) -> None:
+        self.play(u=float(u), v=float(v))
+        self.play(left=True, **changes)
+
+    def move(self, u: float, v: float) -> None:
+        self.play(u=float(u), v=float(v))
+
+    def release(self) -> None:
+        self.play(left=False)
+
     def click_at(self, at: DoubleArray, keys: KeyState = _PLAIN) -> None:
         self.click(float(at[0]), float(at[1]), keys)
 
@@ -43,13 +53,11 @@ class Hand:
 
 
 def titles(session: Session) -> list[str]:
-    assert session.history is not None
-    return [entry.title for entry in session.history.entries()]
+    return [entry.title for entry in session.need().history.entries()]
 
 
 def state(session: Session) -> bytes:
-    scene = session.scene
-    assert scene is not None
+    scene = session.need().scene
     return b"".join(
         a.tobytes() for a in (scene.state, scene.labels, scene.placement, scene.placements.matrix)
     )

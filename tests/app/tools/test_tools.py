@@ -2,6 +2,7 @@
 
 import time
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -9,20 +10,26 @@ import pytest
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.actions import history, objects, selection
+from gaga_core.scene.selection.by_volume import SurfacePoint, map_between
+from gaga_core.scene.tint import mean_color
+from gaga_studio.features import objects, selection
+from gaga_studio.features.commands import for_shortcut, run
 from gaga_studio.session.session import NO_GROUPS, Session
-from gaga_studio.session.view_state import ToolName
+from gaga_studio.session.view import ToolName
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState
-from gaga_studio.ui.chrome.status_text import status_text
+from gaga_studio.ui.chrome.status import status_text
+from tests.app.looks import snapshot
 from tests.app.tools.hand import H, Hand, W, state, titles
 
 
 def _pixels(session: Session, group: int) -> DoubleArray:
     """Where the splats of a group are drawn (K, 2)."""
-    assert session.scene is not None
-    points = world_means(session.scene, group_indices(session.scene, group)).astype(np.float64)
+    points = world_means(session.need().scene, group_indices(session.need().scene, group)).astype(
+        np.float64
+    )
     return session.rig.camera(W, H).project(points)[0]
 
 
@@ -46,9 +53,8 @@ def test_click_selects_the_whole_object(associated: Session) -> None:
     group, at = _apart(associated)
     hand.click_at(at)
     assert associated.selected_groups() == (group,)
-    assert associated.scene is not None
     np.testing.assert_array_equal(
-        associated.selected_indices(), group_indices(associated.scene, group)
+        associated.selected_indices(), group_indices(associated.need().scene, group)
     )
     assert titles(associated)[-1] == f"Select group {group}"
     assert associated.focus == group
@@ -92,9 +98,8 @@ def test_double_click_turns_around_the_surface(associated: Session) -> None:
     _, at = _apart(associated)
     found = associated.pick(float(at[0]), float(at[1]), W, H)
     assert found is not None
-    hand.play(u=at[0], v=at[1])
-    hand.play(left=True, is_double=True)
-    hand.play(left=False)
+    hand.press(at[0], at[1], is_double=True)
+    hand.release()
     while associated.rig.update(0.05):
         pass
     np.testing.assert_allclose(associated.rig.pivot, found.point, atol=1e-6)
@@ -120,10 +125,9 @@ def test_rectangle_takes_single_splats_when_told_so(associated: Session) -> None
     hand = Hand(associated)
     associated.tool = ToolName.RECT
     associated.view.takes_splats = True
-    assert associated.scene is not None
     hand.drag(np.array([100.0, 100.0]), np.array([300.0, 250.0]))
     chosen = associated.selected_indices()
-    points = world_means(associated.scene).astype(np.float64)
+    points = world_means(associated.need().scene).astype(np.float64)
     pixels, depth = associated.rig.camera(W, H).project(points)
     lo, hi = np.array([100, 100]), np.array([300, 250])
     inside = ((pixels >= lo) & (pixels <= hi)).all(axis=1) & (depth > 0.01)
@@ -137,17 +141,16 @@ def test_the_rectangle_is_drawn_while_it_is_dragged_and_escape_forgets_it(
     hand = Hand(associated)
     associated.tool = ToolName.RECT
     before = state(associated)
-    hand.play(u=10.0, v=20.0)
-    hand.play(left=True)
+    hand.press(10.0, 20.0)
     assert hand.controller.overlay is None
-    hand.play(u=400.0, v=300.0)
+    hand.move(400.0, 300.0)
     shape = hand.controller.overlay
     assert shape is not None
     assert (shape.u0, shape.v0, shape.u1, shape.v1) == (10, 20, 400, 300)
     assert hand.controller.cancel(associated)
     assert hand.controller.overlay is None
     hand.play(u=500.0)
-    hand.play(left=False)
+    hand.release()
     assert state(associated) == before
     assert titles(associated) == []
 
@@ -155,12 +158,11 @@ def test_the_rectangle_is_drawn_while_it_is_dragged_and_escape_forgets_it(
 def test_another_tool_ends_the_gesture(associated: Session) -> None:
     hand = Hand(associated)
     associated.tool = ToolName.RECT
-    hand.play(u=10.0, v=20.0)
-    hand.play(left=True)
-    hand.play(u=400.0, v=300.0)
+    hand.press(10.0, 20.0)
+    hand.move(400.0, 300.0)
     associated.tool = ToolName.PICK
     hand.play(u=410.0)
-    hand.play(left=False)
+    hand.release()
     assert hand.controller.overlay is None
     assert titles(associated) == []
     hand.play(left=True)
@@ -201,7 +203,7 @@ def test_a_drag_of_the_handles_is_one_edit(associated: Session, name: ToolName) 
     assert titles(associated)[1:] == [f"{name.title()} group {group}"]
     wanted = start @ motion[:3, :3].T + motion[:3, 3]
     np.testing.assert_allclose(world_means(scene, splats), wanted, atol=1e-5)
-    history.undo(associated)
+    associated.undo()
     assert state(associated) == before
 
 
@@ -237,7 +239,7 @@ def test_status_tells_what_is_under_the_mouse(associated: Session) -> None:
     group, at = _apart(associated)
     objects.rename(associated, group, "red mug")
     for _ in range(400):
-        hand.play(u=at[0], v=at[1])
+        hand.move(at[0], at[1])
         associated.tick(1 / 60)
         if associated.hovered_group:
             break
@@ -254,3 +256,233 @@ def test_nothing_open_is_no_error(new_session: Any, tmp_path: Path) -> None:
     hand.click(10, 10)
     hand.drag(np.array([50.0, 50.0]), np.array([150.0, 80.0]))
     assert "drop" in status_text(session, hand.controller.tool(session))
+
+
+# --- Lasso, polygon, brush and rectangle: what a region takes, and one edit at the end.
+
+
+def _region(session: Session, tool: ToolName) -> tuple[Hand, IntArray]:
+    """A hand with a tool that selects single splats, and what lies in the middle of the picture."""
+    session.view.takes_splats = True
+    session.tool = tool
+    hand = Hand(session)
+    scene = session.need().scene
+    pixels, depth = session.rig.camera(W, H).project(world_means(scene).astype(np.float64))
+    inside = (np.abs(pixels - [W / 2, H / 2]) < [80, 60]).all(axis=1) & (depth > 0)
+    return hand, np.flatnonzero(inside).astype(np.int32)
+
+
+_SQUARE = np.array([[240, 180], [400, 180], [400, 300], [240, 300.0]])
+
+
+def test_a_lasso_selects_what_it_surrounds(associated: Session) -> None:
+    hand, want = _region(associated, ToolName.LASSO)
+    hand.press(240, 180)
+    for u, v in [*_SQUARE[1:], (240, 184)]:
+        hand.move(u, v)
+    assert hand.controller.overlay is not None
+    hand.release()
+    assert associated.selected_indices().tolist() == want.tolist()
+    assert titles(associated) == [f"Select {len(want):,} splats"]
+    assert hand.controller.overlay is None
+
+
+@pytest.mark.parametrize("ending", ["enter", "double click", "first corner"])
+def test_a_polygon_selects_what_its_corners_surround(associated: Session, ending: str) -> None:
+    hand, want = _region(associated, ToolName.POLYGON)
+    for u, v in _SQUARE:
+        hand.click(float(u), float(v))
+    if ending == "enter":
+        hand.click(100, 400)
+        wrong = for_shortcut("Backspace", associated)
+        assert wrong is not None
+        assert run(wrong.id, associated)
+        assert run("edit.confirm", associated)
+    elif ending == "double click":
+        hand.play(left=True, is_double=True)
+        hand.release()
+    else:
+        hand.click(242, 178)
+    assert associated.selected_indices().tolist() == want.tolist()
+    assert associated.view.outline is None
+    back = for_shortcut("Backspace", associated)
+    assert back is not None
+    assert back.id == "edit.delete"
+
+
+def test_a_polygon_ends_with_escape_or_when_the_camera_moves(associated: Session) -> None:
+    hand, _ = _region(associated, ToolName.POLYGON)
+    for leave in (lambda: run("edit.cancel", associated), lambda: associated.rig.orbit(30, 0)):
+        hand.click(240, 180)
+        hand.click(400, 180)
+        assert associated.view.outline is not None
+        leave()
+        associated.tick(1.0)
+        hand.move(300, 300)
+        assert associated.view.outline is None
+        assert associated.tool is ToolName.POLYGON
+    assert titles(associated) == []
+
+
+def test_a_brush_shows_its_selection_and_commits_once(associated: Session) -> None:
+    hand, _ = _region(associated, ToolName.BRUSH)
+    before = state(associated)
+    middle = np.array([W / 2, H / 2])
+    hand.press(320, 200)
+    hand.move(320, 240)
+    assert associated.is_previewing
+    assert len(associated.selected_indices())
+    associated.need().history.preview(None)
+    assert state(associated) == before
+    hand.move(320, 280)
+    hand.release()
+    assert len(titles(associated)) == 1
+    scene = associated.need().scene
+    pixels, depth = associated.rig.camera(W, H).project(world_means(scene).astype(np.float64))
+    off = pixels - middle
+    far = np.hypot(off[:, 0], np.maximum(np.abs(off[:, 1]) - 40, 0))
+    want = np.flatnonzero((far <= 24) & (depth > 0))
+    chosen = associated.selected_indices()
+    assert len(np.setxor1d(chosen, want)) <= 0.1 * len(want)  # centres on the edge of a pixel
+    hand.click(320, 240, KeyState(ctrl=True))
+    assert len(associated.selected_indices()) < len(chosen)
+
+
+def test_escape_in_a_stroke_leaves_nothing(associated: Session) -> None:
+    hand, _ = _region(associated, ToolName.BRUSH)
+    before = state(associated)
+    hand.press(320, 200)
+    hand.move(320, 240)
+    assert hand.controller.cancel(associated)
+    assert state(associated) == before
+    hand.release()
+    assert titles(associated) == []
+
+
+def test_the_visible_surface_is_a_part_of_what_lies_behind_each_other(associated: Session) -> None:
+    hand, want = _region(associated, ToolName.RECT)
+    associated.view.visible_only = True
+    hand.drag(_SQUARE[0], _SQUARE[2])
+    surface = associated.selected_indices()
+    assert 0 < len(surface) < len(want)
+    assert set(surface.tolist()) <= set(want.tolist())
+
+
+def test_brackets_change_the_brush(associated: Session) -> None:
+    for keys, factor in (("[", 0.8), ("]", 1.25)):
+        radius = associated.view.brush_radius
+        chosen = for_shortcut(keys, associated)
+        assert chosen is not None
+        assert run(chosen.id, associated)
+        assert associated.view.brush_radius == pytest.approx(radius * factor)
+
+
+# --- Erase, color and clone brushes: one edit a stroke, and nothing on Escape.
+
+_FROM, _TO = np.array([280.0, 240]), np.array([360.0, 250])
+
+
+def _hand(session: Session, tool: ToolName) -> Hand:
+    session.tool = tool
+    session.view.brush_radius = 20.0
+    return Hand(session)
+
+
+def test_a_stroke_erases_what_is_seen_and_undo_brings_it_back(associated: Session) -> None:
+    scene = associated.need().scene
+    before = snapshot(scene)
+    _hand(associated, ToolName.ERASE).drag(_FROM, _TO)
+    gone = scene.has(State.DELETED)
+    pixels, depth = associated.rig.camera(W, H).project(world_means(scene).astype(np.float64))
+    across = pixels - _FROM
+    along = np.clip(across @ (_TO - _FROM) / np.sum((_TO - _FROM) ** 2), 0, 1)
+    under = np.linalg.norm(across - along[:, None] * (_TO - _FROM), axis=1) < 21
+    assert gone.any()
+    assert not gone[~under].any()
+    assert (under & ~gone & (depth > np.median(depth[gone]) * 1.1)).any(), "what is behind stays"
+    assert titles(associated) == [f"Erase {gone.sum():,} splats"]
+    associated.need().undo()
+    assert snapshot(scene) == before
+
+
+def test_a_press_does_not_wait_for_the_surface(associated: Session) -> None:
+    """Nor do the previews of a drag: the picture goes on while the depth is rendered."""
+    go_on = Event()
+    busy = selection._worker.submit(go_on.wait, 5)
+    hand = _hand(associated, ToolName.ERASE)
+    scene = associated.need().scene
+    hand.move(_FROM[0], _FROM[1])
+    hand.play(left=True)
+    hand.move(_TO[0], _TO[1])
+    assert not scene.has(State.DELETED).any()
+    go_on.set()
+    assert busy.result()
+    hand.release()
+    assert scene.has(State.DELETED).any()
+
+
+def test_a_stroke_colors_and_ctrl_click_takes_a_color(associated: Session) -> None:
+    hand = _hand(associated, ToolName.COLOR)
+    associated.view.brush_color = (0.1, 0.7, 0.2)
+    hand.drag(_FROM, _TO)
+    scene = associated.need().scene
+    painted = np.flatnonzero(scene.placement > 0)
+    assert len(painted) > 5
+    assert np.allclose(mean_color(scene, painted), (0.1, 0.7, 0.2), atol=1e-3)
+    assert len(titles(associated)) == 1
+    associated.view.brush_color = (0.0, 0.0, 0.0)
+    hand.click(320, 245, KeyState(ctrl=True))
+    assert associated.view.brush_color[1] > 0.5
+    assert len(titles(associated)) == 1
+
+
+def test_a_stroke_clones_from_the_source_and_escape_leaves_nothing(associated: Session) -> None:
+    hand = _hand(associated, ToolName.CLONE)
+    scene = associated.need().scene
+    n = len(scene)
+    hand.drag(_FROM, _TO)
+    assert len(scene) == n, "there is no source yet"
+    assert hand.controller.clone_source(associated) is None
+    hand.click(320, 245, KeyState(ctrl=True))
+    assert "source is set" in associated.hint
+    source = hand.controller.clone_source(associated)
+    assert source is not None
+    camera = associated.rig.camera(W, H)
+    assert np.allclose(camera.project(source[None])[0], (320, 245), atol=1)
+    before = snapshot(scene)
+    hand.press(250, 300)
+    hand.move(270, 300)
+    moved = hand.controller.clone_source(associated)
+    assert moved is not None
+    assert np.linalg.norm(moved - source) > 1e-3, "it goes along with the stroke"
+    assert associated.hint == "", "the tool says what a drag does"
+    assert len(scene) > n
+    hand.controller.cancel(associated)
+    assert snapshot(scene) == before
+    at_rest = hand.controller.clone_source(associated)
+    assert at_rest is not None
+    assert np.array_equal(at_rest, source)
+    hand.release()
+    hand.drag(np.array([250.0, 300]), np.array([270.0, 300]))
+    assert len(scene) > n
+    assert titles(associated) == [f"Clone {len(scene) - n:,} splats"]
+    copies = world_means(scene)[n:].astype(np.float64)
+    pixels, _ = associated.rig.camera(W, H).project(copies)
+    assert np.abs(np.median(pixels, axis=0) - [260, 300]).max() < 40
+    assert not scene.has(State.SELECTED).any()
+    associated.tool = ToolName.PICK
+    hand.play()
+    assert hand.controller.clone_source(associated) is None
+
+
+def test_a_map_between_surfaces_lines_up_points_and_normals() -> None:
+    rng = np.random.default_rng(0)
+    for normal in (*rng.normal(size=(20, 3)), np.array([0, 0, -1.0])):
+        a = SurfacePoint(rng.normal(size=3), np.array([0, 0, 1.0]), 1)
+        b = SurfacePoint(rng.normal(size=3), normal / np.linalg.norm(normal), 2)
+        found = map_between(a, b)
+        turn = found[:, :3]
+        assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+        assert np.isclose(np.linalg.det(turn), 1)
+        assert np.allclose(turn @ a.normal, b.normal)
+        assert np.allclose(turn @ a.point + found[:, 3], b.point)

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from gaga_studio.actions import files, history, objects, selection
-from gaga_studio.commands import run
+from gaga_studio.features import export, objects, selection
+from gaga_studio.features.commands import run
+from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, load_settings
 from gaga_studio.ui.dialogs.first_steps import _HIGH, STEPS, FirstSteps, place
@@ -24,7 +25,7 @@ def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path
         seen.append(progress.next)
 
     look()
-    files.associate(session)
+    association.associate(session)
     finish(session)
     look()
     selection.select_groups(session, (1,))
@@ -33,11 +34,11 @@ def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path
     look()  # to select is no change
     objects.hide(session)
     look()
-    files.export(session, "scene", tmp_path / "out.ply")
+    export.export(session, "scene", tmp_path / "out.ply")
     finish(session)
     look()
     assert seen == [2, 3, 4, 4, 5, 0]
-    history.undo(session)
+    session.undo()
     look()
     assert progress.done == {name for name, _ in STEPS}, "what was done stays done"
 
@@ -84,13 +85,12 @@ def test_the_card_in_the_window(display: str, scene_folder: Path, size: tuple[in
     def walk(d: Driver) -> None:
         d.settle()
         card = d.engine.get_window_by_ref("//First steps")
-        below = d.session.stage_offer()
+        below = association.stage_offer(d.session)
         assert below is not None
         assert card.pos.y + card.size.y <= d.studio.ui.area.offer_top
         d.click("**/###Find objects")
         d.settle()
         d.click("First steps/###Put away")
-        d.frames(3)
         assert d.session.settings.first_steps_done
         assert not d.engine.get_window_by_ref("//First steps").active
         d.menu("Help/###First steps")

@@ -5,15 +5,13 @@ from pathlib import Path
 import pytest
 from imgui_bundle import imgui
 
-from gaga_studio.actions import selection
-from gaga_studio.commands import COMMANDS
-from gaga_studio.session.requests import Request
+from gaga_studio.features import selection
+from gaga_studio.features.commands import COMMANDS
+from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.ui.dispatch import request_table
-from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.studio import SceneUi, UiState, openers
 from gaga_studio.ui.panels.film_strip import FilmStripState
-from gaga_studio.ui.state import SceneUi, UiState
 from tests.app.window.driver import KEY, Driver, drive
 
 _BY_MOUSE = {Request.OBJECT_MENU, Request.SCENE_MENU}
@@ -22,14 +20,7 @@ _KEYBOARD = {Request.RENAME, Request.FIND, Request.FIND_IN_VIEW}  # open nothing
 
 
 def test_every_request_has_exactly_one_dialog() -> None:
-    assert request_table(UiState()).requests == set(Request)
-
-
-def test_a_second_dialog_for_a_request_is_refused() -> None:
-    table = RequestTable()
-    table.register_popup(Request.ABOUT, "About")
-    with pytest.raises(ValueError, match="ABOUT"):
-        table.register_popup(Request.ABOUT, "Another")
+    assert set(openers(UiState())) == set(Request)
 
 
 def test_every_request_is_asked_by_a_command_or_the_mouse(session: Session) -> None:
@@ -71,7 +62,6 @@ def test_each_request_opens_one_thing(display: str, grouped_scene: Path) -> None
             is_open = d.on_main(lambda: imgui.is_popup_open("", any_popup))
             assert is_open, request
             d.keys(KEY.escape)
-            d.frames(3)
             assert files.dialog is None
             assert not d.on_main(lambda: imgui.is_popup_open("", any_popup)), request
         d.session.request = Request.RENAME

@@ -1,14 +1,25 @@
 """Colors of both themes: none is left to the toolkit, words stand out from what is behind them."""
 
+import unicodedata
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 from imgui_bundle import ImVec4, imgui
 
+from gaga_core import kernels
+from gaga_core.progress import Progress, run_stage
+from gaga_core.raster import backend_report
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.objects import folder_colors, group_colors
+from gaga_studio.session import stages
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import Settings
+from gaga_studio.ui.chrome import status
 from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit.theme import visual
+from tests.app.folders import write_scene
 
 
 def luminance(rgb: Sequence[float]) -> float:
@@ -78,3 +89,90 @@ def test_dots_of_objects_are_seen(either: bool) -> None:
     assert theme.rim(panel[:3]) is not None
     plain = [contrast(color, panel) >= 3 for color in palette]
     assert [theme.rim(color) is None for color in palette] == plain, "no rim that is not needed"
+
+
+# --- Names in Arabic and Hebrew as they are drawn from left to right.
+
+
+@pytest.mark.parametrize("text", ["", "mug 2", "Tasse à café", "чашка", "茶杯", "😀 mug"])
+def test_other_scripts_stay_as_they_are(text: str) -> None:
+    assert visual(text) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "drawn"),
+    [
+        ("שלום", "םולש"),
+        ("שלום 12 abc", "12 abc םולש"),
+        ("abc שלום", "abc םולש"),
+        ("(שלום)", "(םולש)"),
+    ],
+)
+def test_runs_are_turned_and_numbers_are_not(text: str, drawn: str) -> None:
+    assert visual(text) == drawn
+
+
+def test_arabic_letters_take_the_form_of_their_place() -> None:
+    places = [unicodedata.decomposition(letter).split()[0] for letter in visual("قهوة")]
+    assert places == ["<isolated>", "<final>", "<medial>", "<initial>"]
+    assert unicodedata.normalize("NFKC", visual("قهوة"))[::-1] == "قهوة"
+
+
+# --- What the status bar says: who computes and why, and that kernels are compiled in the quiet.
+
+
+@pytest.fixture(autouse=True)
+def _look_again() -> None:
+    status._look.cache_clear()
+
+
+def test_it_names_the_backend_and_the_reason() -> None:
+    name, reason = backend_report(wait=False)
+    found = status.backend()
+    assert (found.name, found.reason) == (name.upper(), reason)
+    assert found.sentence.endswith(f"{reason}.")
+    assert name.upper() in found.sentence
+
+
+def test_a_choice_by_the_user_is_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GAGA_BACKEND", "cpu")
+    assert status.backend() == status.Backend("CPU", "GAGA_BACKEND says so")
+
+
+def test_it_is_not_asked_every_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[bool] = []
+
+    def report(*, wait: bool) -> tuple[str, str]:
+        asked.append(wait)
+        return "cuda", "a card"
+
+    monkeypatch.setattr(status, "backend_report", report)
+    monkeypatch.setattr(status, "_LOOK_EVERY", 1e9)
+    assert {status.backend() for _ in range(100)} == {status.Backend("CUDA", "a card")}
+    assert asked == [False]  # and no self-test is started
+
+
+def test_kernels_are_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """With progress that names its steps; what is compiled in this process costs nothing again."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))  # where the note of the end is kept
+    seen: list[Progress] = []
+    run_stage(stages.kernels_stage(), seen.append)
+    assert {step.stage for step in seen} == {"Prepare kernels"}
+    assert len({step.message for step in seen}) > 5
+    assert kernels.is_compiled()
+    assert list(stages.kernels_stage()) == []
+
+
+def test_opening_a_scene_prepares_the_kernels_beside(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    started: list[str] = []
+    write_scene(tmp_path / "scene", n_objects=2)
+    session = Session(Settings())
+    monkeypatch.setattr(session.jobs, "start_quiet", lambda title, stage: started.append(title))
+    session.open(tmp_path / "scene")
+    assert session.jobs.wait()
+    session.tick(0.1)
+    assert session.scene is not None
+    assert started == ["Prepare kernels"]
+    assert session.jobs.running is None

@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,20 @@ from imgui_bundle import ImVec2, glfw_utils, imgui
 from imgui_bundle.immapp import testing
 
 from gaga_core.arrays import UInt8Array
+from gaga_core.scene.edits.history import History
+from gaga_core.scene.scene import Scene
+from gaga_studio.features import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName, ViewState
 from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
 
 PATIENCE_S = 120.0  # longest wait for anything, unless a caller knows that more is needed
-# Of the window that nobody looks at: filling its pixels is most of a frame in software. The picture
-# of the splats has a buffer of its own, and is whole.
-_UNSEEN_SCALE = 0.05
+_SEEN = 4  # frames after which what was done is seen, a sheet that opens too
+# Of the window and of the picture of the splats while nobody looks: filling pixels is most of a
+# frame in software.
+_UNSEEN_SCALE, _UNSEEN_PICTURE = 0.05, 0.1
 
 
 class Driver:
@@ -32,6 +37,7 @@ class Driver:
         self.patience_s = patience_s
         self.engine = engine  # imgui.test_engine.TestContext
         self.fills_window = False  # or as much as `_UNSEEN_SCALE`
+        self.sees = False  # the picture of the splats in full, or `_UNSEEN_PICTURE` of it
         self._on_main: Callable[[], Any] | None = None
         self._answer: Any = None
 
@@ -39,7 +45,19 @@ class Driver:
     def session(self) -> Session:
         return self.studio.session
 
+    @property
+    def scene(self) -> Scene:
+        return self.session.need().scene
+
+    @property
+    def history(self) -> History:
+        return self.session.need().history
+
     # --- waiting
+
+    def select(self, *groups: int) -> None:
+        self.on_main(lambda: selection.select_groups(self.session, groups))
+        self.frames(_SEEN)
 
     def frames(self, n: int = 2) -> None:
         self.engine.yield_(n)
@@ -63,12 +81,13 @@ class Driver:
         """Click an item: "Objects/Table" or "**/Delete"; the window comes first."""
         self.engine.item_click(f"//{ref}")
         self.check(ref)
+        self.frames(_SEEN)
 
     def menu(self, path: str) -> None:
         self.engine.set_ref("//##MainMenuBar")
         self.engine.menu_click(path)
         self.check(path)
-        self.frames()
+        self.frames(_SEEN)
 
     def focus(self, panel: str) -> None:
         """Bring a panel to the front of its tabs."""
@@ -78,13 +97,13 @@ class Driver:
     def keys(self, *chord: imgui.Key) -> None:
         # Summed as numbers: "|" of these enum members fails in Python before 3.11.4.
         self.engine.key_press(sum(int(key) for key in chord))
-        self.frames()
+        self.frames(_SEEN)
 
     def type_into(self, ref: str, text: str) -> None:
         self.engine.item_click(f"//{ref}")
         self.check(ref)
         self.engine.key_chars_replace_enter(text)
-        self.frames()
+        self.frames(_SEEN)
 
     def answer_path(self, path: Path) -> None:
         """Type a path into the open file dialog and accept it."""
@@ -112,7 +131,17 @@ class Driver:
     def click_picture(self, u: float, v: float, button: int = 0) -> None:
         self.move_to(u, v)
         self.engine.mouse_click(button)
-        self.frames()
+        self.frames(_SEEN)
+
+    def drop(self, ref: str, onto: str) -> None:
+        self.engine.item_drag_and_drop(f"//{ref}", f"//{onto}")
+        self.frames(_SEEN)
+
+    def menu_of(self, ref: str, item: str) -> None:
+        """Right-click an item, and click in its menu."""
+        self.engine.item_click(f"//{ref}", 1)
+        self.frames(_SEEN)
+        self.click(f"$FOCUSED/{item}")
 
     def drag_picture(
         self, start: tuple[float, float], by: tuple[float, float], button: int = 0
@@ -145,11 +174,20 @@ class Driver:
     def pixels(self) -> UInt8Array:
         """The picture (H, W, 3) after everything has settled, nothing under the mouse."""
         self.engine.mouse_move_to_pos(ImVec2(imgui.get_io().display_size.x - 4, 4))
-        self.settle()
-        viewport = self.studio.viewport
-        assert viewport is not None
-        picture: UInt8Array = self.on_main(viewport.read_pixels)
+        with self.looking():
+            viewport = self.studio.viewport
+            assert viewport is not None
+            picture: UInt8Array = self.on_main(viewport.read_pixels)
         return picture
+
+    @contextmanager
+    def looking(self) -> Iterator[None]:
+        """The whole picture of the splats inside the block, which begins and ends settled."""
+        before, self.sees = self.sees, True
+        self.settle()
+        yield
+        self.sees = before
+        self.settle()
 
     def on_main(self, act: Callable[[], Any]) -> Any:
         """Do something in the thread that owns window and context: a test has one of its own."""
@@ -217,6 +255,15 @@ def drive(
     studio.never_idle = True
 
     drivers: list[Driver] = []
+    view_for = studio._pacing.view_for
+
+    def unseen(view: ViewState, motion: object, n_splats: int) -> ViewState:
+        is_seen = drivers and (drivers[0].sees or drivers[0].fills_window)
+        scale = 1.0 if is_seen else _UNSEEN_PICTURE
+        made = view_for(view, motion, n_splats)
+        return replace(made, resolution_scale=made.resolution_scale * scale)
+
+    studio._pacing.view_for = unseen  # type: ignore[method-assign]
 
     def run(engine: Any) -> None:
         # `Driver.until` ends a test that waits in vain; the engine's own limit is for all of it.

@@ -9,12 +9,13 @@ import pytest
 from gaga_core.export.cameras import CameraForm
 from gaga_core.io.cameras.cameras_json import read_cameras_json
 from gaga_core.io.cameras.colmap import read_colmap
-from gaga_core.io.splats.splat_files import SplatFormat, read_splats
-from gaga_studio.actions import selection
-from gaga_studio.commands import run
+from gaga_core.io.splats.splat_files import SplatFormat, read_splats, write_splats
+from gaga_studio.features import selection
+from gaga_studio.features.commands import run
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.pages import page_data
+from tests.scenes import objects_scene, random_gaussians
 
 pytestmark = pytest.mark.window
 
@@ -27,7 +28,6 @@ def test_every_form_is_in_reach_in_a_small_window(display: str, tmp_path: Path) 
     def walk(d: Driver) -> None:
         sheet = d.studio.ui.export
         d.menu("File/###Export scene…")
-        d.frames(3)
         for form, suffix in _FORMS.items():
             d.click(f"**/###{form}")
             assert sheet.form.suffix == suffix
@@ -44,24 +44,20 @@ def _cameras(d: Driver, folder: Path) -> None:
     d.session.notices = ()
     sheet, n = d.studio.ui.export, len(d.session.cameras)
     d.menu("File/###Export cameras…")
-    d.frames(3)
     assert sheet.path.endswith(" cameras.json")
     d.click("**/###COLMAP")
-    d.frames()
     assert Path(sheet.path).suffix == ""
     d.export_to(folder / "model")
     d.settle()
     assert len(read_colmap(folder / "model").cameras) == n
     assert d.exists("**/###Show in folder")
     d.menu("File/###Export cameras…")
-    d.frames(3)
     d.click("**/###cameras.json")
     d.export_to(folder / "transforms.json")  # the form follows the name
     d.settle()
     assert len(json.loads((folder / "transforms.json").read_text())["frames"]) == n
     assert sheet.cameras is CameraForm.TRANSFORMS_JSON
     d.menu("File/###Export cameras…")
-    d.frames(3)
     d.click("**/###cameras.json")
     d.export_to(folder / "cameras.json")
     d.settle()
@@ -78,7 +74,6 @@ def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> 
         d.settle()
         n = int((session.objects().ids > 0).sum())
         d.menu("File/###Export objects…")
-        d.frames(3)
         d.keys(KEY.escape)
         assert not d.exists("Export/###Export now")
         for form, kind in (
@@ -86,7 +81,6 @@ def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> 
             ("Compressed PLY", SplatFormat.COMPRESSED_PLY),
         ):
             d.menu("File/###Export objects…")
-            d.frames(3)
             d.click(f"**/###{form}")
             assert sheet.form is kind
             assert not (tmp_path / kind).exists(), "nothing before it is wanted"
@@ -98,7 +92,6 @@ def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> 
                 assert entry["file"].endswith(kind.suffix)
                 assert len(read_splats(tmp_path / kind / entry["file"])) == entry["count"]
         d.menu("File/###Export meshes…")
-        d.frames(3)
         d.click("**/###Box")
         d.click("**/###OBJ")
         d.export_to(tmp_path / "boxes")
@@ -106,7 +99,6 @@ def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> 
         assert len(list((tmp_path / "boxes").glob("*.box.obj"))) == n
         selection.select_groups(session, (int(session.objects().ids[1]),))
         d.menu("File/###Export objects…")
-        d.frames(3)
         d.click("**/###Selection")  # the same sheet: what is written is a choice of its own
         assert sheet.path.endswith(".compressed.ply")
         d.click("**/###PLY")
@@ -121,22 +113,17 @@ def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> 
         assert len(means) == len(session.selected_indices())
         assert d.exists("**/###Show in folder")
         d.menu("Edit/###Reduce splats…")
-        d.frames(3)
         d.click("**/###Reduce now")
         d.settle()
         assert (session.need().history.undo_title or "").startswith("Reduce splats of ")
         run("edit.undo", session)
         d.menu("File/###Export scene…")
-        d.frames(3)
         d.click("**/###Choose a place")
-        d.frames(3)
         assert d.studio.ui.files.dialog is not None
         d.keys(KEY.escape)
-        d.frames(3)
         assert d.exists("Export/###Export now"), "the sheet is back when no place was chosen"
         d.keys(KEY.escape)
         d.menu("File/###Export a web page…")
-        d.frames(3)
         assert sheet.form.suffix == ".html"
         assert sheet.path.endswith(".html")
         d.click("**/###GLB")
@@ -146,8 +133,45 @@ def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> 
         d.settle()
         assert len(page_data(tmp_path / "page.html")[0]["objects"]) == n + 1
         d.menu("File/###Export scene…")
-        d.frames(3)
         assert sheet.form is SplatFormat.PLY, "a page is asked for by its own entry of the menu"
         d.keys(KEY.escape)
 
     drive(walk, path=tmp_path / "balls", size=(1280, 800))
+
+
+# --- Add splats and an export that loses something, by the menu and the window's own dialogs.
+
+
+def test_add_splats_and_export_them_small(display: str, tmp_path: Path) -> None:
+    write_splats(tmp_path / "balls.ply", objects_scene().gaussians)
+    write_splats(
+        tmp_path / "chair.spz", random_gaussians(300, sh_degree=1, extent=0.4), SplatFormat.SPZ
+    )
+
+    def walk(d: Driver) -> None:
+        session = d.session
+        n = len(session.need().scene)
+        before = d.pixels()
+        d.menu("File/Add splats…")
+        dialog = d.studio.ui.files.dialog
+        assert dialog is not None
+        assert ".spz" in dialog.suffixes
+
+        def choose(path: Path) -> None:
+            shown = d.studio.ui.files.dialog
+            assert shown is not None
+            shown._text = str(path)
+            d.frames(2)
+
+        choose(tmp_path / "chair.spz")
+        d.click("###File dialog/Add")
+        d.settle()
+        assert len(session.need().scene) == n + 300
+        assert (d.pixels() != before).any()
+
+        d.menu("File/Export scene…")
+        d.export_to(tmp_path / "small.splat")
+        d.settle()
+        assert (tmp_path / "small.splat").stat().st_size == 32 * (n + 300)
+
+    drive(walk, path=tmp_path / "balls.ply")

@@ -1,13 +1,31 @@
 """Docks: wide enough for their text at every scale, and never lost."""
 
 import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from imgui_bundle import ImVec4, imgui
+from PIL import Image
 
+from gaga_core.scene.objects import group_indices
+from gaga_core.scene.selection.algebra import world_means
+from gaga_studio.features import camera, commands, objects
+from gaga_studio.features.find import memory_bank
+from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
-from tests.app.window.driver import Driver, drive
+from gaga_studio.session.view import Mode, ToolName
+from gaga_studio.system.fonts import fonts_with
+from gaga_studio.ui.dialogs.files import FileDialog, PathKind
+from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit.theme import visual
+from tests.app.window.driver import KEY, Driver, drive
+from tests.app.window.layout_check import TextWatch, findings
 
 pytestmark = pytest.mark.window
 _LEAST = 100  # pixels of a dock, times the scale of the text
@@ -62,3 +80,488 @@ def test_a_remembered_layout_without_a_picture_is_put_right(display: str, tmp_pa
         _check(d)
 
     drive(walk, size=(1300, 800), layout_file=layout)
+
+
+# --- What pictures of the window at three sizes showed: cards over their object, cut rows and
+# bars.
+
+
+def test_a_small_window(display: str, grouped_copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def walk(d: Driver) -> None:
+        group = _lowest(d)
+        _the_card_of_a_mask_keeps_off_its_object(d, group, monkeypatch)
+        _the_chosen_mask_is_in_sight(d, group)
+        _nothing_lies_over_the_choices_of_a_split_view(d, group)
+        _titles_of_panels_are_whole(d)
+
+    drive(walk, path=grouped_copy, size=(800, 500))
+
+
+def _middle(d: Driver, group: int) -> tuple[float, float]:
+    """Where an object is on the screen."""
+    scene = d.scene
+    u, v = d.project(np.median(world_means(scene, group_indices(scene, group)), axis=0))
+    left, top = d.corner
+    return left + u, top + v
+
+
+def _lowest(d: Driver) -> int:
+    """The object of several masks that is nearest to the middle of the lower half."""
+    wanted = d.corner[0] + 0.5 * d.size[0], d.corner[1] + 0.7 * d.size[1]
+    ids: list[int] = d.session.objects().ids.tolist()
+    groups = [g for g in ids if g and len(d.session.decisions(g)) > 4]
+    return min(groups, key=lambda g: np.hypot(*np.subtract(_middle(d, g), wanted)))
+
+
+def _the_card_of_a_mask_keeps_off_its_object(
+    d: Driver, group: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It lay over the object, and its title was cut."""
+    shown: list[str] = []
+    draw: Callable[[str], None] = imgui.text_unformatted
+
+    def watched(text: str) -> None:
+        shown.append(text)
+        draw(text)
+
+    decision = _choose(d, group, 1)
+    monkeypatch.setattr(imgui, "text_unformatted", watched)
+    d.frames(3)
+    monkeypatch.undo()
+    card = d.engine.window_info("//Viewport/Mask in its photo").window.rect()
+    u, v = _middle(d, group)
+    assert v > d.corner[1] + 0.4 * d.size[1], "the test looks at an object that is low"
+    assert not (card.min.x <= u <= card.max.x and card.min.y <= v <= card.max.y)
+    cube = d.engine.item_info("//Viewport/View cube").rect_full
+    assert card.max.x <= cube.min.x
+    assert any(text.endswith(f", mask {decision.mask}") for text in shown)
+
+
+def _choose(d: Driver, group: int, at: int) -> Any:
+    d.select(group)
+    d.focus("Memory bank")
+    decision = d.session.decisions(group)[at]
+    d.click(f"**/{decision.view} {decision.mask}/##decision")
+    d.settle()
+    return decision
+
+
+def _the_chosen_mask_is_in_sight(d: Driver, group: int) -> None:
+    """Its row went out of sight when the bars above the table came."""
+    d.keys(KEY.escape)
+    decision = _choose(d, group, 4)
+    row = d.engine.item_info(f"//**/{decision.view} {decision.mask}/##decision")
+    seen, whole = row.rect_clipped, row.rect_full
+    assert seen.max.y - seen.min.y > 0.9 * (whole.max.y - whole.min.y)
+    d.keys(KEY.escape)
+
+
+def _nothing_lies_over_the_choices_of_a_split_view(d: Driver, group: int) -> None:
+    """The way out of isolation lay over them, and what the colors say next to them."""
+    d.on_main(partial(objects.isolate_item, d.session, group))
+    d.session.view.mode = Mode.GROUPS
+    d.on_main(partial(commands.run, "camera.split_photo_groups", d.session))
+    d.settle()
+    assert d.exists("Viewport/###Show all")
+    assert d.exists("Viewport/##Left side")
+    bar = d.engine.item_info("//Viewport/##Left side").rect_full
+    assert d.engine.item_info("//Viewport/###Show all").rect_full.min.y >= bar.max.y
+
+
+def _titles_of_panels_are_whole(d: Driver) -> None:
+    """They were cut to "Came…"; the panel of the replay is there while there is a replay."""
+
+    def titles() -> list[str]:
+        nodes = [d.engine.get_window_by_ref(f"//{n}").dock_node for n in ("Objects", "Inspector")]
+        for node in nodes:
+            assert all(tab.width >= tab.content_width for tab in node.tab_bar.tabs)
+        return [window.name for node in nodes for window in node.windows]
+
+    shown = titles()
+    assert {"Objects", "Camera path", "Memory bank"} < set(shown)
+    assert "Timeline" not in shown
+    d.on_main(partial(commands.run, "view.timeline", d.session))
+    d.until(lambda: memory_bank.timeline_of(d.session).is_open, "the growth is known")
+    d.frames(4)
+    d.click("Timeline/**/###Close replay")
+    assert titles() == shown
+
+
+def test_sheets_scroll_only_where_they_must(display: str, grouped_copy: Path) -> None:
+    def scroll(d: Driver, child: str) -> tuple[float, float]:
+        window = d.engine.window_info(f"//{child}").window
+        return float(window.scroll.y), float(window.scroll_max.y)
+
+    def walk(d: Driver) -> None:
+        d.on_main(partial(commands.run, "edit.preferences", d.session))
+        d.frames(4)
+        assert scroll(d, "Preferences/Rows") == (0.0, 0.0), "all of it has room"
+        d.keys(KEY.escape)
+        d.menu("Find/###Make masks…")
+        dialog = d.studio.ui.scene.masks
+        assert scroll(d, "Make masks/How") == (0.0, 0.0), "with the picture of the try"
+        d.resize(800, 500)
+        d.frames(4)
+        d.click("**/###Try on one photo")
+        d.until(lambda: dialog.n_previews == 1, "one photo is done")
+        d.settle()
+        at, end = scroll(d, "Make masks/How")
+        assert at == end > 0, "the try is looked at"
+
+    drive(walk, path=grouped_copy, size=(1440, 900))
+
+
+def test_a_line_over_the_picture_is_wider_where_text_is_larger(
+    display: str, grouped_copy: Path, tmp_path: Path
+) -> None:
+    """A lasso was a hair at UI scale 2."""
+    wide: dict[float, int] = {}
+
+    def walk(d: Driver, scale: float) -> None:
+        d.session.tool = ToolName.RECT
+        left, top = d.corner
+        u, v = 0.2 * d.size[0], 0.4 * d.size[1]
+        d.move_to(u, v)
+        d.engine.mouse_down(0)
+        d.move_to(0.8 * d.size[0], 0.9 * d.size[1])
+        d.frames()
+        file = tmp_path / f"{scale}.png"
+        d.capture_now(file)
+        d.engine.mouse_up(0)
+        with Image.open(file) as image:
+            picture = np.asarray(image.convert("RGB"), np.float64)
+        row = picture[round(top + 0.6 * d.size[1]), round(left + u) - 8 : round(left + u) + 8]
+        accent = np.array([0x5B, 0x9D, 0xF5])
+        wide[scale] = int((np.abs(row - accent).max(axis=1) < 60).sum())
+
+    for scale in (1.0, 2.0):
+        settings = Settings(first_steps_done=True, ui_scale=scale)
+        drive(partial(walk, scale=scale), path=grouped_copy, size=(1000, 700), settings=settings)
+    assert wide[2.0] > wide[1.0] >= 1, wide
+
+
+# --- Four sizes of the window at three scales of the text: nothing is cut, overlaps or gets lost.
+
+_PANELS = ("Objects", "Inspector", "Memory bank", "History", "Select by", "Views", "Camera path")
+_FRONTS = (("Inspector", "Memory bank", "Views"), ("Select by", "History", "Camera path"))
+_SIZES = {  # of the window, by the scale of the text
+    1.0: ((800, 500), (1900, 1060)),
+    1.25: ((1280, 720),),
+    1.5: ((1440, 900),),
+}
+_SMALLEST = (800, 500)
+_WITH_OPTIONS = (ToolName.LASSO, ToolName.OBJECT, ToolName.COLOR)
+_SHEETS = ("edit.preferences", "file.export_objects", "file.export_cameras", "camera.film")
+
+
+def test_no_text_is_cut_at_any_size(
+    display: str, grouped_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch = TextWatch()
+    wrong: list[str] = []
+
+    def walk(d: Driver) -> None:
+        d.select(2)
+        for _ in range(3):
+            d.on_main(partial(camera.add_keyframe, d.session))
+        d.select(2)
+        monkeypatch.setattr(imgui, "text_unformatted", watch.text(imgui.text_unformatted))
+        monkeypatch.setattr(imgui, "button", watch.button(imgui.button))
+        for scale, sizes in _SIZES.items():
+            settings = replace(d.session.settings, ui_scale=scale)
+            d.on_main(partial(d.session.change_settings, settings))
+            for size in sizes:
+                look(d, size, scale)
+        monkeypatch.undo()
+
+    def look(d: Driver, size: tuple[int, int], scale: float) -> None:
+        d.resize(*size)
+        d.frames(5)
+        watch.found.clear()
+        for panels in _FRONTS:
+            for panel in panels:
+                d.engine.window_focus(f"//{panel}")
+            watch.frame(d)
+        wrong.extend(f"{size} {scale}: {text}" for text in findings(d, _PANELS))
+        for tool in _WITH_OPTIONS if size == _SMALLEST else ():
+            d.session.tool = tool
+            watch.frame(d)
+            d.session.tool = ToolName.PICK
+        for command in _SHEETS if (size, scale) == (_SMALLEST, 1.0) else ():
+            d.on_main(partial(commands.run, command, d.session))
+            watch.frame(d)
+            d.keys(KEY.escape)
+        wrong.extend(f"{size} {scale}: {text}" for text in watch.found)
+
+    drive(walk, path=grouped_copy, size=_SMALLEST)
+    assert watch.n_seen > 500, "the texts were looked at"
+    assert not wrong, "\n".join(wrong)
+
+
+def test_what_an_empty_list_offers_fits_its_panel(
+    display: str, scene_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ "Make masks (now, without a mo" in a window of 1440x900."""
+    shutil.rmtree(scene_folder / "masks")
+    watch = TextWatch()
+
+    def walk(d: Driver) -> None:
+        monkeypatch.setattr(imgui, "text_unformatted", watch.text(imgui.text_unformatted))
+        monkeypatch.setattr(imgui, "button", watch.button(imgui.button))
+        for size in ((1440, 900), (800, 500)):
+            d.resize(*size)
+            d.focus("Objects")
+            watch.frame(d)
+            assert d.exists("Objects/###Make masks"), size
+        monkeypatch.undo()
+
+    drive(walk, path=scene_folder, settings=Settings(first_steps_done=True, ui_scale=1.5))
+    assert not watch.found, list(watch.found)
+
+
+# --- What an hour of use met: ways out of isolation, file dialogs by key, calm bars and lists.
+
+
+def test_snags_of_an_hour_of_use(display: str, grouped_copy: Path, tmp_path: Path) -> None:
+    def walk(d: Driver) -> None:
+        _isolation(d)
+        _history(d)
+        _tool_bar(d)
+        _playback(d)
+        _letters(d)
+        _notices(d, tmp_path / "notice.png")
+        _file_dialog(d, tmp_path)
+
+    drive(walk, path=grouped_copy, size=(1280, 720))
+
+
+def _isolation(d: Driver) -> None:
+    """A button in the picture shows all again, without a selection; the command is a switch."""
+    session = d.session
+    assert not d.exists("Viewport/Show all")
+    d.on_main(lambda: objects.isolate_item(session, 2))
+    d.on_main(lambda: commands.run("select.none", session))
+    d.frames()
+    assert objects.isolated(session) == session.need().name_of(2)
+    d.click("Viewport/Show all")
+    assert not objects.isolated(session)
+    d.select(3)
+    d.on_main(lambda: commands.run("object.isolate", session))
+    assert objects.isolated(session)
+    d.on_main(lambda: commands.run("object.isolate", session))
+    assert not objects.isolated(session)
+
+
+def _history(d: Driver) -> None:
+    """Selections in a row are one line, until it is clicked."""
+    session, document = d.session, d.session.need()
+    for group in (2, 3, 4):
+        d.on_main(partial(document.select, group_indices(document.scene, group)))
+    d.focus("History")
+    at = len(document.history.entries())
+    assert not d.exists(f"History/**/$${at}/**")
+    d.click("History/**/###selections")
+    assert session.need().history.cursor == at
+
+
+def _tool_bar(d: Driver) -> None:
+    """Nothing moves when a tool with options is taken."""
+
+    def places() -> list[tuple[float, float]]:
+        found = [d.engine.item_info(f"//**/###{name}").rect_full.min for name in ("Undo", "Color")]
+        return [(at.x, at.y) for at in found]
+
+    d.session.tool = type(d.session.tool)("pick")
+    d.frames()
+    before = places()
+    for tool in ("rect", "object", "lasso"):
+        d.session.tool = type(d.session.tool)(tool)
+        d.frames()
+        assert places() == before
+
+
+def _notices(d: Driver, picture: Path) -> None:
+    """They stand next to the view cube, and leave the middle of the picture free.
+
+    Green is only what was done.
+    """
+    d.session.notify(Level.INFO, "Saved.")
+    d.frames(3)
+    cube = d.engine.item_info("//Viewport/View cube").rect_full
+    notice = d.engine.get_window_by_ref("//Notice 0")
+    assert notice.pos.x + notice.size.x <= cube.min.x
+    assert notice.pos.y + notice.size.y < d.corner[1] + d.size[1] / 3
+    assert _green(d, picture)
+    d.session.notify(Level.HINT, "Nothing is selected.")
+    d.frames(3)
+    assert not _green(d, picture)
+
+
+def _green(d: Driver, picture: Path) -> int:
+    """Green pixels of the newest notice."""
+    d.capture(picture)
+    card = d.engine.get_window_by_ref("//Notice 0")
+    left, top = int(card.pos.x), int(card.pos.y)
+    with Image.open(picture) as image:
+        box = (left, top, left + int(card.size.x), top + int(card.size.y))
+        red, green, _ = np.asarray(image.convert("RGB").crop(box), np.int32).transpose(2, 0, 1)
+    return int((green - red > 40).sum())
+
+
+def _letters(d: Driver) -> None:
+    """Names in other scripts have glyphs, where a font of the system has them."""
+    if not fonts_with("ش"):
+        pytest.skip("no font of this system has Arabic letters")
+    d.on_main(lambda: objects.rename(d.session, 2, "شاي"))
+    d.frames(3)
+    font = theme._Loaded.regular
+    assert font is not None
+    assert all(font.is_glyph_in_font(ord(letter)) for letter in visual("شاي"))
+
+
+def _playback(d: Driver) -> None:
+    d.session.view.playback.is_playing = True
+    d.studio._escape()
+    assert not d.session.view.playback.is_playing
+
+
+def _file_dialog(d: Driver, folder: Path) -> None:
+    """Enter presses the button, Esc closes, folders are made, places are one click away."""
+    taken: list[Path] = []
+
+    def ask() -> FileDialog:
+        dialog = FileDialog("Choose a folder", PathKind.OPEN_FOLDER, folder)
+        d.on_main(lambda: d.studio.ui.files.ask(dialog, taken.append))
+        d.frames(3)
+        return dialog
+
+    ask()
+    d.keys(KEY.enter)
+    assert taken == [folder]
+    ask()
+    d.keys(KEY.escape)
+    assert d.studio.ui.files.dialog is None
+    assert len(taken) == 1
+    dialog = ask()
+    d.click("$FOCUSED/New folder")
+    d.engine.key_chars_replace_enter("results")
+    d.frames()
+    assert (folder / "results").is_dir()
+    assert dialog.folder == folder / "results"
+    d.click("$FOCUSED/Places")
+    d.click("$FOCUSED/###place 0")
+    assert dialog.folder == Path.home().resolve()
+    d.keys(KEY.escape)
+
+
+# --- Parts of the window that people stumbled over: menus, sheets, lists, cards, in one window.
+
+_KEYFRAMES = 6
+
+
+def test_parts_of_the_window(display: str, grouped_copy: Path, tmp_path: Path) -> None:
+    def walk(d: Driver) -> None:
+        _disabled_commands_say_why(d)
+        _menus_part_finding_from_editing(d)
+        _a_mask_moves_from_its_card(d)
+        _the_camera_path_shows_its_keyframes(d)
+        _sheets_that_theme_the_window_do_not_dim_it(d)
+        _no_specks_where_panels_end(d, tmp_path)
+
+    drive(walk, path=grouped_copy, size=(1280, 720))
+
+
+def _tooltip(d: Driver) -> bool:
+    """Whether a tooltip is shown after the mouse has rested."""
+    d.frames(3)
+    window = d.engine.get_window_by_ref("//##Tooltip_00")
+    return window is not None and bool(window.active)
+
+
+def _disabled_commands_say_why(d: Driver) -> None:
+    """The tooltip of an item of a menu that is grey, also of those that users asked about."""
+    hover = imgui.test_engine.TestAction.hover
+    style = imgui.get_style()
+    before = style.hover_delay_short, style.hover_stationary_delay
+    style.hover_delay_short = style.hover_stationary_delay = 0.0
+    for menu, command_id in (
+        ("Camera", "camera.save_path"),
+        ("Find", "object.find_in_view"),
+        ("Find", "object.index"),
+    ):
+        chosen = commands.command(command_id)
+        assert chosen.enabled(d.session)
+        d.engine.set_ref("//##MainMenuBar")
+        d.engine.menu_action(hover, f"{menu}/###{chosen.title}")
+        d.check(command_id)
+        assert _tooltip(d), f"{chosen.title} does not say why it is off"
+        d.keys(KEY.escape)
+        d.keys(KEY.escape)
+    style.hover_delay_short, style.hover_stationary_delay = before
+
+
+def _menus_part_finding_from_editing(d: Driver) -> None:
+    """No menu is longer than a low window; ways to split are one submenu of the object's menu."""
+    assert {c.id for c in commands.MENUS["Find"]} >= {"object.masks", "object.associate"}
+    assert not {c.id for c in commands.MENUS["Object"]} & {"object.masks", "object.associate"}
+    d.select(2)
+    d.engine.set_ref("//##MainMenuBar")
+    d.engine.menu_click("Object/###Split/###Split into parts that do not touch")
+    d.check("Split")
+    d.frames()
+
+
+def _a_mask_moves_from_its_card(d: Driver) -> None:
+    d.select(2)
+    d.focus("Memory bank")
+    decision = d.session.decisions(2)[1]
+    d.click(f"**/{decision.view} {decision.mask}/##decision")
+    d.click("**/###Move mask")
+    d.click("**/###No object")
+    d.settle()
+    moved = d.session.need().read.decision_of(decision.view, decision.mask)
+    assert moved is not None
+    assert (moved.group, moved.by_hand) == (0, True)
+    d.keys(KEY.escape)
+
+
+def _the_camera_path_shows_its_keyframes(d: Driver) -> None:
+    """Several columns where the panel is wide and low: nothing is scrolled away."""
+    for turn in range(_KEYFRAMES):
+        d.session.rig.orbit(60.0 * (turn > 0), 0)
+        d.on_main(partial(camera.add_keyframe, d.session))
+    d.focus("Camera path")
+    d.frames(4)
+    for index in range(_KEYFRAMES):
+        info = d.engine.item_info(f"//**/Columns/$${index}/###Remove")
+        seen = info.rect_clipped
+        assert seen.max.y - seen.min.y >= theme.em(1.0), index
+        assert seen.max.x - seen.min.x >= theme.em(1.0), index
+
+
+def _sheets_that_theme_the_window_do_not_dim_it(d: Driver) -> None:
+    def dimming() -> float:
+        color: ImVec4 = imgui.get_style().color_(imgui.Col_.modal_window_dim_bg)
+        return color.w
+
+    for command, is_dimmed in (("edit.preferences", False), ("camera.film", True)):
+        commands.run(command, d.session)
+        d.frames(4)
+        assert (dimming() > 0) is is_dimmed, command
+        if not is_dimmed:
+            boxes = ("Always clean first", "Children go along")
+            lefts = {d.engine.item_info(f"//**/{name}").rect_full.min.x for name in boxes}
+            assert len(lefts) == 1, "boxes stand below each other"
+        d.keys(KEY.escape)
+
+
+def _no_specks_where_panels_end(d: Driver, folder: Path) -> None:
+    """In the light theme the edges of the window are light, all around."""
+    light = replace(d.session.settings, theme="light")
+    d.on_main(partial(d.session.change_settings, light))
+    d.frames(3)
+    d.capture_now(folder / "light.png")
+    with Image.open(folder / "light.png") as image:
+        picture = np.asarray(image.convert("L"))
+    for edge in (picture[:, 0], picture[:, -1], picture[-1]):
+        assert edge.min() > 128, int(np.argmin(edge))

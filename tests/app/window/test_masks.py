@@ -1,11 +1,29 @@
 """From photos without masks to a found and selected object, by mouse and keys."""
 
+import os
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from gaga_core.pipeline.reconstruct import ReconstructConfig, reconstruct_scene
+from gaga_core.progress import run_stage
+from gaga_core.segmentation.models.catalogue import known_model
+from gaga_studio.features.commands import command
+from gaga_studio.features.find.association import FindOptions, FindState
+from gaga_studio.features.find.click_object import ClickState
+from gaga_studio.features.find.masks import ModelsState
+from gaga_studio.features.find.search import SearchState
+from gaga_studio.features.reconstruction import ReconstructionPlan
+from gaga_studio.session.settings import Settings
+from gaga_studio.session.view import Mode
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
+from tests.color_oracle import ColorOracle
+from tests.core.models.hub_server import Hub, fresh_models, serve
+from tests.core.reconstruct.photo_scenes import write_photos
+from tests.scenes import objects_scene
 
 pytestmark = pytest.mark.window
 
@@ -40,9 +58,8 @@ def _try_one(d: Driver) -> None:
 
 def _find_green(d: Driver) -> None:
     """Ctrl+F, a color, the arrow, Enter, Shift+Enter, Escape."""
-    document = d.session.document
-    assert document is not None
-    search = document.search
+    document = d.session.need()
+    search = document.feature(SearchState)
     d.keys(KEY.mod_ctrl, KEY.f)
     d.engine.key_chars("green")
     d.until(lambda: len(search.meant) >= 2, "the green balls are found")
@@ -57,3 +74,160 @@ def _find_green(d: Driver) -> None:
     d.keys(KEY.escape)
     assert search.text == ""
     assert len(search.hits) == 0, "the list is back"
+
+
+# --- The sheet of models, by mouse: terms, consent, progress, here, removed.
+
+TINY = known_model("sam2.1-tiny")
+
+
+def test_get_asks_downloads_and_remove_asks(
+    display: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = fresh_models(tmp_path, monkeypatch)
+    repository = tmp_path / "repository"
+    repository.mkdir()
+    (repository / "config.json").write_text('{"model_type": "sam2"}')
+    (repository / "model.safetensors").write_bytes(bytes(100_000))
+
+    def walk(d: Driver) -> None:
+        d.session.change_settings(replace(d.session.settings, hub_mirror=hub.url))
+        d.menu("Find/###Models…")
+        d.click(f"**/{TINY.name}/###Get")
+        d.until(lambda: d.session.feature(ModelsState).offered is not None, "the terms are there")
+        d.frames(3)
+        assert hub.downloads() == []
+        d.click("**/###Accept")
+        d.until((folder / TINY.name / "model.lock.json").is_file, "it is here")
+        d.settle()
+        d.click(f"**/{TINY.name}/###Remove")
+        assert (folder / TINY.name).is_dir()
+        d.click("**/###Delete")
+        d.until(lambda: not (folder / TINY.name).exists(), "it is gone")
+        d.click("Models/###Close")
+
+    with serve(Hub({TINY.hub: repository})) as hub:
+        drive(walk)
+
+
+# --- The tool Object with a model, by mouse: chosen in the tool's row, asked at a click.
+
+_TINY = "sam2.1-tiny"
+
+
+def test_a_click_asks_the_model_that_is_chosen(
+    display: str, scene_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = fresh_models(tmp_path, monkeypatch) / _TINY
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text('{"model_type": "sam2"}')
+    (folder / "model.safetensors").write_bytes(bytes(8))
+    angle = 2 * np.pi / 5
+    ball = 0.9 * np.array([np.cos(angle), np.sin(angle), 0.0])
+
+    def walk(d: Driver) -> None:
+        d.session.feature(ModelsState).prompters[_TINY] = ColorOracle(
+            objects_scene(5, 220, n_cameras=8)
+        )
+        d.click("**/###Select an object by clicks")
+        d.settle()
+        scene = d.scene
+        d.click_picture(*d.project(ball))
+        assert not d.session.need().feature(ClickState).is_asking  # as the settings say
+        d.click("**/###Model of the clicks")
+        d.click("**/###SAM 2.1 Hiera tiny")
+        d.settle()
+        entries = [entry.title for entry in d.history.entries()]
+        assert entries == ["Click an object", "Ask SAM 2.1 Hiera tiny"]
+        assert d.session.settings.click_model == _TINY
+        away = scene.gaussians.means[d.session.selected_indices()] - ball
+        assert (np.linalg.norm(away, axis=1) < 0.4).mean() > 0.9
+
+    settings = Settings(first_steps_done=True, click_model="none")
+    drive(walk, path=scene_folder, size=(1100, 600), settings=settings)
+
+
+# --- The sheet Find objects with its folded switches, the lift, and the identity view.
+
+
+def test_objects_are_found_as_published(
+    display: str, scene_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GAGA_HOME", str(tmp_path / "home"))
+
+    def walk(d: Driver) -> None:
+        session = d.session
+        few = FindOptions(threshold=0.2, lift=session.feature(FindState).options.lift.switched(12))
+        session.feature(FindState).options = replace(few)
+        d.menu("Find/###Find objects with settings…")
+        d.click("Find objects/Preset/###Paper")
+        assert session.settings.preset == "paper"
+        d.click("Find objects/**/Memory bank (section 3.2)")
+        d.click("Find objects/**/Identity encodings (section 3.3)")
+        assert session.feature(FindState).options == few  # what is shown is not changed
+        d.click("Find objects/###Find")
+        d.settle()
+        assert command("object.labels_identities").is_on(session)  # type: ignore[misc]
+        assert session.need().history.undo_title == "Lift groups to identities"
+        plain = d.pixels().astype(int)
+        d.menu("View/###Identity encodings")
+        assert session.view.mode is Mode.IDENTITY
+        assert np.abs(d.pixels().astype(int) - plain).mean() > 5
+        d.menu("Find/###Labels by votes")
+        assert command("object.labels_votes").is_on(session)  # type: ignore[misc]
+
+    drive(walk, path=scene_folder, settings=Settings(first_steps_done=True))
+
+
+# --- A person opens photos, makes splats of them and sees them grow; then stops and goes on.
+
+_SMALL = ReconstructConfig(max_side=160)
+
+
+def _capture(d: Driver, name: str) -> None:
+    """Keep a picture of the window where somebody wants to look at it."""
+    folder = os.environ.get("GAGA_CAPTURES")
+    if folder:
+        d.capture_now(Path(folder) / f"{name}.png")
+
+
+def test_photos_become_splats_before_the_eyes(display: str, tmp_path: Path) -> None:
+    scene = tmp_path / "room"
+    write_photos(scene / "images", 6)
+    run_stage(reconstruct_scene(None, scene, replace(_SMALL, only="sfm")))
+
+    def walk(d: Driver) -> None:
+        session = d.session
+        assert session.photos is not None
+        assert d.exists("**/###Make splats")
+        _capture(d, "photos")
+        d.click("**/###Settings…")
+        d.type_into("**/##Iterations", "20000")
+        d.type_into("**/##Longest side, pixels", "160")
+        _capture(d, "sheet")
+        assert isinstance(d.studio.ui.plan.plan, ReconstructionPlan)
+        assert d.studio.ui.plan.plan.config.iterations == 20_000
+        d.click("**/###Start")
+        d.until(lambda: session.shown is not None, "splats are shown")
+        training = session.training
+        assert training is not None
+        first = training.scene
+        d.until(lambda: training.update is not None and training.update.iteration > 40, "steps")
+        d.frames(5)
+        viewport = d.studio.viewport
+        assert viewport is not None
+        assert viewport.buffers.scene is first
+        pixels = d.on_main(viewport.read_pixels)
+        assert pixels.std() > 5, "the picture shows them"
+        eye = session.rig.eye
+        d.drag_picture((300, 250), (60, 10))
+        assert (session.rig.eye != eye).any(), "the camera moves while they train"
+        _capture(d, "training")
+        d.click("**/###Cancel")
+        d.until(lambda: session.jobs.running is None, "the training stops")
+        d.frames(4)
+        assert session.photos is not None
+        assert session.photos.iteration > 0
+        _capture(d, "stopped")
+
+    drive(walk, path=scene, size=(1000, 640))

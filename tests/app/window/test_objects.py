@@ -1,30 +1,40 @@
 """The object list and the memory bank in the window: colors, switches, dragging, moved masks."""
 
-import shutil
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from imgui_bundle import ImVec2
+from PIL import Image
 
-from gaga_studio.actions import history, objects, quality, selection
-from gaga_studio.commands import run
+from gaga_core.arrays import UInt8Array
+from gaga_core.grouping.levels import Levels
+from gaga_core.scene import edits
+from gaga_core.scene.objects import group_indices
+from gaga_core.scene.scene import State
+from gaga_studio.features import folders, object_list, objects, selection
+from gaga_studio.features.commands import run
+from gaga_studio.features.find import association, memory_bank
+from gaga_studio.features.find.search import SearchState
+from gaga_studio.features.object_list import ListFilter, ObjectListView
+from gaga_studio.session.settings import load_settings
+from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 
 pytestmark = pytest.mark.window
 
 
-def test_objects_are_colored_sorted_joined_and_repaired(
-    display: str, grouped_scene: Path, tmp_path: Path
-) -> None:
-    folder = tmp_path / "table"
-    shutil.copytree(grouped_scene, folder)
-
+def test_objects_are_colored_sorted_joined_and_repaired(display: str, grouped_copy: Path) -> None:
     def walk(d: Driver) -> None:
         session, document = d.session, d.session.need()
         assert d.studio.images is not None
 
         # Rows move once when it is known what is background, which lies folded at the end.
-        d.until(lambda: document.search.described is not None, "the objects are described")
+        d.until(
+            lambda: document.feature(SearchState).described is not None, "the objects are described"
+        )
         d.frames(3)
         row = "Objects/**/object {}/{}"
         d.click(row.format(3, "Color"))
@@ -32,7 +42,7 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         d.keys(KEY.escape)
         np.testing.assert_allclose(document.scene.colors[3], [1, 128 / 255, 0], atol=1e-3)
 
-        objects.isolate_group(session, 2)
+        objects.isolate_item(session, 2)
         assert session.objects().n_hidden.sum() > 0
         objects.show_all(session)
 
@@ -43,10 +53,9 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         d.frames()
         assert not (document.scene.labels == 4).any()
         assert len(session.decisions(5)) == sum(n_masks)
-        history.undo(session)
+        session.undo()
 
-        d.on_main(lambda: selection.select_groups(session, (3,)))
-        d.frames(3)
+        d.select(3)
         mask = session.decisions(3)[2]
         line = f"//Memory bank/**/{mask.view} {mask.mask}/##decision"
         d.engine.item_drag_and_drop(line, f"//{row.format(2, '##row')}")
@@ -55,31 +64,358 @@ def test_objects_are_colored_sorted_joined_and_repaired(
         assert moved is not None
         assert moved.group == 2
         assert moved.by_hand
-        history.undo(session)
+        session.undo()
 
-        d.on_main(lambda: selection.select_groups(session, (3,)))
-        d.frames(3)
+        d.select(3)
         d.engine.item_click(line, 1)
         d.engine.item_click("//$FOCUSED/###New object")
         d.settle()
         moved = document.read.decision_of(mask.view, mask.mask)
         assert moved is not None
         assert moved.group > 6
-        history.undo(session)
+        session.undo()
 
         assert run("object.quality", session)
         d.settle()
-        d.on_main(lambda: selection.select_groups(session, (3,)))
-        d.frames(3)
+        d.select(3)
         d.click("Inspector/###Quality")
         d.frames(3)
-        measured = quality.of_group(session, 3)
+        measured = memory_bank.quality_of(session, 3)
         assert measured is not None
         info = d.engine.item_info(f"//Inspector/###Worst {measured.views[0].view}")
         whole, seen = info.rect_full, info.rect_clipped
         assert whole.max.y - whole.min.y == seen.max.y - seen.min.y > 10, "it came into sight"
         d.click("Inspector/###Confidence")
-        d.frames(3)
         assert d.exists("Inspector/##Uncertain below")
 
-    drive(walk, path=folder, size=(1280, 720))
+    drive(walk, path=grouped_copy, size=(1280, 720))
+
+
+# --- The object list in the window: words as names, the folded background, partial selections.
+
+
+def test_the_list_can_be_read(display: str, grouped_copy: Path, tmp_path: Path) -> None:
+    def walk(d: Driver) -> None:
+        session, document = d.session, d.session.need()
+        d.until(
+            lambda: document.feature(SearchState).described is not None, "objects are described"
+        )
+        d.settle()
+        _words_stay(d)
+        _background_folds(d)
+
+        row = "Objects/**/object 2/##row"
+        some = group_indices(document.scene, 2)
+        d.on_main(lambda: document.select(some[: len(some) // 3]))
+        d.settle()
+        assert session.selected_groups() == (2,)
+        partial = _pixels(d, row, tmp_path)
+        d.on_main(lambda: document.select(some))
+        d.settle()
+        whole = _pixels(d, row, tmp_path)
+        d.on_main(lambda: document.select(some[:0]))
+        d.settle()
+        none = _pixels(d, row, tmp_path)
+        blue = [float(np.median(shown[..., 2])) for shown in (none, partial, whole)]
+        assert blue[0] < blue[1] < blue[2]  # half-lit
+
+    drive(walk, path=grouped_copy, size=(1280, 720))
+
+
+def test_the_row_of_what_is_selected_is_seen_whole(display: str, tmp_path: Path) -> None:
+    """At the end of a list of which few rows fit, too."""
+    n = 24
+
+    def walk(d: Driver) -> None:
+        document = d.session.need()
+        every = np.arange(len(document.scene))
+        d.on_main(
+            lambda: document.do(
+                edits.set_labels(document.scene, every, (every % n + 1).astype(np.int32), "x")
+            )
+        )
+        d.settle()
+        for group in (n - 1, 2, n // 2):
+            d.on_main(lambda group=group: selection.select_groups(d.session, (group,)))  # type: ignore[misc]
+            d.frames(4)
+            info = d.engine.item_info(f"//Objects/**/object {group}/##row")
+            row, seen = info.rect_full, info.rect_clipped
+            assert row.max.y - row.min.y == seen.max.y - seen.min.y > 10, group
+
+    write_scene(tmp_path / "balls", masks=False)
+    drive(walk, path=tmp_path / "balls", size=(800, 500))
+
+
+def _pixels(d: Driver, ref: str, folder: Path) -> UInt8Array:
+    """What the window shows of an item."""
+    d.move_to(4, 4)
+    d.capture(folder / "window.png")
+    rect = d.engine.item_info(f"//{ref}").rect_full
+    left, top, right, bottom = (round(x) for x in (*rect.min, *rect.max))
+    with Image.open(folder / "window.png") as image:
+        return np.asarray(image.convert("RGB"))[top:bottom, left:right]
+
+
+def _words_stay(d: Driver) -> None:
+    session, document = d.session, d.session.need()
+    before = dict(document.scene.described)
+    assert set(before) == {int(g) for g in session.objects().ids if g > 0}
+    assert not any(name.startswith("group") for name in session.objects().names[1:])
+    found = document.feature(SearchState).described
+    assert d.on_main(lambda: objects.rename(session, 3, "lamp"))
+    d.until(lambda: document.name_of(3) == "lamp", "the name is shown")
+    d.select(4)
+    assert d.on_main(lambda: objects.delete(session))
+    d.until(
+        lambda: document.feature(SearchState).described is not found, "objects are described again"
+    )
+    after = document.scene.described
+    assert {g: after[g] for g in after} == {g: before[g] for g in before if g not in (3, 4)}
+
+
+def _background_folds(d: Driver) -> None:
+    document = d.session.need()
+    found = document.feature(SearchState).described
+    assert found is not None
+    behind = found.description.background
+    assert behind
+    row = f"Objects/**/object {min(behind)}/##row"
+    assert not d.exists(row)
+    d.click("Objects/**/##background")
+    assert d.exists(row)
+    assert not load_settings()[0].folds_background
+    d.click("Objects/**/##background")
+    assert not d.exists(row)
+
+
+# --- Folders and parts in the window: by keys, by dragging, by their switches; the filter; why
+# not.
+
+_ROW, _FOLDER = "Objects/**/object {}/{}", "Objects/**/folder {}/{}"
+
+
+def test_objects_go_into_folders_by_hand(display: str, grouped_copy: Path) -> None:
+    def walk(d: Driver) -> None:
+        d.until(
+            lambda: d.session.need().feature(SearchState).described is not None,
+            "objects are described",
+        )
+        d.settle()
+        _make(d)
+        _drag(d)
+        _switch(d)
+        _under(d)
+        _filter(d)
+        _add_views(d)
+        _parts(d)
+
+    drive(walk, path=grouped_copy, size=(1110, 760))
+
+
+def _make(d: Driver) -> None:
+    """Ctrl+Shift+G and a name; F2 gives another one."""
+    d.select(2, 3)
+    d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.g)
+    d.engine.key_chars_replace_enter("Kitchen")
+    d.frames(3)
+    scene = d.scene
+    assert scene.folders.home == {2: "Kitchen", 3: "Kitchen"}
+    d.keys(KEY.f2)
+    d.engine.key_chars_replace_enter("Room")
+    d.frames(3)
+    assert scene.folders.paths == ("Room",)
+    d.click(_FOLDER.format("Room", "Fold"))
+    assert not d.exists(_ROW.format(2, "##row"))
+    d.click(_FOLDER.format("Room", "Fold"))
+    assert d.exists(_ROW.format(2, "##row"))
+
+
+def _drag(d: Driver) -> None:
+    """Objects and folders onto a folder, and out of all."""
+    scene = d.scene
+    onto = f"//{_FOLDER.format('Room', '##row')}"
+    d.select(4, 5)
+    d.engine.item_drag_and_drop(f"//{_ROW.format(4, '##row')}", onto)
+    d.frames(3)
+    assert set(scene.folders.groups("Room")) == {2, 3, 4, 5}, "all that is selected"
+    d.on_main(lambda: folders.put_in(d.session, "Top", (1,)))
+    d.frames(3)
+    d.engine.item_drag_and_drop(f"//{_FOLDER.format('Top', '##row')}", onto)
+    d.frames(3)
+    assert scene.folders.paths == ("Room", "Room/Top")
+    d.select(3)
+    d.engine.mouse_move(f"//{_ROW.format(3, '##row')}")
+    d.engine.mouse_down(0)
+    d.engine.mouse_lift_drag_threshold(0)
+    d.frames(2)
+    out = d.engine.item_info("//Objects/###Drop here: in no folder").rect_full
+    middle = out.get_center()
+    d.engine.mouse_move_to_pos(middle)
+    d.frames(2)
+    d.engine.mouse_up(0)
+    d.frames(3)
+    assert 3 not in scene.folders.home
+    assert (scene.labels == 3).any(), "nothing was merged"
+
+
+def _switch(d: Driver) -> None:
+    """The eye and the lock of a folder; a click selects what is in it; its menu."""
+    scene = d.scene
+    inside = set(scene.folders.groups("Room"))
+    d.click(_FOLDER.format("Room", "###Shown"))
+    assert set(np.unique(scene.labels[scene.has(State.HIDDEN)])) == inside
+    d.click(_FOLDER.format("Room", "###Shown"))
+    d.click(_FOLDER.format("Room", "###Locked"))
+    assert set(np.unique(scene.labels[scene.has(State.LOCKED)])) == inside
+    d.click(_FOLDER.format("Room", "###Locked"))
+    d.click(_FOLDER.format("Room", "##row"))
+    assert set(d.session.selected_groups()) == inside
+    d.menu_of(_FOLDER.format("Room", "##row"), "###Delete the folder, keep its objects")
+    assert scene.folders.paths == ("Top",)
+    assert inside <= set(np.unique(scene.labels[scene.visible]))
+
+
+def _under(d: Driver) -> None:
+    """An object goes under the one that it is dropped on; its arrow, its eye; out again."""
+    scene = d.scene
+    d.select(5)
+    d.drop(_ROW.format(4, "##row"), _ROW.format(3, "##row"))
+    assert scene.folders.parent == {4: 3}, "only what was dragged: it was not selected"
+    assert (scene.labels == 4).any(), "nothing was merged"
+    d.click(_ROW.format(3, "Fold"))
+    assert not d.exists(_ROW.format(4, "##row"))
+    d.click(_ROW.format(3, "Fold"))
+    d.click(_ROW.format(3, "###Shown"))
+    assert set(np.unique(scene.labels[scene.has(State.HIDDEN)])) == {3, 4}
+    d.click(_ROW.format(3, "###Shown"))
+    d.click(_ROW.format(3, "##row"))
+    assert d.session.selected_groups() == (3,)
+    d.engine.item_double_click(f"//{_ROW.format(3, '##row')}")
+    d.frames(3)
+    assert d.session.selected_groups() == (3, 4)
+    d.select(3)
+    d.drop(_ROW.format(3, "##row"), _ROW.format(4, "##row"))
+    assert "under itself" in d.session.notices[-1].text
+    d.select(4)
+    d.menu_of(_ROW.format(4, "##row"), "###Take out from under its object")
+    assert scene.folders.parent == {}
+
+
+def _filter(d: Driver) -> None:
+    """It says how many it lists, and goes with one click."""
+    listing, table = d.session.need().feature(ObjectListView), d.session.objects()
+    d.click("Objects/###Filter")
+    assert d.exists("$FOCUSED/##splats/##min") or d.exists("**/##splats/##min")
+    d.keys(KEY.escape)
+    most = float(table.counts[table.ids > 0].max())
+    listing.filter = ListFilter({"splats": (most, most)})
+    d.frames(3)
+    (kept,) = table.ids[(table.counts == most) & (table.ids > 0)][:1]
+    others = [int(g) for g in table.ids if g not in (0, kept)]
+    assert not any(d.exists(_ROW.format(g, "##row")) for g in others)
+    d.type_into("Objects/##Find", "round")
+    d.frames(6)
+    search = d.session.need().feature(SearchState)
+    assert set(search.meant) <= {kept}, "answers are filtered, too"
+    assert search.n_left_out > 0
+    d.click("Objects/###Clear search")
+    d.click("Objects/###Clear filter")
+    assert not listing.filter.is_on
+
+
+def _add_views(d: Driver) -> None:
+    """The sheet says which photos took no part, and lets their masks join."""
+    document = d.session.need()
+    scene, bank = document.scene, document.scene.bank
+    assert bank is not None
+    last = bank.log[-1].view
+    older = replace(bank, log=tuple(x for x in bank.log if x.view != last))
+    names, order = scene.names, scene.folders
+    d.on_main(
+        lambda: document.do(
+            edits.set_grouping(scene, scene.labels, older, names, "Older", folders=order)
+        )
+    )
+    d.settle()
+    d.menu("Find/###Add new photos and masks…")
+    d.click("Add new photos and masks/###Add views")
+    d.settle()
+    assert scene.bank is not None
+    assert {x.view for x in scene.bank.log} == {x.view for x in bank.log}
+    assert (scene.names, scene.folders) == (names, order)
+
+
+def _parts(d: Driver) -> None:
+    """An arrow shows the parts of an object; a click selects one."""
+    document = d.session.need()
+    scene = document.scene
+    rows = group_indices(scene, 2)
+    fine = scene.labels.copy()
+    fine[rows[: len(rows) // 3]] = 100
+    assert scene.bank is not None
+    bank = replace(scene.bank, levels=Levels(np.stack([scene.labels, fine]), 0))
+    names, order = scene.names, scene.folders
+    d.on_main(
+        lambda: document.do(
+            edits.set_grouping(scene, scene.labels, bank, names, "Levels", folders=order)
+        )
+    )
+    d.settle()
+    d.click(_ROW.format(2, "Fold"))
+    d.click("Objects/**/part 2 1/##row")
+    assert d.session.selected_indices().tolist() == rows[: len(rows) // 3].tolist()
+    d.menu_of("Objects/**/part 2 1/##row", "###Split here")
+    assert set(np.unique(scene.labels[rows])) == {2, 100}
+
+
+# --- The slider of the level of detail: it shows while it is held, and its release is one edit.
+
+
+def _split_and_join(d: Driver) -> None:
+    """The commands of the menus of a right click, as edits."""
+    session, document = d.session, d.session.need()
+    scene, before = document.scene, document.scene.labels.copy()
+    groups = np.flatnonzero(np.bincount(before)[1:]) + 1
+    group = next(g for g in groups.tolist() if edits.split_here(scene, g) is not None)
+    d.select(group)
+    assert d.on_main(lambda: run("object.split_here", session))
+    d.frames(3)
+    assert len(np.unique(document.scene.labels[before == group])) > 1
+    assert np.array_equal(document.scene.labels[before != group], before[before != group])
+    d.select(group)
+    assert d.on_main(lambda: run("object.join_here", session))
+    assert (document.scene.labels[before == group] == group).all()
+    for _ in ("join", "select", "split"):
+        session.undo()
+    assert np.array_equal(document.scene.labels, before)
+
+
+def test_the_slider_of_detail_is_one_edit(display: str, grouped_copy: Path) -> None:
+    (masks,) = (grouped_copy / "masks").iterdir()
+    (masks / "provider.json").write_text(json.dumps({"provider": "regions", "views": {}}))
+
+    def walk(d: Driver) -> None:
+        session, document = d.session, d.session.need()
+        assert object_list.levels_of(session) is None
+        d.on_main(lambda: association.associate(session, preset="robust"))
+        d.settle()
+        levels = object_list.levels_of(session)
+        assert levels is not None
+        before, place = document.scene.labels.copy(), session.need().history.cursor
+        d.engine.mouse_move("//Objects/##Detail")
+        d.engine.mouse_down(0)
+        slider = d.engine.item_info("//Objects/##Detail").rect_full.min
+        d.engine.mouse_move_to_pos(ImVec2(slider.x + 3, slider.y + 8))
+        d.frames(3)
+        assert session.live is not None
+        assert np.array_equal(document.scene.labels, before)
+        d.engine.mouse_up(0)
+        d.frames(3)
+        assert session.live is None
+        assert np.array_equal(document.scene.labels, levels.labels[0])
+        assert session.need().history.cursor == place + 1
+        session.undo()
+        assert np.array_equal(document.scene.labels, before)
+        _split_and_join(d)
+
+    drive(walk, path=grouped_copy, size=(1280, 720))

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from gaga_studio.__main__ import display_problem, library_problem, parse
-from gaga_studio.commands import COMMANDS
-from gaga_studio.ui.chrome import status_bar
-from gaga_studio.ui.dialogs import shortcuts
+from gaga_studio.features.commands import COMMANDS
+from gaga_studio.ui.dialogs import preferences
 from gaga_studio.ui.dialogs.sheets import matching
 from gaga_studio.ui.viewport.gizmo import projection
+from tests.app.folders import write_scene
 from tests.scenes import orbit_cameras
 
 
@@ -53,16 +53,8 @@ def test_missing_libraries_are_named() -> None:
     assert display_problem("darwin", {}) == ""
 
 
-def test_launching_imports_neither_torch_nor_transformers() -> None:
-    code = (
-        "import sys; import gaga_studio.studio; "
-        "sys.exit(any(m in sys.modules for m in ('torch', 'transformers', 'pycolmap')))"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
 def test_every_shortcut_is_a_key() -> None:
-    keys = shortcuts.all_keys()
+    keys = preferences.all_keys()
     assert {"Z", "F1", "Delete", "/", "1"} <= set(keys)
 
 
@@ -71,12 +63,6 @@ def test_the_palette_finds_by_any_word() -> None:
     assert matching("export obj")[0].id == "file.export_objects"
     assert matching("no such thing") == []
     assert len(matching("")) == len(COMMANDS)
-
-
-def test_durations_are_for_people() -> None:
-    assert status_bar.duration(0.2) == "1 s"
-    assert status_bar.duration(61) == "61 s"
-    assert status_bar.duration(200) == "3 min 20 s"
 
 
 def test_the_handles_see_the_pixels_of_the_camera() -> None:
@@ -89,3 +75,51 @@ def test_the_handles_see_the_pixels_of_the_camera() -> None:
     pixels = np.c_[(ndc[:, 0] + 1) / 2 * 320, (1 - ndc[:, 1]) / 2 * 200]
     np.testing.assert_allclose(pixels, expected, atol=1e-9)
     assert (np.abs(ndc[:, 2]) < 1).all()
+
+
+# --- What starting the program imports.
+
+
+def run(*arguments: str, **environment: str) -> "subprocess.CompletedProcess[str]":
+    env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    return subprocess.run(
+        [sys.executable, *arguments],
+        env=env | environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_needs_no_display_and_no_heavy_import(option: str) -> None:
+    done = run("-X", "importtime", "-m", "gaga_studio", option)
+    assert done.returncode == 0
+    assert "gaga-studio" in done.stdout
+    for heavy in ("numpy", "imgui_bundle", "numba", "torch"):
+        assert f"| {heavy}\n" not in done.stderr.replace("|   ", "| ")
+
+
+def test_opening_editing_and_saving_import_neither_torch_nor_transformers(tmp_path: Path) -> None:
+    write_scene(tmp_path / "scene", n_objects=2)
+    code = f"""
+import sys
+from pathlib import Path
+import gaga_studio.studio
+from gaga_studio.session.session import Session
+session = Session()
+session.open(Path({str(tmp_path / "scene")!r}))
+session.jobs.wait()
+session.tick(0.1)
+assert session.scene is not None
+associate.associate(session)
+session.jobs.wait()
+session.tick(0.1)
+session.save()
+session.jobs.wait()
+loaded = [name for name in ("torch", "transformers", "pycolmap") if name in sys.modules]
+assert not loaded, loaded
+"""
+    done = run("-c", code, GAGA_HOME=str(tmp_path / "home"))
+    assert done.returncode == 0, done.stderr

@@ -1,15 +1,13 @@
 """What was typed is what happens, however slow the frames are: real X11 events, real window."""
 
-import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view_state import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
 from tests.app.window.typist import strokes, type_into
@@ -29,40 +27,24 @@ SCRIPT = [
 ]  # fmt: skip
 
 
-def _typed(scene: Path, tmp_path: Path, frame_s: float) -> dict[str, Any]:
-    folder = tmp_path / f"typed {frame_s}"
-    shutil.copytree(scene, folder)
-    session = Session(Settings(first_steps_done=True))
-    studio = Studio(folder, session=session, options=WindowOptions(size=(800, 500)))
-
-    def see(studio: Studio) -> dict[str, Any]:
-        assert session.history is not None
-        return {
-            "tool": session.tool,
-            "mode": session.view.mode,
-            "selected": len(session.selected_indices()),
-            "history": [entry.title for entry in session.history.entries()],
-            "pose": session.rig.camera(64, 64).cam_from_world.round(9).tolist(),
-        }
-
-    seen: dict[str, Any] = type_into(studio, SCRIPT, frame_s=frame_s, see=see)
-    return seen
+def _see(studio: Studio) -> dict[str, Any]:
+    session = studio.session
+    return {
+        "tool": session.tool,
+        "mode": session.view.mode,
+        "splats": len(session.need().scene),
+        "selected": len(session.selected_indices()),
+        "history": [entry.title for entry in session.need().history.entries()],
+        "pose": session.rig.camera(64, 64).cam_from_world.round(9).tolist(),
+    }
 
 
-@pytest.mark.parametrize("frame_s", [0.005, 0.2, pytest.param(1.5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("in_a_frame", "frame_s"), [(1, 0.03), (6, 0.2), (len(SCRIPT), 1.5)])
 def test_a_typed_script_gives_the_same_result_at_any_frame_rate(
-    display: str, grouped_scene: Path, tmp_path: Path, frame_s: float
+    display: str, grouped_copy: Path, in_a_frame: int, frame_s: float
 ) -> None:
     session = Session(Settings(first_steps_done=True))
-    session.open(grouped_scene)
-    assert session.jobs.wait()
-    assert session.scene is not None
-    still = session.rig.camera(64, 64).cam_from_world.round(9).tolist()
-    n_splats = len(session.scene)
-    session.shut_down()
-    seen = _typed(grouped_scene, tmp_path, frame_s)
-    assert seen["tool"] is ToolName.LASSO
-    assert seen["mode"] is list(Mode)[2]
-    assert seen["selected"] == n_splats
-    assert seen["history"] == ["Select all"]
-    assert np.array_equal(seen["pose"], still)
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    before, after = type_into(studio, SCRIPT, in_a_frame=in_a_frame, frame_s=frame_s, see=_see)
+    wanted = {"tool": ToolName.LASSO, "mode": list(Mode)[2], "history": ["Select all"]}
+    assert after == {**before, **wanted, "selected": before["splats"]}

@@ -1,19 +1,34 @@
 """Everything but the main job: beginnings, bad files, cancelling, sizes, keys, questions."""
 
+import logging
+import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from itertools import product
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
+from imgui_bundle import ImVec2, imgui
 
+from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage
-from gaga_core.scene.scene import Scene
+from gaga_studio.features import commands
+from gaga_studio.features.base import Command
+from gaga_studio.features.commands import MENUS
+from gaga_studio.features.find import association
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view_state import Mode, ToolName
-from gaga_studio.ui.kit.photo_textures import groups_of_view
+from gaga_studio.session.view import Mode, ToolName
+from gaga_studio.ui.chrome import menu, toolbar
+from gaga_studio.ui.dialogs import sheets
+from gaga_studio.ui.kit import widgets
+from gaga_studio.ui.kit.textures import groups_of_view
+from gaga_studio.ui.panels import inspector
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -67,7 +82,6 @@ def test_a_bad_file_is_a_notice_and_what_is_open_stays(
         assert [notice.level for notice in d.session.notices] == [Level.ERROR]
         assert "broken.ply" in d.session.notices[0].text
         d.click("Notice 0/###Close")
-        d.frames()
         assert not d.exists("Notice 0/###Close")
 
     drive(test, path=balls)
@@ -79,7 +93,7 @@ def test_advice_on_the_picture_goes_once_it_is_followed(
     lone = Path(shutil.copy(balls / "point_cloud.ply", tmp_path / "lone.ply"))
 
     def test(d: Driver) -> None:
-        offer = d.session.stage_offer()
+        offer = association.stage_offer(d.session)
         assert offer is not None
         assert not offer.command, "nothing to run: it advises the tool Object"
         assert d.exists("Viewport/**/###Not now")
@@ -113,8 +127,9 @@ def test_a_task_is_cancelled_by_its_button(display: str, balls: Path) -> None:
     drive(test, path=balls)
 
 
-@pytest.mark.parametrize("size", [(640, 400), (1920, 1080)])
-def test_small_and_large_windows(display: str, balls: Path, size: tuple[int, int]) -> None:
+def test_a_small_window_and_the_picture_alone(display: str, balls: Path) -> None:
+    size = (640, 400)
+
     def test(d: Driver) -> None:
         d.click("**/###Find objects")
         d.settle()
@@ -129,180 +144,127 @@ def test_small_and_large_windows(display: str, balls: Path, size: tuple[int, int
         picture = d.pixels()
         assert picture.shape[:2] == (height, width)
         d.keys(KEY.tab)
-        d.frames(4)
         assert d.size[0] == size[0], "Tab leaves the picture alone"
         d.keys(KEY.tab)
-        d.frames(4)
         assert d.size == (width, height)
 
     drive(test, path=balls, size=size)
 
 
-def test_the_panels_fit_a_window_that_is_resized(display: str, balls: Path) -> None:
+def test_objects_are_used_by_hand(display: str, balls: Path) -> None:
     def test(d: Driver) -> None:
-        wide = d.size
-        assert wide[0] < 0.62 * 1280, "columns on both sides"
-        d.resize(700, 450)
-        d.settle()
-        assert d.size[0] > 0.5 * 700
-        d.focus("Inspector")
-        d.resize(1280, 720)
-        d.settle()
-        assert d.size == wide
-
-    drive(test, path=balls, size=(1280, 720))
-
-
-def test_typing_a_name_fires_no_shortcut(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
+        home = d.session.rig.pose
+        _the_mouse_moves_the_camera_and_a_photo_is_flown_to(d)
+        d.session.rig.pose = home
         d.click("**/###Find objects")
         d.settle()
-        group = _click_some_object(d)
-        n_visible = int(_scene(d).visible.sum())
-        d.keys(KEY.f2)
-        d.frames(3)
-        d.engine.key_chars("hmr /1")
-        d.engine.key_press(KEY.enter)
-        d.frames(3)
-        assert _scene(d).names == {group: "hmr /1"}
-        assert int(_scene(d).visible.sum()) == n_visible
-        assert d.mode() is Mode.COLOR
-        assert d.tool() is ToolName.PICK
-        d.keys(KEY.m)
-        assert d.mode() is Mode.GROUPS
+        for step in (
+            _typing_a_name_fires_no_shortcut,
+            _the_memory_bank_shows_its_masks,
+            _the_list_selects_ranges_hides_and_filters,
+            _unsaved_edits_are_asked_about,
+        ):
+            d.on_main(lambda: d.history.go_to(1))
+            d.session.tool, d.session.view.mode, d.session.rig.pose = (
+                ToolName.PICK,
+                Mode.COLOR,
+                home,
+            )
+            d.focus("Objects")
+            d.settle()
+            step(d)
 
     drive(test, path=balls)
 
 
-def test_the_list_selects_ranges_hides_and_filters(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        d.click("**/###Find objects")
-        d.settle()
-        table = d.session.objects()
-        groups = [int(group) for group in table.ids if group > 0]
-        d.click(_row(groups[0]))
-        d.engine.key_down(KEY.mod_shift)
-        d.click(_row(groups[2]))
-        d.engine.key_up(KEY.mod_shift)
-        assert d.session.selected_groups() == tuple(groups[:3])
-        d.engine.key_down(KEY.mod_ctrl)
-        d.click(_row(groups[1]))
-        d.engine.key_up(KEY.mod_ctrl)
-        assert d.session.selected_groups() == (groups[0], groups[2])
-        d.click(f"**/object {groups[0]}/###Shown")
-        d.frames()
-        hidden = d.session.objects()
-        assert hidden.n_hidden[hidden.row(groups[0])] == hidden.counts[hidden.row(groups[0])]
-        d.engine.item_click("//Objects/##Find")
-        d.engine.key_chars(f"group {groups[1]}")
-        d.frames()
-        assert d.exists(_row(groups[1]))
-        assert not d.exists(_row(groups[2]))
-
-    drive(test, path=balls)
+def _typing_a_name_fires_no_shortcut(d: Driver) -> None:
+    group = _click_some_object(d)
+    n_visible = int(d.scene.visible.sum())
+    d.keys(KEY.f2)
+    d.engine.key_chars("hmr /1")
+    d.engine.key_press(KEY.enter)
+    d.frames(3)
+    assert d.scene.names == {group: "hmr /1"}
+    assert int(d.scene.visible.sum()) == n_visible
+    assert d.mode() is Mode.COLOR
+    assert d.tool() is ToolName.PICK
+    d.keys(KEY.m)
+    assert d.mode() is Mode.GROUPS
 
 
-def test_a_rectangle_selects_what_it_holds(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        d.click("**/###Find objects")
-        d.settle()
-        d.keys(KEY.r)
-        assert d.tool() is ToolName.RECT
-        width, height = d.size
-        d.drag_picture((width * 0.02, height * 0.1), (width * 0.94, height * 0.85))
-        assert len(d.session.selected_groups()) >= 4
-        d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.a)
-        assert d.session.selected_groups() == ()
-
-    drive(test, path=balls)
-
-
-def test_the_mouse_moves_the_camera_and_a_photo_is_flown_to(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        width, height = d.size
-        start = d.session.rig.eye
-        d.drag_picture((width / 2, height / 2), (60, 10))
-        orbited = d.session.rig.eye
-        assert np.linalg.norm(orbited - start) > 0.1
-        d.move_to(width / 2, height / 2)
-        d.engine.mouse_wheel_y(3)
-        d.frames()
-        assert d.session.rig.pose.distance < np.linalg.norm(orbited - d.session.rig.pivot)
-        d.focus("Views")
-        d.click("**/View 001.png")
-        d.settle()
-        np.testing.assert_allclose(d.session.rig.eye, d.session.cameras[1].position, atol=1e-6)
-        d.engine.key_down(KEY.w)
-        d.frames(8)
-        d.engine.key_up(KEY.w)
-        assert np.linalg.norm(d.session.rig.eye - d.session.cameras[1].position) > 1e-4
-
-    drive(test, path=balls)
+def _the_list_selects_ranges_hides_and_filters(d: Driver) -> None:
+    table = d.session.objects()
+    groups = [int(group) for group in table.ids if group > 0]
+    d.click(_row(groups[0]))
+    d.engine.key_down(KEY.mod_shift)
+    d.click(_row(groups[2]))
+    d.engine.key_up(KEY.mod_shift)
+    assert d.session.selected_groups() == tuple(groups[:3])
+    d.engine.key_down(KEY.mod_ctrl)
+    d.click(_row(groups[1]))
+    d.engine.key_up(KEY.mod_ctrl)
+    assert d.session.selected_groups() == (groups[0], groups[2])
+    d.click(f"**/object {groups[0]}/###Shown")
+    hidden = d.session.objects()
+    assert hidden.n_hidden[hidden.row(groups[0])] == hidden.counts[hidden.row(groups[0])]
+    d.engine.item_click("//Objects/##Find")
+    d.engine.key_chars(f"group {groups[1]}")
+    d.frames()
+    assert d.exists(_row(groups[1]))
+    assert not d.exists(_row(groups[2]))
 
 
-def test_the_memory_bank_shows_its_masks(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        d.click("**/###Find objects")
-        d.settle()
-        group = _click_some_object(d)
-        decisions = d.session.decisions(group)
-        assert len({decision.view for decision in decisions}) >= 6
-        d.focus("Memory bank")
-        chosen = decisions[1]
-        d.click(f"**/{chosen.view} {chosen.mask}/##decision")
-        d.settle()
-        assert d.studio.ui.scene.picture.evidence.decision == chosen
-        table = groups_of_view(_scene(d).bank, chosen.view)
-        assert table is not None
-        assert table[chosen.mask] == group
-        d.click("**/###Go to view")
-        d.settle()
-        camera = next(c for c in d.session.cameras if c.name == chosen.view)
-        np.testing.assert_allclose(d.session.rig.eye, camera.position, atol=1e-6)
-        d.keys(KEY.escape)
-        assert d.studio.ui.scene.picture.evidence.decision is None
-        assert d.session.selected_groups() == (group,), "Escape closes the innermost thing only"
-
-    drive(test, path=balls)
+def _the_mouse_moves_the_camera_and_a_photo_is_flown_to(d: Driver) -> None:
+    width, height = d.size
+    start = d.session.rig.eye
+    d.drag_picture((width / 2, height / 2), (60, 10))
+    orbited = d.session.rig.eye
+    assert np.linalg.norm(orbited - start) > 0.1
+    d.move_to(width / 2, height / 2)
+    d.engine.mouse_wheel_y(3)
+    d.frames()
+    assert d.session.rig.pose.distance < np.linalg.norm(orbited - d.session.rig.pivot)
+    d.focus("Views")
+    d.click("**/View 001.png")
+    d.settle()
+    np.testing.assert_allclose(d.session.rig.eye, d.session.cameras[1].position, atol=1e-6)
+    d.engine.key_down(KEY.w)
+    d.frames(8)
+    d.engine.key_up(KEY.w)
+    assert np.linalg.norm(d.session.rig.eye - d.session.cameras[1].position) > 1e-4
 
 
-def test_unsaved_edits_are_asked_about(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        d.click("**/###Find objects")
-        d.settle()
-        assert not d.studio.window.hooks.may_close()
-        d.frames(3)
-        assert d.exists("Question/###Discard")
-        d.click("Question/###Cancel")
-        d.frames()
-        assert d.session.unsaved
-        assert not d.session.should_quit
-        d.keys(KEY.mod_ctrl, KEY.w)
-        d.frames(3)
-        d.click("Question/###Discard")
-        d.frames(3)
-        assert d.session.document is None
+def _the_memory_bank_shows_its_masks(d: Driver) -> None:
+    group = _click_some_object(d)
+    decisions = d.session.decisions(group)
+    assert len({decision.view for decision in decisions}) >= 6
+    d.focus("Memory bank")
+    chosen = decisions[1]
+    d.click(f"**/{chosen.view} {chosen.mask}/##decision")
+    d.settle()
+    assert d.studio.ui.scene.picture.evidence.decision == chosen
+    table = groups_of_view(d.scene.bank, chosen.view)
+    assert table is not None
+    assert table[chosen.mask] == group
+    d.click("**/###Go to view")
+    d.settle()
+    camera = next(c for c in d.session.cameras if c.name == chosen.view)
+    np.testing.assert_allclose(d.session.rig.eye, camera.position, atol=1e-6)
+    d.keys(KEY.escape)
+    assert d.studio.ui.scene.picture.evidence.decision is None
+    assert d.session.selected_groups() == (group,), "Escape closes the innermost thing only"
 
-    drive(test, path=balls)
 
-
-def test_the_palette_runs_a_command(display: str, balls: Path) -> None:
-    def test(d: Driver) -> None:
-        d.keys(KEY.mod_ctrl, KEY.p)
-        d.frames(3)
-        d.engine.key_chars("depth")
-        d.frames(2)
-        d.engine.key_press(KEY.enter)
-        d.frames(3)
-        assert d.mode() is Mode.DEPTH
-        d.keys(KEY.f1)
-        d.frames(3)
-        assert d.exists("Keys and mouse/###Close")
-        d.keys(KEY.escape)
-        d.frames(2)
-        assert not d.exists("Keys and mouse/###Close")
-
-    drive(test, path=balls)
+def _unsaved_edits_are_asked_about(d: Driver) -> None:
+    assert not d.studio.window.hooks.may_close()
+    d.frames(3)
+    assert d.exists("Question/###Discard")
+    d.click("Question/###Cancel")
+    assert d.session.unsaved
+    assert not d.session.should_quit
+    d.keys(KEY.mod_ctrl, KEY.w)
+    d.click("Question/###Discard")
+    assert d.session.document is None
 
 
 def test_nothing_is_drawn_again_while_nothing_changes(display: str, balls: Path) -> None:
@@ -321,11 +283,6 @@ def _row(group: int) -> str:
     return f"**/object {group}/##row"
 
 
-def _scene(d: Driver) -> Scene:
-    assert d.session.scene is not None
-    return d.session.scene
-
-
 def _click_some_object(d: Driver) -> int:
     """Click the ball that is nearest to the eye; its group."""
     table = d.session.objects()
@@ -335,3 +292,246 @@ def _click_some_object(d: Driver) -> int:
     d.click_picture(*d.project(table.centre[row]))
     assert d.session.focus == int(table.ids[row])
     return d.session.focus
+
+
+# --- Errors while panels are drawn: the window tells of them, closes what they left open, lives
+# on.
+
+
+def in_a_child() -> None:
+    imgui.push_style_color(imgui.Col_.text, 0xFFFFFFFF)
+    imgui.begin_disabled()
+    imgui.push_id("lost")
+    imgui.begin_child("Lost", ImVec2(0, 40))
+    raise IndexError("a child is open")
+
+
+def in_a_table() -> None:
+    imgui.begin_group()
+    if imgui.begin_table("Lost", 2, imgui.TableFlags_.scroll_y, ImVec2(0, 60)):
+        clipper = imgui.ListClipper()
+        clipper.begin(100)
+        while clipper.step():
+            imgui.table_next_row()
+            imgui.table_next_column()
+            imgui.tree_push("lost")
+            raise IndexError("a table is open")
+    raise IndexError("a group is open")
+
+
+def in_a_popup() -> None:
+    imgui.open_popup("Lost")
+    imgui.begin_popup("Lost")
+    imgui.begin_tab_bar("Lost")
+    imgui.push_font(imgui.get_font(), 30.0)
+    raise IndexError("a popup is open")
+
+
+def in_a_window() -> None:
+    imgui.push_style_var(imgui.StyleVar_.window_rounding, 4.0)
+    imgui.begin("Lost")
+    raise IndexError("a window is open")
+
+
+def test_an_error_that_leaves_something_open_is_told(
+    display: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Once in this frame, once in five frames running: each is told of once, and all goes on."""
+    wanted = [0]
+
+    def failing(real: Callable[..., None], leave_open: Callable[[], None], *args: object) -> None:
+        if wanted[0]:
+            wanted[0] -= 1
+            leave_open()
+        real(*args)
+
+    def walk(d: Driver) -> None:
+        for (place, module), leave_open in product(
+            {"Inspector": inspector, "Dialogs": sheets, "Tool bar": toolbar}.items(),
+            (in_a_child, in_a_table, in_a_popup, in_a_window),
+        ):
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(module, "draw", partial(failing, module.draw, leave_open))
+                for times in (1, 5):
+                    d.session.notices = ()
+                    _fails(d, times, place, leave_open)
+            d.menu("Help/###Keys and mouse")  # every part of the window still works
+            assert d.exists("Keys and mouse/###Close")
+            d.keys(KEY.escape)
+            assert d.exists("Viewport/Try the demo")
+
+    def _fails(d: Driver, times: int, place: str, leave_open: Callable[[], None]) -> None:
+        caplog.clear()
+        wanted[0] = times
+        d.until(lambda: not wanted[0], "it failed")
+        d.frames(3)
+        told = [notice.text for notice in d.session.notices if notice.level is Level.ERROR]
+        assert told == [f"Something went wrong in {place}; the details are in the log file."]
+        (entry,) = [r for r in caplog.records if r.levelno == logging.ERROR]
+        assert entry.exc_info is not None
+        assert leave_open.__name__ in caplog.text
+
+    drive(walk, may_fail=True)
+
+
+def test_what_a_user_can_mend_is_said_as_it_is(
+    display: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def draw(*_: object) -> None:
+        raise GagaError("The disk is full. Make room.")
+
+    def walk(d: Driver) -> None:
+        monkeypatch.setattr(inspector, "draw", draw)
+        d.frames(4)
+        assert [notice.text for notice in d.session.notices] == ["The disk is full. Make room."]
+
+    drive(walk)
+
+
+def test_an_error_between_two_frames_is_told_and_a_file_may_still_be_dropped(
+    display: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def walk(d: Driver) -> None:
+        def fails(*_: object) -> None:
+            raise RuntimeError("no")
+
+        monkeypatch.setattr(d.session, "open", fails)
+        d.on_main(lambda: d.studio.window.hooks.dropped([tmp_path]))
+        monkeypatch.undo()
+        monkeypatch.setattr(d.session, "tick", fails)
+        d.frames(4)
+        assert [notice.text for notice in d.session.notices] == [
+            f"Something went wrong in {place}; the details are in the log file."
+            for place in ("Open", "Session")
+        ]
+
+    drive(walk, may_fail=True)
+
+
+def test_the_tests_themselves_hear_of_a_panel_that_failed(
+    display: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(widgets, "empty_state", lambda *_: 1 / 0)
+    with pytest.raises(AssertionError, match="ZeroDivisionError"):
+        drive(lambda d: d.frames(3))
+
+
+# --- What cannot be done now says why, in its menu and in the list of commands; the list offers
+# what
+# makes objects.
+
+# Every fourth is enough: one function draws all. GAGA_ALL_COMMANDS=1 hovers each.
+_EACH = 1 if os.environ.get("GAGA_ALL_COMMANDS") else 4
+
+
+def test_disabled_commands_say_why_and_an_empty_list_offers_objects(
+    display: str, scene_folder: Path
+) -> None:
+    def walk(d: Driver) -> None:
+        d.on_main(_at_once)
+        with _tooltips() as shown:
+            _menus(d, shown)
+            _palette(d, shown)
+        d.on_main(lambda: d.session.open(scene_folder))
+        d.settle()
+        assert d.exists("Objects/###Find objects")
+        offer = association.stage_offer(d.session)
+        assert offer is not None
+        assert offer.command == "object.associate", "what the button runs"
+        _no_offer_while_a_job_runs(d)
+
+    drive(walk, size=(520, 760))
+
+
+def _no_offer_while_a_job_runs(d: Driver) -> None:
+    card, button, ends = "Viewport/**/###Not now", "Objects/###Find objects", Event()
+    assert d.exists(card)
+    assert d.on_main(lambda: d.session.jobs.start("Wait", _waits(ends)))
+    d.frames(3)
+    assert not d.exists(card), "on the picture"
+    assert not d.exists(button)
+    said: dict[str, str] = {}
+    real = widgets.empty_state
+
+    def empty_state(icon: str, title: str, detail: str) -> None:
+        said[title] = detail
+        real(icon, title, detail)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(widgets, "empty_state", empty_state)
+        d.frames(2)
+    assert said["No objects yet"] == "Nothing in this scene belongs to an object.", "no advice"
+    ends.set()
+    d.settle()
+    assert d.exists(card)
+    assert d.exists(button)
+
+
+def _waits(ends: Event) -> Stage[None]:
+    yield Progress("Wait", 0, 1)
+    ends.wait()
+
+
+def _at_once() -> None:
+    """Tooltips without a delay."""
+    style = imgui.get_style()
+    style.hover_stationary_delay = style.hover_delay_short = style.hover_delay_normal = 0.0
+
+
+@contextmanager
+def _tooltips() -> Iterator[list[str]]:
+    """The texts of the tooltips that are shown inside the block, in order."""
+    shown: list[str] = []
+    real = widgets.tooltip
+
+    def tooltip(text: str, shortcut: str = "") -> None:
+        flags = imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled
+        if text and imgui.is_item_hovered(flags):
+            shown.append(text)
+        real(text, shortcut)
+
+    widgets.tooltip = tooltip
+    try:
+        yield shown
+    finally:
+        widgets.tooltip = real
+
+
+def _disabled(d: Driver, of: tuple[Command, ...]) -> list[Command]:
+    return [command for command in of if command.enabled(d.session)]
+
+
+def _menus(d: Driver, shown: list[str]) -> None:
+    n = 0
+    for title, listed in MENUS.items():
+        here = [c for c in _disabled(d, listed) if c.id not in menu.IN_SUBMENUS][::_EACH]
+        if not here:
+            continue
+        d.engine.set_ref("//##MainMenuBar")
+        for command in here:
+            shown.clear()
+            d.engine.menu_action(imgui.test_engine.TestAction.hover, f"{title}/###{command.title}")
+            _says(d, shown, command)
+        n += len(here)
+        d.keys(KEY.escape)
+    assert n > 80 // _EACH, "nearly everything needs a scene"
+
+
+def _palette(d: Driver, shown: list[str]) -> None:
+    """Those of submenus are here, too."""
+    d.on_main(lambda: commands.run("help.palette", d.session))
+    d.frames(3)
+    d.engine.set_ref(d.engine.window_info("//$FOCUSED/Found").window.id_)
+    for command in _disabled(d, commands.COMMANDS)[::_EACH]:
+        shown.clear()
+        d.engine.mouse_move(f"###{command.id}")
+        _says(d, shown, command)
+    d.keys(KEY.escape)
+
+
+def _says(d: Driver, shown: list[str], command: Command) -> None:
+    d.check(command.id)
+    d.frames(1)
+    why = command.enabled(d.session)
+    assert why.endswith(".")
+    assert shown[-1:] == [why], command.id

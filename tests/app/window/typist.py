@@ -3,13 +3,12 @@
 import ctypes
 import ctypes.util
 import os
-import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import glfw
-from imgui_bundle import glfw_utils, hello_imgui, immapp
+from imgui_bundle import glfw_utils, hello_imgui, imgui, immapp
 
 from gaga_studio.studio import Studio
 
@@ -48,7 +47,7 @@ class Keyboard:
         self._x.XStringToKeysym.restype = ctypes.c_ulong
         self._display = ctypes.c_void_p(self._x.XOpenDisplay(os.environ["DISPLAY"].encode()))
         self._window = ctypes.c_ulong(window)
-        self._state = 0
+        self._state, self._time = 0, 0
 
     def stroke(self, name: str, is_down: bool) -> None:
         symbol = ctypes.c_ulong(self._x.XStringToKeysym(name.encode()))
@@ -56,12 +55,17 @@ class Keyboard:
         kind = _PRESS if is_down else _RELEASE
         event = XEvent(type=kind, send_event=1, state=self._state, keycode=code, same_screen=1)
         event.display, event.window = self._display.value, self._window.value
-        event.time = int(time.monotonic() * 1000)
+        # As a hand types: GLFW takes a press right after a release for a repeating key.
+        self._time += 30
+        event.time = self._time  # ms
         mask = ctypes.c_long(1 << (kind - 2))
         self._x.XSendEvent(self._display, self._window, 1, mask, ctypes.byref(event))
-        self._x.XFlush(self._display)
         bit = _STATES.get(name, 0)
         self._state = self._state | bit if is_down else self._state & ~bit
+
+    def sync(self) -> None:
+        """Until the server has passed on all strokes."""
+        self._x.XSync(self._display, 0)
 
     def close(self) -> None:
         self._x.XCloseDisplay(self._display)
@@ -71,48 +75,52 @@ def type_into(
     studio: Studio,
     script: Sequence[Stroke],
     *,
+    in_a_frame: int,
     frame_s: float,
-    pause_s: float = 0.03,
-    patience_s: float = 240.0,
     see: Callable[[Studio], Any],
-) -> Any:
-    """Open the window, type ``script`` when all is drawn, and return what is to ``see`` then.
+    patience_s: float = 120.0,
+) -> tuple[Any, Any]:
+    """Open the window and type ``script`` when all is drawn; what was to ``see`` before and after.
 
-    Every frame after that takes ``frame_s`` longer; ``pause_s`` lie between two strokes.
+    From then on a frame says that it took ``frame_s``, and has ``in_a_frame`` strokes: all that a
+    hand types while so slow a frame is drawn. Nobody sleeps for that.
     """
     params = studio.window.params()
     studio.never_idle = True
     params.fps_idling.enable_idling = False
-    hand: list[threading.Thread] = []
-    state: dict[str, Any] = {"still": 0, "end": time.monotonic() + patience_s, "seen": None}
+    left, seen, end = list(script), [], time.monotonic() + patience_s
+    keyboards: list[Keyboard] = []
+    still, real = [0], params.callbacks.pre_new_frame
 
-    def write(window: int) -> None:
-        keyboard = Keyboard(window)
-        for name, is_down in script:
-            keyboard.stroke(name, is_down)
-            time.sleep(pause_s)
-        keyboard.close()
+    def before_frame() -> None:
+        if keyboards:
+            imgui.get_io().delta_time = frame_s
+        real()
 
     def after_frame() -> None:
-        assert time.monotonic() < state["end"], "the window is not done in time"
-        if not hand:
-            state["still"] = state["still"] + 1 if studio.is_settled else 0
-            if state["still"] > 3:
+        assert time.monotonic() < end, "the window is not done in time"
+        is_at_rest = studio.is_settled and not studio.window.keys_wait
+        still[0] = still[0] + 1 if is_at_rest else 0
+        if keyboards and left:
+            for name, is_down in left[:in_a_frame]:
+                keyboards[0].stroke(name, is_down)
+            keyboards[0].sync()
+            del left[:in_a_frame]
+            still[0] = 0
+        elif still[0] > 4:
+            still[0] = 0
+            seen.append(see(studio))
+            if keyboards:
+                keyboards.pop().close()
+                hello_imgui.get_runner_params().app_shall_exit = True
+            else:
                 window = glfw.get_x11_window(glfw_utils.glfw_window_hello_imgui())
-                hand.append(threading.Thread(target=write, args=(window,)))
-                hand[0].start()
-                state["still"] = 0
-            return
-        time.sleep(frame_s)
-        is_done = not hand[0].is_alive() and not studio.window.keys_wait and studio.is_settled
-        state["still"] = state["still"] + 1 if is_done else 0
-        if state["still"] > 4:
-            state["seen"] = see(studio)
-            hello_imgui.get_runner_params().app_shall_exit = True
+                keyboards.append(Keyboard(window))
 
+    params.callbacks.pre_new_frame = before_frame
     params.callbacks.after_swap = after_frame
     immapp.run(params, immapp.AddOnsParams())
-    return state["seen"]
+    return seen[0], seen[1]
 
 
 def strokes(text: str) -> list[Stroke]:

@@ -11,8 +11,9 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster import base
 from gaga_core.raster.base import Gradients
+from gaga_core.raster.cpu import backward_kernels
 from gaga_core.raster.cpu.backward_kernels import backward_splats
-from gaga_core.raster.cpu.rasterizer import CpuRasterizer, backward_kernels
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.raster.reference import project
 from gaga_core.training.losses import photometric, psnr
 from tests import torch_reference

@@ -11,7 +11,8 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.ply import read_ply
-from gaga_core.raster.cpu.rasterizer import CpuRasterizer, rasterizer
+from gaga_core.raster.cpu import rasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.raster.reference import ReferenceRasterizer
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 

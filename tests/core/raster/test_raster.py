@@ -11,7 +11,8 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster import base, choose
-from gaga_core.raster.cpu.rasterizer import CpuRasterizer, blend_kernels, project_kernels
+from gaga_core.raster.cpu import blend_kernels, project_kernels
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.raster.reference import ReferenceRasterizer
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 

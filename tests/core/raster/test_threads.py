@@ -8,7 +8,8 @@ import pytest
 from gaga_core.arrays import AnyArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.raster.cpu.rasterizer import CpuRasterizer, rasterizer
+from gaga_core.raster.cpu import rasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from tests.scenes import objects_scene
 
 CPU = CpuRasterizer()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.io.splats.ply import write_ply

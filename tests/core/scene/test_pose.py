@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray, IntArray
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History

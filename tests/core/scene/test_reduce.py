@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene import edits, reduce
 from gaga_core.scene.bake import bake
-from gaga_core.scene.edits.append import append_made, spread
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.splats import append_made, spread
 from gaga_core.scene.orientation import pose_of
 from gaga_core.scene.project import Project, save_project
 from gaga_core.scene.reduce import (

@@ -1,13 +1,12 @@
 """Commands as buttons and menu items: one table decides what is possible and says why not."""
 
+from collections.abc import Iterable
+
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio import commands
-from gaga_studio.actions import navigation
-from gaga_studio.session.requests import Request
+from gaga_studio.features import camera, commands
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, widgets
-from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.widgets import Face
 
 ICONS = {
@@ -146,6 +145,14 @@ OBJECT_MENU = (
     "file.export_selected",
     "file.export_meshes",
 )
+_IN_THE_PICTURE = (
+    "object.folder",
+    "select.children",
+    "",
+    "tool.pivot_here",
+    "tool.origin_here",
+    "tool.ground",
+)
 SPLITS = ("object.split", "object.split_masks", "object.split_here", "object.join_here")
 SCENE_MENU = (
     "select.all",
@@ -209,41 +216,17 @@ def command_item(session: Session, command_id: str) -> None:
 
 def object_menu(session: Session) -> None:
     """What can be done with the selected objects: the context menu of list and picture."""
-    _items(session, OBJECT_MENU)
+    command_items(session, OBJECT_MENU)
 
 
-_OBJECT_POPUP, _SCENE_POPUP = "Object in the picture", "Scene in the picture"
-
-
-def register(table: RequestTable) -> None:
-    """Answer a right click in the picture."""
-    table.register_popup(Request.OBJECT_MENU, _OBJECT_POPUP)
-    table.register_popup(Request.SCENE_MENU, _SCENE_POPUP)
+OBJECT_POPUP, SCENE_POPUP = "Object in the picture", "Scene in the picture"
 
 
 def picture_menus(session: Session) -> None:
     """The menus of a right click in the picture: on an object, and on nothing."""
-    if imgui.begin_popup(_OBJECT_POPUP):
-        widgets.escape_closes()
-        _items(
-            session,
-            (
-                *OBJECT_MENU,
-                "object.folder",
-                "select.children",
-                "",
-                "tool.pivot_here",
-                "tool.origin_here",
-                "tool.ground",
-            ),
-        )
-        imgui.end_popup()
-    if imgui.begin_popup(_SCENE_POPUP):
-        widgets.escape_closes()
-        if session.view.pointed is not None:
-            _items(session, ("tool.pivot_here", ""))
-        _items(session, SCENE_MENU)
-        imgui.end_popup()
+    here = ("tool.pivot_here", "") if session.view.pointed is not None else ()
+    widgets.popup(OBJECT_POPUP, lambda: command_items(session, (*OBJECT_MENU, *_IN_THE_PICTURE)))
+    widgets.popup(SCENE_POPUP, lambda: command_items(session, (*here, *SCENE_MENU)))
 
 
 def split_menu(session: Session) -> None:
@@ -254,7 +237,7 @@ def split_menu(session: Session) -> None:
         imgui.end_menu()
 
 
-def _items(session: Session, command_ids: "tuple[str, ...]") -> None:
+def command_items(session: Session, command_ids: Iterable[str]) -> None:
     """Commands as menu items; "" is a line."""
     for command_id in command_ids:
         if command_id == "object.split":
@@ -267,9 +250,9 @@ def _items(session: Session, command_ids: "tuple[str, ...]") -> None:
 
 def fly_to(session: Session, view: str) -> None:
     """Go to where a photo was taken, by its name."""
-    index = navigation.view_index(session, view)
+    index = camera.view_index(session, view)
     if index is not None:
-        navigation.go_to_view(session, index)
+        camera.go_to_view(session, index)
 
 
 def gap(size: float) -> None:

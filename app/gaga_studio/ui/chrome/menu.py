@@ -5,9 +5,9 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
-from gaga_studio.actions import masks
-from gaga_studio.commands import MENUS
-from gaga_studio.commands.camera import RECALL, SET
+from gaga_studio.features.camera import RECALL, SET
+from gaga_studio.features.commands import MENUS
+from gaga_studio.features.find import masks
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -90,8 +90,7 @@ def _bookmarks(session: Session) -> None:
         ("Set bookmark", icons.BLANK, SET),
     ):
         if imgui.begin_menu(f"{icon}  {name}###{name}"):
-            for command_id in ids:
-                command_buttons.command_item(session, command_id)
+            command_buttons.command_items(session, ids)
             imgui.end_menu()
 
 
@@ -124,5 +123,4 @@ def _title(session: Session) -> None:
     left = (imgui.get_window_width() - width) / 2
     if left > imgui.get_cursor_pos_x() + theme.em(2):
         imgui.set_cursor_pos_x(left)
-        with theme.text_color(theme.DIM):
-            imgui.text_unformatted(title)
+        widgets.text(title, theme.DIM)

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio import commands
-from gaga_studio.actions import export
+from gaga_studio.features import commands, export
 from gaga_studio.session.notices import Level, Notice
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -62,54 +61,37 @@ def _seconds(notice: Notice) -> float:
     return max(seconds, _OFFER_SECONDS) if notice.command or notice.shows else seconds
 
 
-def _show_in_folder(session: Session, notice: Notice) -> None:
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + em(1.6))
-    face = Face("Show in folder", icons.FOLDER)
-    if notice.shows is not None and widgets.button("Show in folder", face):
-        export.show_in_folder(session, notice.shows)
-
-
 def _card(
     session: Session, state: ToastState, notice: Notice, slot: int, place: tuple[ImVec2, float]
 ) -> float:
     """One card at ``place``, its upper right corner and its width; returns its lower edge."""
     corner, width = place
+    bottom = 0.0
+
+    def draw() -> None:
+        nonlocal bottom
+        icon, color = _SIGNS[notice.level]
+        top = imgui.get_cursor_pos_y()
+        widgets.text(icon, color)
+        imgui.same_line()
+        imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + width - em(5.4))
+        imgui.text_unformatted(notice.text)
+        imgui.pop_text_wrap_pos()
+        if notice.shows is not None:
+            imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + em(1.6))
+            if widgets.button("Show in folder", Face("Show in folder", icons.FOLDER)):
+                export.show_in_folder(session, notice.shows)
+        if notice.command:
+            command = commands.command(notice.command)
+            if widgets.button(command.title, why_not=command.enabled(session)):
+                commands.run(notice.command, session)
+                state.closed.add(id(notice))
+        imgui.set_cursor_pos(ImVec2(width - em(2.2), top))
+        if widgets.small_icon("Close", icons.CLOSE, hint="Close"):
+            state.closed.add(id(notice))
+        bottom = imgui.get_window_pos().y + imgui.get_window_height()
+
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 0))
     imgui.set_next_window_size_constraints(ImVec2(width, 0), ImVec2(width, em(20)))
-    imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
-    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
-    imgui.push_style_var(imgui.StyleVar_.window_border_size, theme.scaled(1))
-    imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(6))
-    flags = (
-        imgui.WindowFlags_.no_decoration
-        | imgui.WindowFlags_.always_auto_resize
-        | imgui.WindowFlags_.no_docking
-        | imgui.WindowFlags_.no_saved_settings
-        | imgui.WindowFlags_.no_focus_on_appearing
-        | imgui.WindowFlags_.no_nav
-        | imgui.WindowFlags_.no_move
-    )
-    imgui.begin(f"Notice {slot}", None, flags)
-    icon, color = _SIGNS[notice.level]
-    top = imgui.get_cursor_pos_y()
-    with theme.text_color(color):
-        imgui.text_unformatted(icon)
-    imgui.same_line()
-    imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + width - em(5.4))
-    imgui.text_unformatted(notice.text)
-    imgui.pop_text_wrap_pos()
-    if notice.shows is not None:
-        _show_in_folder(session, notice)
-    if notice.command:
-        title = commands.command(notice.command).title
-        if widgets.button(title, Face(), why_not=commands.command(notice.command).enabled(session)):
-            commands.run(notice.command, session)
-            state.closed.add(id(notice))
-    imgui.set_cursor_pos(ImVec2(width - em(2.2), top))
-    if widgets.small_icon("Close", icons.CLOSE, hint="Close"):
-        state.closed.add(id(notice))
-    bottom = imgui.get_window_pos().y + imgui.get_window_height()
-    imgui.end()
-    imgui.pop_style_var(2)
-    imgui.pop_style_color(2)
+    widgets.floating_card(f"Notice {slot}", draw)
     return bottom

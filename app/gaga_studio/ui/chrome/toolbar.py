@@ -1,24 +1,199 @@
 """The tool bar: tools, undo, how the picture is colored, and the search."""
 
+from collections.abc import Sequence
+
 from imgui_bundle import imgui
 
-from gaga_studio import commands
-from gaga_studio.session.requests import Request
-from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Mode, SplatLook
-from gaga_studio.ui.chrome import command_buttons, tool_options
-from gaga_studio.ui.chrome.tool_options import rule
+from gaga_studio.features import commands
+from gaga_studio.features.find import click_object
+from gaga_studio.session.notices import Request
+from gaga_studio.session.session import NO_GROUPS, Session
+from gaga_studio.session.view import REGION_TOOLS, Mode, SplatLook, ToolName
+from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+
+# --- Options of the tool: in the tool bar, or over the picture where the bar has no room for them.
+
+_TAKES = (
+    (False, "", "Objects", "Whole objects of which at least half lies in the region"),
+    (True, "", "Splats", "Single splats"),
+)
+_DEPTHS = (
+    (False, "", "Through", "Everything in the region, what is hidden behind it too"),
+    (True, "", "Visible surface", "Only what is seen from here"),
+)
+_MODEL_HINT = (
+    "A Segment Anything model looks at what was clicked from several sides, in the background; "
+    "its answer takes the place of the first one"
+)
+_MAKE, _CLEAR = "Make object", "Clear"
+# Tools that have a button at all times; others while they are used.
+_IN_BAR = {
+    *REGION_TOOLS,
+    ToolName.PICK,
+    ToolName.OBJECT,
+    ToolName.SPHERE,
+    ToolName.MOVE,
+    ToolName.ROTATE,
+    ToolName.SCALE,
+}
+_WITH_CARD = {*REGION_TOOLS, ToolName.OBJECT, ToolName.COLOR}
+_RULE, _GAP, _STRENGTH = 1.3, 0.4, 6.0  # of a line between groups, between buttons, of a slider; em
+
+
+def fits(session: Session, room: float) -> bool:
+    """Whether the options fit in ``room`` pixels of the bar, with the search behind them."""
+    wide = _width(session)
+    return wide == 0 or em(_RULE) + wide + em(3.5) <= room
+
+
+def draw_options(session: Session) -> None:
+    """A line and the options, behind all buttons: those stay where they are."""
+    if _width(session):
+        rule()
+        _options(session)
+
+
+def draw_card(session: Session, area: PictureArea, top: float) -> float:
+    """The options over the upper left of the picture, from ``top``, pixels; what is free below.
+
+    Nothing where the bar shows them.
+    """
+    if not area.has_options or session.tool not in _WITH_CARD:
+        return top
+    imgui.set_cursor_screen_pos(imgui.ImVec2(area.left + em(0.7), top))
+    imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(em(0.35), em(0.35)))
+    widgets.card("Tool options", 0, lambda: _options(session))
+    imgui.pop_style_var()
+    return imgui.get_item_rect_max().y + em(0.5)
+
+
+def _width(session: Session) -> float:
+    """Of the options, pixels; 0: the tool has none."""
+    if session.tool in REGION_TOOLS:
+        labels = [label for _, _, label, _ in (*_TAKES, *_DEPTHS)]
+    elif session.tool is ToolName.OBJECT:
+        labels = [f"{icons.BLANK}  {label}" for label in (_MAKE, _CLEAR)]  # each with an icon
+    elif session.tool in _IN_BAR:
+        return 0.0
+    else:
+        color = imgui.get_frame_height() + em(2 * _GAP + _STRENGTH)
+        return em(2) + (color if session.tool is ToolName.COLOR else 0)
+    padding = 2 * imgui.get_style().frame_padding.x
+    return sum(imgui.calc_text_size(label).x + padding for label in labels) + em(_GAP)
+
+
+def _options(session: Session) -> None:
+    if session.tool in REGION_TOOLS:
+        _what_regions_take(session)
+    elif session.tool is ToolName.OBJECT:
+        _clicks(session)
+    elif session.tool not in _IN_BAR:
+        command_buttons.command_icon(session, f"tool.{session.tool}")
+        if session.tool is ToolName.COLOR:
+            imgui.same_line(0, em(_GAP))
+            _paint_color(session)
+
+
+def _what_regions_take(session: Session) -> None:
+    """In words, because "rings" and "centres" are what users of other editors stumble over."""
+    view = session.view
+    document = session.document
+    no_objects = "" if document and document.read.has_groups() else NO_GROUPS
+    takes = widgets.segmented(
+        "What is selected",
+        _TAKES,
+        view.takes_splats or bool(no_objects),
+        why_not={False: no_objects},
+    )
+    imgui.same_line(0, em(_GAP))
+    why_not = "" if takes else "An object is selected whole, what is seen of it and what is not."
+    depth = widgets.segmented(
+        "How deep", _DEPTHS, view.visible_only and takes, why_not={True: why_not}
+    )
+    if not no_objects:
+        view.takes_splats = takes
+    if takes:
+        view.visible_only = depth
+
+
+def _paint_color(session: Session) -> None:
+    """The color that the brush gives, and how much of it."""
+    view = session.view
+    flags = imgui.ColorEditFlags_.no_inputs | imgui.ColorEditFlags_.no_label
+    changed, color = imgui.color_edit3("Brush color", list(view.brush_color), int(flags))
+    if changed:
+        view.brush_color = (float(color[0]), float(color[1]), float(color[2]))
+    widgets.tooltip("The color of the brush; Ctrl+click in the picture takes one from there")
+    imgui.same_line(0, em(_GAP))
+    imgui.set_next_item_width(em(_STRENGTH))
+    changed, strength = imgui.slider_float("###Strength", view.brush_strength, 0.05, 1.0, "%.2f")
+    if changed:
+        view.brush_strength = float(strength)
+    widgets.tooltip("How much of it: 1 is all")
+
+
+def _clicks(session: Session) -> None:
+    """What is done with the clicks of the tool Object."""
+    command_buttons.command_button(session, "object.make", _MAKE)
+    imgui.same_line(0, em(_GAP))
+    command_buttons.command_button(session, "select.none", _CLEAR)
+    imgui.same_line(0, em(_GAP))
+    _model_of_clicks(session)
+
+
+def _model_of_clicks(session: Session) -> None:
+    """Which model clicks ask, and the way to get one; the menu Tools has a switch where this has
+    no room."""
+    chosen = click_object.chosen_model(session)
+    title = widgets.elided(chosen.title if chosen is not None else "none", em(11))
+    room = imgui.get_content_region_avail().x - 2 * imgui.get_style().frame_padding.x
+    texts = (f"{text}  {icons.UNFOLDED}" for text in (f"Model: {title}", "Model"))
+    text = next((text for text in texts if imgui.calc_text_size(text).x <= room), "")
+    if not text:
+        imgui.new_line()
+        return
+    if widgets.button("Model of the clicks", Face(text), hint=_MODEL_HINT):
+        imgui.open_popup("Models for clicks")
+    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    imgui.set_next_window_pos(imgui.ImVec2(low.x, high.y + theme.scaled(2)))
+    if not imgui.begin_popup("Models for clicks"):
+        return
+    if imgui.menu_item("None", "", chosen is None)[0]:
+        click_object.choose_model(session, click_object.NO_MODEL)
+    for model in click_object.models_here(session):
+        if imgui.menu_item(f"{model.title}###{model.title}", "", model is chosen)[0]:
+            click_object.choose_model(session, model.name)
+    imgui.separator()
+    command_buttons.command_item(session, "object.models")
+    imgui.end_popup()
+
+
+def rule() -> None:
+    """A thin line between groups of buttons."""
+    imgui.same_line(0, em(0.6))
+    corner = imgui.get_cursor_screen_pos()
+    height = imgui.get_frame_height()
+    top, bottom = corner.y + height * 0.15, corner.y + height * 0.85
+    imgui.get_window_draw_list().add_line(
+        imgui.ImVec2(corner.x, top), imgui.ImVec2(corner.x, bottom), theme.u32(theme.LINE_STRONG)
+    )
+    imgui.dummy(imgui.ImVec2(1, height))
+    imgui.same_line(0, em(0.6))
+
 
 _MODES = (
     (Mode.COLOR, icons.COLOR, "Color", "The scene in its own colors"),
     (Mode.GROUPS, icons.GROUPS, "Groups", "Every object in its list color"),
     (Mode.DEPTH, icons.DEPTH, "Depth", "Near is bright, far is dark"),
 )
-_SELECTING = ("pick", "object", "rect", "lasso", "polygon", "brush", "sphere")
-_MOVING = ("move", "rotate", "scale")
+_SELECTING = [
+    f"tool.{tool}" for tool in ("pick", "object", "rect", "lasso", "polygon", "brush", "sphere")
+]
+_MOVING = ("tool.move", "tool.rotate", "tool.scale")
 
 
 def draw(session: Session, area: PictureArea) -> None:
@@ -29,18 +204,9 @@ def draw(session: Session, area: PictureArea) -> None:
     _paint()
     width = imgui.get_content_region_avail().x
     left = imgui.get_cursor_screen_pos().x
-    for position, tool in enumerate(_SELECTING):
-        _next(position)
-        command_buttons.command_icon(session, f"tool.{tool}")
-    rule()
-    for position, tool in enumerate(_MOVING):
-        _next(position)
-        command_buttons.command_icon(session, f"tool.{tool}")
-    rule()
-    command_buttons.command_icon(session, "edit.undo")
-    _next()
-    command_buttons.command_icon(session, "edit.redo")
-    rule()
+    for listed in (_SELECTING, _MOVING, ("edit.undo", "edit.redo")):
+        _icons(session, listed)
+        rule()
     _modes(session, with_text=width > em(58))
     imgui.same_line()
     if width - (imgui.get_cursor_screen_pos().x - left) < 3 * imgui.get_frame_height() + em(3):
@@ -48,15 +214,11 @@ def draw(session: Session, area: PictureArea) -> None:
         area.has_options = True
         return
     rule()
-    command_buttons.command_icon(session, "view.frusta")
-    _next()
-    command_buttons.command_icon(session, "view.fly")
-    _next()
-    command_buttons.command_icon(session, "view.frame_all")
+    _icons(session, ("view.frusta", "view.fly", "view.frame_all"))
     used = imgui.get_item_rect_max().x - left
-    area.has_options = not tool_options.fits(session, width - used)
+    area.has_options = not fits(session, width - used)
     if not area.has_options:
-        tool_options.draw(session)
+        draw_options(session)
     imgui.same_line()
     used = imgui.get_cursor_screen_pos().x - left
     _search(session, width, used)
@@ -94,15 +256,11 @@ def _modes(session: Session, *, with_text: bool) -> None:
     low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
     imgui.set_next_window_pos(imgui.ImVec2(low.x, high.y + theme.scaled(2)))
     if imgui.begin_popup("More modes"):
-        for mode in Mode:
-            if mode not in shown:
-                command_buttons.command_item(session, f"view.{mode}")
-        command_buttons.command_item(session, "view.folder_colors")
-        imgui.separator()
-        for look in SplatLook:
-            command_buttons.command_item(session, f"view.look_{look}")
-        imgui.separator()
-        command_buttons.command_item(session, "view.background")
+        more = [f"view.{mode}" for mode in Mode if mode not in shown]
+        looks = [f"view.look_{look}" for look in SplatLook]
+        command_buttons.command_items(
+            session, (*more, "view.folder_colors", "", *looks, "", "view.background")
+        )
         imgui.end_popup()
 
 
@@ -125,6 +283,8 @@ def _search(session: Session, width: float, used: float) -> None:
     widgets.tooltip("Every command by its name", "Ctrl+P")
 
 
-def _next(position: int = 1) -> None:
-    if position:
-        imgui.same_line(0, em(0.15))
+def _icons(session: Session, command_ids: Sequence[str]) -> None:
+    for position, command_id in enumerate(command_ids):
+        if position:
+            imgui.same_line(0, em(0.15))
+        command_buttons.command_icon(session, command_id)

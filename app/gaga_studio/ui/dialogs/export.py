@@ -1,6 +1,5 @@
 """The sheet that exports: the scene, the selection, every object or the cameras; one for all."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -8,25 +7,129 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.export.cameras import CameraForm, camera_form_of
 from gaga_core.export.export import MeshExport, MeshForm
-from gaga_core.export.options import ExportOptions
+from gaga_core.export.options import ExportOptions, Point
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import WRITE_SUFFIXES, SplatFormat
-from gaga_studio import commands
-from gaga_studio.actions import export
-from gaga_studio.actions.export import ExportPlan, ExportSummary, What
-from gaga_studio.session.requests import Request
+from gaga_core.scene.selection.bounds import splat_box
+from gaga_studio.features import commands, export
+from gaga_studio.features.export import ExportPlan, ExportSummary, What
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
-from gaga_studio.ui.dialogs import export_cameras, export_options
-from gaga_studio.ui.dialogs.export_options import NAMES
-from gaga_studio.ui.dialogs.file_dialog import FileDialog, FilePicker, PathKind
+from gaga_studio.ui.dialogs.files import FileDialog, FilePicker, PathKind
 from gaga_studio.ui.kit import widgets
-from gaga_studio.ui.kit.modal import begin_modal, body_height
-from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.kit.modal import answer, begin_modal, body_height
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-_SHEET = "Export"  # its title
+# --- The forms of cameras in the sheet that exports.
+
+FORMS: tuple[tuple[CameraForm, str, str, str], ...] = (
+    (
+        CameraForm.CAMERAS_JSON,
+        "",
+        "cameras.json",
+        "As trainings of 3D Gaussian Splatting write them; viewers of splats read them.",
+    ),
+    (
+        CameraForm.TRANSFORMS_JSON,
+        "",
+        "transforms.json",
+        "For nerfstudio and instant-ngp. The photos belong next to it, into the folder images.",
+    ),
+    (
+        CameraForm.COLMAP,
+        "",
+        "COLMAP",
+        "A folder with cameras, images and points as text: most trainings start from these.",
+    ),
+)
+
+
+def _draw_cameras(form: CameraForm, indent: float) -> CameraForm:
+    """The row that chooses a form, and what it is for; ``indent`` pixels from the left."""
+    widgets.field_name("Form", indent)
+    chosen = widgets.segmented("Camera form", FORMS, form, why_not={})
+    widgets.under_fields(indent)
+    widgets.dim(next(hint for one, _, _, hint in FORMS if one is chosen), wrap=True)
+    return chosen
+
+
+# --- What an export changes on the way, in the sheet that exports: color, count, placement, crop.
+
+NAMES = 7.0  # width of the names of fields, ems
+_SHARES = {1.0: "All", 0.75: "Three quarters", 0.5: "Half", 0.25: "A quarter", 0.1: "A tenth"}
+
+
+def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool) -> ExportOptions:
+    """The rows of options; ``has_splats``: what is written has colors, and may be fewer."""
+    degree = session.need().scene.gaussians.sh_degree
+    if has_splats:
+        options = _color(options, degree) if degree > 0 else options
+        options = _fewer(options)
+    widgets.field_name("Placement", em(NAMES))
+    hint = "The middle of all that is written becomes the origin; files still fit"
+    centre = widgets.tick("Middle at the origin", options.centre, hint)
+    widgets.next_to("Lowest point at height 0", extra=em(2))
+    hint = "What is written stands on the ground"
+    ground = widgets.tick("Lowest point at height 0", options.ground, hint)
+    options = replace(options, centre=centre, ground=ground)
+    widgets.field_name("Units", em(NAMES))
+    form = "1 scene unit = %.4g in the file"
+    flags = imgui.SliderFlags_.always_clamp | imgui.SliderFlags_.logarithmic
+    changed, scale = imgui.drag_float("##Units", options.scale, 0.01, 1e-4, 1e4, form, flags)
+    widgets.tooltip("Drag, or double-click to type. What is 2 long here is twice this number long")
+    options = replace(options, scale=scale) if changed and scale > 0 else options
+    widgets.field_name("Crop", em(NAMES))
+    return _crop(session, options)
+
+
+def _color(options: ExportOptions, degree: int) -> ExportOptions:
+    now = degree if options.sh_degree is None else min(options.sh_degree, degree)
+    named = {k: f"View-dependent, degree {k}" for k in range(degree, 0, -1)}
+    named[0] = "The same from every side"
+    named[degree] = f"As it is (degree {degree})"
+    hint = "Lower degrees make smaller files and lose reflections"
+    chosen = widgets.choice("Color", named, now, em(NAMES), hint=hint)
+    return replace(options, sh_degree=None if chosen == degree else chosen)
+
+
+def _fewer(options: ExportOptions) -> ExportOptions:
+    now = min(_SHARES, key=lambda share: abs(share - options.keep))
+    hint = "Fewer make smaller files that are drawn faster: neighbours are merged"
+    chosen = widgets.choice("Splats", _SHARES, now, em(NAMES), hint=hint)
+    return options if chosen == now else replace(options, keep=chosen)
+
+
+def _crop(session: Session, options: ExportOptions) -> ExportOptions:
+    hint = "The box is around the selection at first, else around everything"
+    is_on = widgets.tick("Only what is in a box", options.crop is not None, hint)
+    if not is_on or options.crop is None:
+        return replace(options, crop=_box(session) if is_on else None)
+    lo, hi = options.crop
+    speed = max(*(b - a for a, b in zip(lo, hi, strict=True)), 1e-6) / 300
+    widgets.field_name("  from", em(NAMES))
+    moved_lo, low = imgui.drag_float3("##Crop from", list(lo), speed, 0, 0, "%.3f")
+    widgets.field_name("  to", em(NAMES))
+    moved_hi, high = imgui.drag_float3("##Crop to", list(hi), speed, 0, 0, "%.3f")
+    if not (moved_lo or moved_hi):
+        return options
+    first = [min(a, b) for a, b in zip(low, high, strict=True)]
+    last = [max(a, b) for a, b in zip(low, high, strict=True)]
+    return replace(options, crop=(_point(first), _point(last)))
+
+
+def _box(session: Session) -> tuple[Point, Point]:
+    chosen = session.selected_indices()
+    lo, hi = splat_box(session.need().scene, chosen if len(chosen) else None, share=1.0)
+    return _point(lo.tolist()), _point(hi.tolist())
+
+
+def _point(values: "list[float]") -> Point:
+    x, y, z = values
+    return float(x), float(y), float(z)
+
+
+SHEET = "Export"  # its title
 _CAMERAS = "file.export_cameras"
 _NO_FOLDER = "COLMAP needs a folder: leave .json out of the name."
 _WHATS: tuple[tuple[What, str, str, str, str], ...] = (
@@ -98,38 +201,25 @@ class ExportSheet:
     waits: FileDialog | None = None  # the sheet comes back when a place was chosen
 
 
-def register(table: RequestTable, sheet: ExportSheet) -> None:
-    """Answer the requests to export."""
-    for request, what in (
-        (Request.EXPORT_SCENE, "scene"),
-        (Request.EXPORT_SELECTED, "selected"),
-        (Request.EXPORT_OBJECTS, "objects"),
-        (Request.EXPORT_MESHES, "objects"),
-        (Request.EXPORT_PAGE, "scene"),
-        (Request.EXPORT_CAMERAS, "cameras"),
-    ):
-        form = SplatFormat.HTML if request is Request.EXPORT_PAGE else None
-        solid = MeshForm.MESH if request is Request.EXPORT_MESHES else None
-        table.register(request, _opener(sheet, what, form, solid))  # type: ignore[arg-type]  # What
-
-
-def _opener(
-    sheet: ExportSheet, what: What, form: SplatFormat | None, solid: MeshForm | None
-) -> Callable[[Session], None]:
-    def opens(session: Session) -> None:
-        if session.document is None:
-            return
-        sheet.what = what
-        # A page is asked for by name; other requests go back to splats.
-        other = SplatFormat.PLY if sheet.form is SplatFormat.HTML else sheet.form
-        sheet.form = other if form is None else form
-        sheet.solid = solid  # asked for by name, too
-        # A box is of one scene; the rest is wanted again.
-        sheet.options = replace(sheet.options, crop=None, up=export.up_of(session))
-        _propose(session, sheet)
-        imgui.open_popup(_SHEET)
-
-    return opens
+def opens(
+    session: Session,
+    sheet: ExportSheet,
+    what: What,
+    form: SplatFormat | None = None,
+    solid: MeshForm | None = None,
+) -> None:
+    """Open the sheet for ``what``; a page and meshes are asked for by name."""
+    if session.document is None:
+        return
+    sheet.what = what
+    # Other requests go back to splats.
+    other = SplatFormat.PLY if sheet.form is SplatFormat.HTML else sheet.form
+    sheet.form = other if form is None else form
+    sheet.solid = solid
+    # A box is of one scene; the rest is wanted again.
+    sheet.options = replace(sheet.options, crop=None, up=export.up_of(session))
+    _propose(session, sheet)
+    imgui.open_popup(SHEET)
 
 
 def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
@@ -138,18 +228,14 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
     # The Escape that ended the choice of a place is not the sheet's.
     if is_back and not imgui.is_key_pressed(imgui.Key.escape):
         sheet.waits = None
-        imgui.open_popup(_SHEET)
-    if not begin_modal(_SHEET, em(38)):
-        return
-    if session.document is None:
-        imgui.close_current_popup()
-        imgui.end_popup()
+        imgui.open_popup(SHEET)
+    if not begin_modal(SHEET, em(38), is_possible=session.document is not None):
         return
     imgui.begin_child("Choices", ImVec2(0, body_height(em(25.5))))
     _what_and_form(session, sheet)
     is_solid = sheet.what == "objects" and sheet.solid is not None
     has_splats = sheet.what != "cameras" and not is_solid
-    sheet.options = export_options.draw(session, sheet.options, has_splats=has_splats)
+    sheet.options = _draw_options(session, sheet.options, has_splats=has_splats)
     _place(sheet, files)
     summary = export.summary(session, _plan(sheet))
     _says(sheet, summary)
@@ -181,7 +267,7 @@ def _what_and_form(session: Session, sheet: ExportSheet) -> None:
         sheet.what = what
         _propose(session, sheet)
     if sheet.what == "cameras":
-        cameras = export_cameras.draw(sheet.cameras, em(NAMES))
+        cameras = _draw_cameras(sheet.cameras, em(NAMES))
         if cameras is not sheet.cameras:
             sheet.cameras = cameras
             _propose(session, sheet)
@@ -287,16 +373,9 @@ def size_text(n_bytes: int) -> str:
 
 def _buttons(session: Session, sheet: ExportSheet, summary: ExportSummary) -> None:
     imgui.dummy(ImVec2(0, em(0.3)))
-    width, spacing = em(8), imgui.get_style().item_spacing.x
-    room = imgui.get_content_region_avail().x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room - 2 * width - spacing, 0.0))
-    face = Face("Export", width=width, primary=True)
-    if widgets.button("Export now", face, why_not=_why_not(session, sheet, summary)):
-        imgui.close_current_popup()
+    face = Face("Export", width=em(8), primary=True)
+    if answer("Export now", face, why_not=_why_not(session, sheet, summary)):
         export.start(session, _plan(sheet))
-    imgui.same_line()
-    if widgets.button("Cancel", Face(width=width)):
-        imgui.close_current_popup()
 
 
 def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> str:

@@ -1,9 +1,9 @@
 """The sheets that ask how a film or a picture shall be written."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
 from imgui_bundle import ImVec2, imgui
 
@@ -11,22 +11,18 @@ from gaga_core.evaluate.photo_film import PhotoFilmConfig, PhotoSide
 from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline import film as pipeline_video
 from gaga_core.pipeline.film import Split, What
-from gaga_studio.actions import camera_path, split_view
-from gaga_studio.commands.availability import no_path, no_photo_files
+from gaga_studio.features import camera, export, split_view
+from gaga_studio.features.camera import no_path, no_photo_files
 from gaga_studio.session.notices import notifies
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import Side
-from gaga_studio.ui.dialogs.file_dialog import FilePicker
-from gaga_studio.ui.dialogs.open_and_save import stem, writing
+from gaga_studio.session.view import Side
+from gaga_studio.ui.dialogs.files import FilePicker, stem, writing
 from gaga_studio.ui.kit import icons, widgets
-from gaga_studio.ui.kit.modal import begin_modal
-from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.kit.modal import answer, begin_modal
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-T = TypeVar("T", bound=str)
-_FILM, _PICTURE = "Save film", "Save picture"
+FILM, PICTURE = "Save film", "Save picture"
 _NAMES = 9.0  # width of the names of fields, ems
 _SIZES = ((1280, 720), (1920, 1080), (3840, 2160), (1080, 1080), (1080, 1920))
 _WHATS: tuple[tuple[What, str, str], ...] = (
@@ -37,13 +33,13 @@ _WHATS: tuple[tuple[What, str, str], ...] = (
 
 
 Left = Literal["", "rgb", "groups", "depth", "before"]
-_LEFTS: tuple[tuple[Left, str], ...] = (
-    ("", "Nothing"),
-    ("rgb", "Color"),
-    ("groups", "Groups"),
-    ("depth", "Depth"),
-    ("before", "Before the last edit"),
-)
+_LEFTS: dict[Left, str] = {
+    "": "Nothing",
+    "rgb": "Color",
+    "groups": "Groups",
+    "depth": "Depth",
+    "before": "Before the last edit",
+}
 _PHOTO_SIDES: tuple[tuple[PhotoSide, str, Side], ...] = (
     ("photo", "Photo", Side.PHOTO),
     ("truth", "True masks", Side.TRUTH),
@@ -89,21 +85,20 @@ class FilmChoices:
         return pipeline_video.FilmConfig(self.what, background, split, video=self.video)
 
 
-def register(table: RequestTable) -> None:
-    """Answer the requests for the two sheets."""
-    table.register_popup(Request.SAVE_FILM, _FILM)
-    table.register_popup(Request.SAVE_PICTURE, _PICTURE)
-
-
 def draw(session: Session, choices: FilmChoices, files: FilePicker) -> None:
     """Whichever sheet is open; ``files`` asks for the path."""
-    if begin_modal(_FILM, em(36)):
+    if begin_modal(FILM, em(36)):
         if _film(session, choices):
-            _ask_film(session, choices, files)
+            dialog = writing("Save the film", session, f"{stem(session)}.mp4", (".mp4", ".webm"))
+            files.ask(dialog, lambda path: _export_film(session, path, choices))
         imgui.end_popup()
-    if begin_modal(_PICTURE, em(36)):
+    if begin_modal(PICTURE, em(36)):
         if _picture(session, choices):
-            _ask_picture(session, choices, files)
+            name = f"{stem(session)}.png"
+            dialog = writing("Save the picture", session, name, (".png", ".jpg"))
+            size, clear = (choices.width, choices.height), choices.transparent
+            save = partial(export.save_picture, size=size, transparent=clear)
+            files.ask(dialog, lambda path: save(session, path))
         imgui.end_popup()
 
 
@@ -122,7 +117,7 @@ def _film(session: Session, choices: FilmChoices) -> bool:
     _, choices.quality = imgui.slider_int("##Quality", choices.quality, 1, 100)
     seconds, n = _length(session, choices)
     widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
-    return _ends(_FILM, "Save as…")
+    return _ends(FILM)
 
 
 def _along(session: Session, choices: FilmChoices) -> None:
@@ -140,10 +135,10 @@ def _along(session: Session, choices: FilmChoices) -> None:
 def _length(session: Session, choices: FilmChoices) -> tuple[float, int]:
     """Seconds and pictures of the film."""
     if choices.through_photos:
-        n_photos = len(camera_path.photos_of(session, choices.views))
+        n_photos = len(export.photos_of(session, choices.views))
         n_each = max(round(choices.seconds * choices.fps), 1)
         return n_photos * n_each / choices.fps, n_photos * n_each
-    path = camera_path.path_of(session)
+    path = camera.path_of(session)
     return path.seconds, len(path.frame_times(choices.fps)) if path.keyframes else 0
 
 
@@ -153,41 +148,21 @@ def _photos(session: Session, choices: FilmChoices) -> None:
     named = {side: name for side, name, _ in _PHOTO_SIDES}
     if why_not[choices.side]:
         choices.side = "photo"
-    choices.side = _choice("Left of the line", named, choices.side, why_not)
+    choices.side = widgets.choice("Left of the line", named, choices.side, em(_NAMES), why_not)
     parts: dict[Views, str] = {"all": "All", "train": "Those trained on", "test": "Held out"}
-    lacking = {part: _no_photo_of(session, part) for part in parts}
+    none = "The scene has no such photos."
+    lacking = {part: "" if export.photos_of(session, part) else none for part in parts}
     if lacking[choices.views]:
         choices.views = "all"
-    choices.views = _choice("Photos", parts, choices.views, lacking)
+    choices.views = widgets.choice("Photos", parts, choices.views, em(_NAMES), lacking)
     widgets.field_name("Seconds each", em(_NAMES))
     _, choices.seconds = imgui.slider_float("##Seconds each", choices.seconds, 0.2, 10, "%.1f")
     _sweeps(choices)
 
 
-def _no_photo_of(session: Session, part: Views) -> str:
-    return "" if camera_path.photos_of(session, part) else "The scene has no such photos."
-
-
-def _choice(name: str, named: Mapping[T, str], current: T, why_not: Mapping[T, str]) -> T:
-    """A field with a list to choose from; a choice with a reason cannot be taken."""
-    picked = current
-    widgets.field_name(name, em(_NAMES))
-    if imgui.begin_combo(f"##{name}", named[current]):
-        for value, label in named.items():
-            reason = why_not.get(value, "")
-            imgui.begin_disabled(bool(reason))
-            if imgui.selectable(f"{label}###{name} {value}", value == current)[0]:
-                picked = value
-            imgui.end_disabled()
-            widgets.tooltip(reason)
-        imgui.end_combo()
-    return picked
-
-
 def _sweeps(choices: FilmChoices) -> None:
-    widgets.under_fields(em(_NAMES))
-    _, choices.sweeps = widgets.checkbox("The line sweeps", choices.sweeps)
-    widgets.tooltip("From the left edge to the right one and back; else as in the split view")
+    hint = "From the left edge to the right one and back; else as in the split view"
+    choices.sweeps = widgets.tick("The line sweeps", choices.sweeps, hint, em(_NAMES))
 
 
 def _left(session: Session, choices: FilmChoices) -> None:
@@ -195,7 +170,7 @@ def _left(session: Session, choices: FilmChoices) -> None:
     why_not: dict[Left, str] = {"before": split_view.why_not(session, Side.BEFORE)}
     if choices.left == "before" and why_not["before"]:
         choices.left = ""
-    choices.left = _choice("Left of a line", dict(_LEFTS), choices.left, why_not)
+    choices.left = widgets.choice("Left of a line", _LEFTS, choices.left, em(_NAMES), why_not)
     if choices.left:
         _sweeps(choices)
 
@@ -204,11 +179,9 @@ def _picture(session: Session, choices: FilmChoices) -> bool:
     mode = session.view.mode.value
     widgets.dim(f"What the camera sees, in {mode}; .png or .jpg")
     _size(choices)
-    clicked, choices.transparent = widgets.checkbox(
-        "Without background (transparent)", choices.transparent
-    )
-    del clicked
-    return _ends(_PICTURE, "Save as…")
+    label = "Without background (transparent)"
+    choices.transparent = widgets.tick(label, choices.transparent)
+    return _ends(PICTURE)
 
 
 def _size(choices: FilmChoices) -> None:
@@ -225,35 +198,15 @@ def _size(choices: FilmChoices) -> None:
             choices.width, choices.height = width, height
 
 
-def _ends(title: str, label: str) -> bool:
-    """The last row of buttons; whether to go on to the file."""
+def _ends(title: str) -> bool:
     imgui.dummy(ImVec2(0, em(0.3)))
-    width, spacing = em(9), imgui.get_style().item_spacing.x
-    room = imgui.get_content_region_avail().x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room - 2 * width - spacing, 0.0))
-    goes = widgets.button(f"{title}…", Face(label, width=width, primary=True))
-    imgui.same_line()
-    if widgets.button("Cancel", Face(width=width)) or goes:
-        imgui.close_current_popup()
-    return goes
-
-
-def _ask_film(session: Session, choices: FilmChoices, files: FilePicker) -> None:
-    name = f"{stem(session)}.mp4"
-    dialog = writing("Save the film", session, name, (".mp4", ".webm"))
-    files.ask(dialog, lambda path: _export_film(session, path, choices))
+    return answer(f"{title}…", Face("Save as…", width=em(9), primary=True))
 
 
 @notifies
 def _export_film(session: Session, path: Path, choices: FilmChoices) -> bool:
     if choices.through_photos:
         shown = choices.photo_config(session)
-        return camera_path.export_photo_film(session, path, shown, choices.views)
+        return export.export_photo_film(session, path, shown, choices.views)
     config, before = choices.config(session), choices.left == "before"
-    return camera_path.export_film(session, path, config, before=before)
-
-
-def _ask_picture(session: Session, choices: FilmChoices, files: FilePicker) -> None:
-    dialog = writing("Save the picture", session, f"{stem(session)}.png", (".png", ".jpg"))
-    size, clear = (choices.width, choices.height), choices.transparent
-    files.ask(dialog, lambda path: camera_path.save_picture(session, path, size, transparent=clear))
+    return export.export_film(session, path, config, before=before)

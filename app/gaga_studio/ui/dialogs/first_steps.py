@@ -106,30 +106,10 @@ def draw(
         area.steps_height = em(3)
     imgui.set_next_window_pos(ImVec2(where.left, where.bottom), imgui.Cond_.always, ImVec2(0, 1))
     imgui.set_next_window_size_constraints(ImVec2(where.width, 0), ImVec2(where.width, em(40)))
-    imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
-    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
-    imgui.push_style_var(imgui.StyleVar_.window_border_size, theme.scaled(1))
-    imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(6))
+    shown = _card if where.is_whole else _strip
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(em(0.6), em(0.5)))
-    imgui.begin("First steps", None, _FLAGS)
-    if where.is_whole:
-        _card(session, progress)
-    else:
-        _strip(session, progress)
-    imgui.end()
-    imgui.pop_style_var(3)
-    imgui.pop_style_color(2)
-
-
-_FLAGS = (
-    imgui.WindowFlags_.no_decoration
-    | imgui.WindowFlags_.always_auto_resize
-    | imgui.WindowFlags_.no_docking
-    | imgui.WindowFlags_.no_saved_settings
-    | imgui.WindowFlags_.no_focus_on_appearing
-    | imgui.WindowFlags_.no_nav
-    | imgui.WindowFlags_.no_move
-)
+    widgets.floating_card("First steps", lambda: shown(session, progress))
+    imgui.pop_style_var()
 
 
 def _card(session: Session, progress: FirstSteps) -> None:
@@ -143,8 +123,10 @@ def _card(session: Session, progress: FirstSteps) -> None:
 
 
 def _step(text: str, is_done: bool, is_next: bool) -> None:
-    with theme.text_color(theme.GOOD if is_done else theme.ACCENT if is_next else theme.FAINT):
-        imgui.text_unformatted(icons.SUCCESS if is_done else icons.RINGS)
+    widgets.text(
+        icons.SUCCESS if is_done else icons.RINGS,
+        theme.GOOD if is_done else theme.ACCENT if is_next else theme.FAINT,
+    )
     imgui.same_line(0, em(0.5))
     widgets.line(text, theme.DIM if is_done else theme.TEXT)
 
@@ -152,8 +134,9 @@ def _step(text: str, is_done: bool, is_next: bool) -> None:
 def _strip(session: Session, progress: FirstSteps) -> None:
     at = progress.next
     imgui.align_text_to_frame_padding()
-    with theme.text_color(theme.ACCENT if at else theme.GOOD):
-        imgui.text_unformatted(f"{at} / {len(STEPS)}" if at else icons.SUCCESS)
+    widgets.text(
+        f"{at} / {len(STEPS)}" if at else icons.SUCCESS, theme.ACCENT if at else theme.GOOD
+    )
     imgui.same_line(0, em(0.6))
     imgui.align_text_to_frame_padding()
     room = imgui.get_content_region_avail().x - em(2)

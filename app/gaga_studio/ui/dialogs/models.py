@@ -5,14 +5,13 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.segmentation.models.hub import Listing, terms
 from gaga_core.segmentation.models.status import ModelStatus
 from gaga_core.segmentation.models.weights import models_folder
-from gaga_studio.actions import models
+from gaga_studio.features.find import masks
+from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.session.jobs import Job
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.modal import begin_modal, body_height, close_row
-from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -30,30 +29,24 @@ _COLUMNS = (  # title, and width in em: below 0 a share of the room that is left
 _FOOT, _LOW_FOOT = 5.0, 1.6  # em: two lines and a row of buttons; one line
 
 
-def register(table: RequestTable) -> None:
-    """Answer the request for the sheet."""
-
-    def open_sheet(session: Session) -> None:
-        models.refresh(session)
-        imgui.open_popup(SHEET)
-
-    table.register(Request.MODELS, open_sheet)
+def opens(session: Session) -> None:
+    """Look what is here, and open the sheet."""
+    masks.refresh_models(session)
+    imgui.open_popup(SHEET)
 
 
 def draw(session: Session) -> None:
     """The whole sheet."""
     if not begin_modal(SHEET, em(70)):
         return
-    if not session.models.entries:
-        models.refresh(session)
-    imgui.push_text_wrap_pos(0.0)
+    if not session.feature(ModelsState).entries:
+        masks.refresh_models(session)
     widgets.dim(
         "Nothing is downloaded without your consent. Sizes are approximate until you ask for one.",
         wrap=True,
     )
-    imgui.pop_text_wrap_pos()
     widgets.line(f"Models lie in {paths.shown(models_folder())}.", theme.DIM)
-    state = session.models
+    state = session.feature(ModelsState)
     is_asking = state.offered is not None or state.removing is not None
     footer = em(_FOOT if is_asking or session.jobs.running is not None else _LOW_FOOT)
     below = footer + imgui.get_style().item_spacing.y
@@ -76,7 +69,7 @@ def _table(session: Session) -> None:
         flag = kind.width_fixed if width > 0 else kind.width_stretch
         imgui.table_setup_column(title, flag, em(width) if width > 0 else -width)
     imgui.table_headers_row()
-    for entry in session.models.entries:
+    for entry in session.feature(ModelsState).entries:
         imgui.table_next_row()
         imgui.push_id(entry.model.name)
         _row(session, entry)
@@ -98,18 +91,18 @@ def _row(session: Session, entry: ModelStatus) -> None:
     widgets.line(f"{model.megabytes:,} MB")
     imgui.table_next_column()
     if imgui.text_link(f"{model.licence}##licence"):
-        models.open_page(model)
+        masks.open_model_page(model)
     widgets.tooltip(f"Open {model.page}")
     imgui.table_next_column()
     widgets.line(_seconds(entry))
     imgui.table_next_column()
-    why_not = models.why_not(session)
+    why_not = masks.why_no_download(session)
     if entry.path is None:
         hint = f"Goes on after {entry.partial_bytes / 1e6:.0f} MB" if entry.partial_bytes else ""
         if widgets.button("Get", Face("Get…", width=-1), why_not=why_not, hint=hint):
-            models.ask(session, model)
+            masks.ask_model(session, model)
     elif widgets.button("Remove", Face("Remove…", width=-1)):
-        models.ask_remove(session, model)
+        masks.ask_remove_model(session, model)
 
 
 def _seconds(entry: ModelStatus) -> str:
@@ -122,7 +115,7 @@ def _seconds(entry: ModelStatus) -> str:
 
 def _foot(session: Session) -> None:
     """What is asked, or the progress of what runs."""
-    state, job = session.models, session.jobs.running
+    state, job = session.feature(ModelsState), session.jobs.running
     if job is not None:
         _progress(session, job)
     elif state.offered is not None:
@@ -130,10 +123,10 @@ def _foot(session: Session) -> None:
     elif state.removing is not None:
         imgui.text_wrapped(f"Delete {state.removing.title} from this computer?")
         if widgets.button("Delete", Face(primary=True)):
-            models.remove_asked(session)
+            masks.remove_asked_model(session)
         imgui.same_line()
         if widgets.button("Keep it"):
-            models.decline(session)
+            masks.decline_model(session)
     else:
         widgets.dim("Get… shows the license and the exact size, and asks.")
 
@@ -151,14 +144,12 @@ def _progress(session: Session, job: Job) -> None:
 
 def _terms(session: Session, listing: Listing) -> None:
     """Licence and size; nothing is downloaded before the answer."""
-    imgui.push_text_wrap_pos(0.0)
     imgui.text_wrapped(terms(listing.model, listing))
-    imgui.pop_text_wrap_pos()
     if widgets.button("Accept", Face("Accept the license and download", primary=True)):
-        models.accept(session)
+        masks.accept_model(session)
     imgui.same_line()
     if widgets.button("Not now"):
-        models.decline(session)
+        masks.decline_model(session)
     imgui.same_line()
     if widgets.button("Read the license"):
-        models.open_page(listing.model)
+        masks.open_model_page(listing.model)

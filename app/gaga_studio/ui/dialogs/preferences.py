@@ -1,23 +1,23 @@
-"""Preferences: what the program remembers, in five groups; each is saved as it is changed."""
+"""Preferences, each saved as it is changed, and the keys of the commands."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.segmentation.models.hub import HUB
-from gaga_studio.session.requests import Request
+from gaga_studio.features import commands
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import RANGES, Settings, hex_color, is_known
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.modal import begin_modal, body_height, close_row
-from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 
-_THEMES = (("dark", "Dark"), ("light", "Light"))
-_PROFILES = (("supersplat", "SuperSplat"), ("blender", "Blender"))
-_PRESETS = (("robust", "Robust: all views decide"), ("paper", "Paper: one view after the other"))
+_THEMES = {"dark": "Dark", "light": "Light"}
+_PROFILES = {"supersplat": "SuperSplat", "blender": "Blender"}
+_PRESETS = {"robust": "Robust: all views decide", "paper": "Paper: one view after the other"}
 _LOG = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
-_SHEET = "Preferences"
+SHEET = "Preferences"
 _NAMES = 11.5  # width of the names of fields, ems
 
 
@@ -29,15 +29,10 @@ class DraggedPreferences:
     mirror: str | None = None  # being typed
 
 
-def register(table: RequestTable) -> None:
-    """Answer the request for the sheet."""
-    table.register_popup(Request.PREFERENCES, _SHEET)
-
-
 def draw(session: Session, dragged: DraggedPreferences) -> None:
     """The whole sheet."""
     # Not dimmed: what is chosen here is seen in the window.
-    if not begin_modal(_SHEET, em(31), dims=False):
+    if not begin_modal(SHEET, em(31), dims=False):
         dragged.values.clear()
         dragged.mirror = None
         return
@@ -71,26 +66,18 @@ def _handling(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Keys and mouse")
     settings = replace(settings, keys=_choice("Keys as in", _PROFILES, settings.keys))
     settings = _slider(settings, dragged, "fly_speed", "Fly speed", "%.1f×")
-    widgets.under_fields(em(_NAMES))
-    changed, inverted = widgets.checkbox("The wheel zooms the other way", settings.invert_zoom)
-    return replace(settings, invert_zoom=inverted) if changed else settings
+    label = "The wheel zooms the other way"
+    return replace(settings, invert_zoom=_tick(label, settings.invert_zoom))
 
 
 def _work(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Objects and edits")
     settings = replace(settings, preset=_choice("Find objects", _PRESETS, settings.preset))
-    widgets.under_fields(em(_NAMES))
-    changed, clean = widgets.checkbox("Always clean first", settings.clean_first)
-    widgets.tooltip("Clean whole objects before they are isolated, deleted or exported")
-    if changed:
-        settings = replace(settings, clean_first=clean)
-    widgets.under_fields(em(_NAMES))
-    changed, along = widgets.checkbox("Children go along", settings.children_go_along)
-    widgets.tooltip(
-        "What is under an object is moved, copied, hidden, deleted and exported with it"
-    )
-    if changed:
-        settings = replace(settings, children_go_along=along)
+    hint = "Clean whole objects before they are isolated, deleted or exported"
+    clean = _tick("Always clean first", settings.clean_first, hint)
+    hint = "What is under an object is moved, copied, hidden, deleted and exported with it"
+    along = _tick("Children go along", settings.children_go_along, hint)
+    settings = replace(settings, clean_first=clean, children_go_along=along)
     settings = _slider(settings, dragged, "autosave_minutes", "Autosave every", "%.1f min", _LOG)
     widgets.tooltip("So much work is at risk at most, should the program end by force")
     settings = _slider(settings, dragged, "undo_megabytes", "Undo may hold", "%.0f MB", _LOG)
@@ -111,10 +98,17 @@ def _models(settings: Settings, dragged: DraggedPreferences) -> Settings:
         typed = f"https://{typed}" if typed and "://" not in typed else typed
         if is_known("hub_mirror", typed):
             settings = replace(settings, hub_mirror=typed)
-    widgets.under_fields(em(_NAMES))
-    changed, offline = widgets.checkbox("Work offline", settings.works_offline)
-    widgets.tooltip("Never ask a hub of models; what is here is used")
-    return replace(settings, works_offline=offline) if changed else settings
+    hint = "Never ask a hub of models; what is here is used"
+    offline = _tick("Work offline", settings.works_offline, hint)
+    return replace(settings, works_offline=offline)
+
+
+def _tick(label: str, value: bool, hint: str = "") -> bool:
+    return widgets.tick(label, value, hint, em(_NAMES))
+
+
+def _choice(label: str, named: dict[str, str], current: str) -> str:
+    return widgets.choice(label, named, current, em(_NAMES))
 
 
 def _slider(
@@ -137,10 +131,77 @@ def _slider(
     return settings
 
 
-def _choice(label: str, choices: tuple[tuple[str, str], ...], current: str) -> str:
-    """A drop-down of (value, text)."""
-    names = [value for value, _ in choices]
-    at = names.index(current) if current in names else 0
-    widgets.field_name(label, em(_NAMES))
-    changed, at = imgui.combo(f"##{label}", at, [text for _, text in choices])
-    return names[at] if changed else current
+# --- Keys to commands, by the character that a key types on this keyboard.
+# Dear ImGui's GLFW backend already names letter keys by what they type, so "Ctrl+Z" is where the
+# user's Z is; the fly keys alone go by place (``window.physical_keys``).
+
+_NAMED = {
+    "/": imgui.Key.slash,
+    ",": imgui.Key.comma,
+    ".": imgui.Key.period,
+    "[": imgui.Key.left_bracket,
+    "]": imgui.Key.right_bracket,
+    "Left": imgui.Key.left_arrow,
+    "Right": imgui.Key.right_arrow,
+    "Up": imgui.Key.up_arrow,
+    "Down": imgui.Key.down_arrow,
+}
+_REPEATING = {
+    "edit.undo",
+    "edit.redo",
+    "view.next_photo",
+    "view.previous_photo",
+    "tool.smaller_brush",
+    "tool.larger_brush",
+}
+
+
+def key_of(name: str) -> imgui.Key:
+    """The key of a shortcut's last part: "Z", "F1", "Delete", "/"."""
+    if name in _NAMED:
+        return _NAMED[name]
+    if len(name) == 1 and name.isdigit():
+        return imgui.Key[f"_{name}"]
+    return imgui.Key[name.lower()]
+
+
+def all_keys() -> dict[str, imgui.Key]:
+    """Every key that some command's shortcut ends with, by its name."""
+    names = {
+        keys.rpartition("+")[2]
+        for profile in commands.PROFILES.values()
+        for listed in profile.values()
+        for keys in listed
+    }
+    return {name: key_of(name) for name in names}
+
+
+def pressed(session: Session, on_escape: Callable[[], bool]) -> None:
+    """Run the command of the keys that went down in this frame.
+
+    ``on_escape`` may end something of the window's own instead (a gesture, a card).
+
+    Nothing while a text is being typed or a popup is open; Ctrl combinations of text fields
+    (undo, copy) stay with the field.
+    """
+    io = imgui.get_io()
+    any_popup = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
+    if io.want_text_input or imgui.is_popup_open("", any_popup):
+        return
+    modifiers = "".join(
+        f"{name}+"
+        for name, down in (
+            ("Ctrl", io.key_ctrl),
+            ("Shift", io.key_shift),
+            ("Alt", io.key_alt),
+        )
+        if down
+    )
+    for name, key in all_keys().items():
+        if not imgui.is_key_pressed(key, True):
+            continue
+        if name == "Escape" and on_escape():
+            continue
+        command = commands.for_shortcut(modifiers + name, session)
+        if command is not None and (command.id in _REPEATING or imgui.is_key_pressed(key, False)):
+            commands.run(command.id, session)

@@ -2,82 +2,61 @@
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_studio.actions import reduce
-from gaga_studio.actions.reduce import ReducePlan, What
-from gaga_studio.session.requests import Request
+from gaga_studio.features import cleanup
+from gaga_studio.features.cleanup import ReducePlan, ReduceWhat
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets
-from gaga_studio.ui.kit.modal import begin_modal
-from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.kit.modal import answer, begin_modal
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
 NAME = "Reduce splats"
 _NAMES = 5.0  # width of the names of fields, ems
 _FEWEST, _MOST = 5, 95  # percent
-_WHATS: tuple[tuple[What, str, str, str], ...] = (
+_WHATS: tuple[tuple[ReduceWhat, str, str, str], ...] = (
     ("selection", "", "Selection", "What is selected"),
     ("objects", "", "Objects", "All of each object that something is selected of"),
     ("scene", "", "Scene", "All that is visible and not locked"),
 )
 
 
-def register(table: RequestTable, plan: ReducePlan) -> None:
-    """Answer the request for the sheet."""
-
-    def opens(session: Session) -> None:
-        if session.document is not None:
-            reduce.open_plan(session, plan)
-            imgui.open_popup(NAME)
-
-    table.register(Request.REDUCE, opens)
+def opens(session: Session, plan: ReducePlan) -> None:
+    """Open the sheet."""
+    if session.document is not None:
+        cleanup.open_reduce_plan(session, plan)
+        imgui.open_popup(NAME)
 
 
 def draw(session: Session, plan: ReducePlan) -> None:
     """The sheet, while it is open."""
-    if not begin_modal(NAME, em(30)):
-        reduce.close_plan(session, plan)
+    if not begin_modal(NAME, em(30), is_possible=session.document is not None):
+        cleanup.close_reduce_plan(session, plan)
         return
-    if session.document is None:
-        imgui.close_current_popup()
-        imgui.end_popup()
-        return
-    reduce.estimate(session, plan)
+    cleanup.estimate_loss(session, plan)
     widgets.dim(
         "Neighbours that are alike become one splat. Hidden and locked splats, and those of "
         "different objects, are never merged.",
         wrap=True,
     )
     widgets.field_name("Of", em(_NAMES))
-    off = {what: reduce.why_not(session, what) for what, *_ in _WHATS}
+    off = {what: cleanup.why_not_reducible(session, what) for what, *_ in _WHATS}
     plan.what = widgets.segmented("Of", _WHATS, plan.what, why_not=off)
     widgets.field_name("Keep", em(_NAMES))
     flags = imgui.SliderFlags_.always_clamp
     _, plan.percent = imgui.slider_int("##Keep", plan.percent, _FEWEST, _MOST, "%d %%", flags)
     widgets.tooltip("Share of the splats that is left")
     _says(session, plan)
-    _buttons(session, plan)
+    imgui.dummy(ImVec2(0, em(0.3)))
+    face = Face("Reduce", width=em(8), primary=True)
+    if answer("Reduce now", face, why_not=cleanup.why_not_reducing(session, plan)):
+        cleanup.start_reducing(session, plan)
     imgui.end_popup()
 
 
 def _says(session: Session, plan: ReducePlan) -> None:
     """How many are left, and about how much is lost."""
-    n = len(reduce.splats(session, plan.what))
+    n = len(cleanup.reducible_splats(session, plan.what))
     imgui.dummy(ImVec2(0, em(0.2)))
     imgui.text_unformatted(f"{n:,} splats become {max(min(n, 1), round(plan.percent / 100 * n)):,}")
-    widgets.dim(reduce.what_is_known(session, plan), wrap=True)
+    widgets.dim(cleanup.what_is_known_of_loss(session, plan), wrap=True)
     widgets.dim("From 40 dB on nearly nothing is seen of it; at 25 dB fine texture is gone.")
-
-
-def _buttons(session: Session, plan: ReducePlan) -> None:
-    imgui.dummy(ImVec2(0, em(0.3)))
-    width, spacing = em(8), imgui.get_style().item_spacing.x
-    room = imgui.get_content_region_avail().x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room - 2 * width - spacing, 0.0))
-    face = Face("Reduce", width=width, primary=True)
-    if widgets.button("Reduce now", face, why_not=reduce.why_not_now(session, plan)):
-        imgui.close_current_popup()
-        reduce.start(session, plan)
-    imgui.same_line()
-    if widgets.button("Cancel", Face(width=width)):
-        imgui.close_current_popup()

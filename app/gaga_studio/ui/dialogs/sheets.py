@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core import __version__
-from gaga_studio import commands
-from gaga_studio.commands import COMMANDS, MENUS, Command
-from gaga_studio.session.requests import Request
+from gaga_studio.features import commands
+from gaga_studio.features.base import Command
+from gaga_studio.features.commands import COMMANDS, MENUS
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.modal import begin_modal, close_row
-from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -32,7 +31,7 @@ _LICENCES = (
 )
 
 
-_COMMANDS, _KEYS, _ABOUT = "Commands", "Keys and mouse", "About gaga-studio"
+COMMANDS_SHEET, KEYS, ABOUT = "Commands", "Keys and mouse", "About gaga-studio"
 
 
 @dataclass
@@ -43,16 +42,10 @@ class PaletteState:
     at: int = 0
 
 
-def register(table: RequestTable, palette: PaletteState) -> None:
-    """Answer the requests for the sheets of this module."""
-
-    def open_commands(_: Session) -> None:
-        palette.text, palette.at = "", 0
-        imgui.open_popup(_COMMANDS)
-
-    table.register(Request.COMMAND_LIST, open_commands)
-    table.register_popup(Request.SHORTCUTS, _KEYS)
-    table.register_popup(Request.ABOUT, _ABOUT)
+def open_commands(palette: PaletteState) -> None:
+    """Open the list of all commands."""
+    palette.text, palette.at = "", 0
+    imgui.open_popup(COMMANDS_SHEET)
 
 
 def draw(session: Session, palette: PaletteState) -> None:
@@ -68,15 +61,9 @@ def _question(session: Session) -> None:
     name = "Question"
     if question is not None and not imgui.is_popup_open(name):
         imgui.open_popup(name)
-    if not begin_modal(name, em(28)):
+    if not begin_modal(name, em(28), is_possible=question is not None) or question is None:
         return
-    if question is None:
-        imgui.close_current_popup()
-        imgui.end_popup()
-        return
-    imgui.push_text_wrap_pos(0.0)
-    imgui.text_unformatted(question.text)
-    imgui.pop_text_wrap_pos()
+    imgui.text_wrapped(question.text)
     imgui.dummy(ImVec2(0, em(0.4)))
     width, spacing = em(6), imgui.get_style().item_spacing.x
     used = len(question.choices) * (width + spacing) - spacing
@@ -103,7 +90,7 @@ def _palette(session: Session, state: PaletteState) -> None:
     imgui.set_next_window_pos(top, imgui.Cond_.always, ImVec2(0.5, 0))
     height = min(em(26), viewport.size.y * 0.8)
     imgui.set_next_window_size(ImVec2(width, height))
-    if not imgui.begin_popup(_COMMANDS):
+    if not imgui.begin_popup(COMMANDS_SHEET):
         return
     if imgui.is_window_appearing():
         imgui.set_keyboard_focus_here()
@@ -146,25 +133,21 @@ def _palette_line(session: Session, command: Command, is_current: bool, moved: b
         imgui.set_scroll_here_y()
     right = commands.shortcut_of(command, session) or commands.menu_of(command)
     imgui.same_line(room - imgui.calc_text_size(right).x)
-    with theme.text_color(theme.FAINT):
-        imgui.text_unformatted(right)
+    widgets.text(right, theme.FAINT)
     return clicked
 
 
 def matching(text: str) -> list[Command]:
     """Commands whose title has every word of ``text``, those that begin with it first."""
     words = text.casefold().split()
-    found = [c for c in COMMANDS if all(word in _searched(c) for word in words)]
+    texts = {c.id: f"{commands.menu_of(c)} {c.title} {c.id}".casefold() for c in COMMANDS}
+    found = [c for c in COMMANDS if all(word in texts[c.id] for word in words)]
     first = words[0] if words else ""
     return sorted(found, key=lambda c: not c.title.casefold().startswith(first))
 
 
-def _searched(command: Command) -> str:
-    return f"{commands.menu_of(command)} {command.title} {command.id}".casefold()
-
-
 def _shortcuts(session: Session) -> None:
-    if not begin_modal(_KEYS, em(50)):
+    if not begin_modal(KEYS, em(50)):
         return
     columns = 2 if imgui.get_content_region_avail().x > em(38) else 1
     height = min(em(30), imgui.get_main_viewport().size.y * 0.92 - em(7))
@@ -191,24 +174,20 @@ def _sheet(title: str, rows: "tuple[tuple[str, str], ...] | list[tuple[str, str]
         imgui.text_unformatted(keys)
         imgui.same_line()
         imgui.set_cursor_screen_pos(ImVec2(start.x + left, start.y))
-        imgui.push_text_wrap_pos(0.0)
         widgets.dim(text, wrap=True)
-        imgui.pop_text_wrap_pos()
 
 
 def _about() -> None:
-    if not begin_modal(_ABOUT, em(30)):
+    if not begin_modal(ABOUT, em(30)):
         return
     with theme.face(strong=True, scale=1.4):
         imgui.text_unformatted("gaga-studio")
     widgets.dim(f"Version {__version__}")
     imgui.dummy(ImVec2(0, em(0.3)))
-    imgui.push_text_wrap_pos(0.0)
-    imgui.text_unformatted(
+    imgui.text_wrapped(
         "Views and edits 3D Gaussian Splatting scenes object by object. Objects are found by Gaga: "
         "masks of single photos, associated through a 3D-aware memory bank (TMLR 2026)."
     )
     widgets.dim(_LICENCES, wrap=True)
-    imgui.pop_text_wrap_pos()
     close_row()
     imgui.end_popup()

@@ -1,4 +1,4 @@
-"""A sheet in the middle of the window: its frame and its last row."""
+"""A sheet in the middle of the window: its frame, its height and its last row."""
 
 from imgui_bundle import ImVec2, imgui
 
@@ -15,10 +15,11 @@ _MODAL = (
 HIGH = 0.92  # of the window's height: the highest sheet
 
 
-def begin_modal(name: str, width: float, *, dims: bool = True) -> bool:
+def begin_modal(name: str, width: float, *, dims: bool = True, is_possible: bool = True) -> bool:
     """A sheet in the middle of the window, ``width`` wide where there is room; Escape closes it.
 
-    The window behind it is dimmed, but not where it is what the sheet changes.
+    The window behind it is dimmed, but not where it is what the sheet changes. A sheet that is no
+    longer ``is_possible`` closes itself.
     """
     viewport = imgui.get_main_viewport()
     imgui.set_next_window_pos(viewport.get_center(), imgui.Cond_.always, ImVec2(0.5, 0.5))
@@ -32,6 +33,10 @@ def begin_modal(name: str, width: float, *, dims: bool = True) -> bool:
     imgui.pop_style_var(2)
     if is_open:
         theme.dim_behind(dims)
+    if is_open and not is_possible:
+        imgui.close_current_popup()
+        imgui.end_popup()
+        return False
     if is_open and name != "Question":
         widgets.escape_closes()
     return is_open
@@ -53,3 +58,17 @@ def close_row() -> None:
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - width)
     if widgets.button("Close", Face(width=width)):
         imgui.close_current_popup()
+
+
+def answer(name: str, face: Face, *, why_not: str = "") -> bool:
+    """The last row of a sheet: a button ``name`` and Cancel, as wide; both close it.
+
+    Whether the button was pressed.
+    """
+    room = imgui.get_content_region_avail().x - 2 * face.width - imgui.get_style().item_spacing.x
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room, 0.0))
+    goes = widgets.button(name, face, why_not=why_not)
+    imgui.same_line()
+    if widgets.button("Cancel", Face(width=face.width)) or goes:
+        imgui.close_current_popup()
+    return goes

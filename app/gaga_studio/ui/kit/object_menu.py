@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio.session.scene_cache import listed
-from gaga_studio.ui.kit import theme, widgets
+from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.theme import em
 
 _SHOWN = 200  # objects; more are found by typing
@@ -63,8 +63,7 @@ def _item(table: ObjectTable, group: int, share: float | None) -> bool:
     row = table.row(group)
     if row is None:
         return False
-    with theme.text_color(widgets.rgba(table.colors[row])):
-        imgui.text_unformatted("●")
+    widgets.text("●", widgets.rgba(table.colors[row]))
     imgui.same_line(0, em(0.4))
     left = imgui.get_cursor_pos_x()
     room = imgui.get_content_region_avail().x

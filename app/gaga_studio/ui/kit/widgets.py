@@ -1,6 +1,6 @@
 """Small pieces that every panel uses: buttons that say why they are off, rows, empty states."""
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
@@ -8,8 +8,7 @@ from typing import TypeVar
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_studio.ui.kit import theme
-from gaga_studio.ui.kit.right_to_left import visual
-from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.theme import em, visual
 
 T = TypeVar("T", bound=Hashable)
 
@@ -158,13 +157,15 @@ def _push_flat(on: bool, rest: ImVec4 | None = None) -> None:
     imgui.push_style_color(imgui.Col_.text, theme.CHOSEN if on else theme.TEXT)
 
 
-def dim(text: str, wrap: bool = False) -> None:
+def text(words: str, color: ImVec4, *, wrap: bool = False) -> None:
+    """Text in a color; ``wrap``: in as many lines as the panel needs."""
+    with theme.text_color(color):
+        (imgui.text_wrapped if wrap else imgui.text_unformatted)(words)
+
+
+def dim(words: str, wrap: bool = False) -> None:
     """Secondary text."""
-    with theme.text_color(theme.DIM):
-        if wrap:
-            imgui.text_wrapped(text)
-        else:
-            imgui.text_unformatted(text)
+    text(words, theme.DIM, wrap=wrap)
 
 
 def heading(text: str) -> None:
@@ -216,6 +217,49 @@ def checkbox(label: str, value: bool) -> tuple[bool, bool]:
     """A box to tick, with an edge that is seen while it is empty."""
     with _edge():
         return imgui.checkbox(label, value)
+
+
+def tick(label: str, value: bool, hint: str = "", indent: float = 0.0) -> bool:
+    """A box to tick with its tooltip, ``indent`` pixels from the left; its value."""
+    under_fields(indent)
+    _, value = checkbox(label, value)
+    tooltip(hint)
+    return value
+
+
+def choice(
+    name: str,
+    named: Mapping[T, str],
+    current: T,
+    width: float,
+    why_not: Mapping[T, str] | None = None,
+    hint: str = "",
+) -> T:
+    """A field with a list to choose from, right of its name, ``width`` pixels; what is chosen."""
+    field_name(name, width)
+    return combo(name, named, current, why_not, hint)
+
+
+def combo(
+    name: str,
+    named: Mapping[T, str],
+    current: T,
+    why_not: Mapping[T, str] | None = None,
+    hint: str = "",
+) -> T:
+    """A list to choose from; a choice with a reason why not cannot be taken."""
+    if imgui.begin_combo(f"##{name}", named.get(current) or next(iter(named.values()))):
+        for value, label in named.items():
+            reason = why_not.get(value, "") if why_not else ""
+            imgui.begin_disabled(bool(reason))
+            if imgui.selectable(f"{label}###{name} {value}", value == current)[0]:
+                current = value
+            imgui.end_disabled()
+            tooltip(reason)
+        imgui.end_combo()
+    elif hint:
+        tooltip(hint)
+    return current
 
 
 def radio_button(label: str, is_chosen: bool) -> bool:
@@ -293,6 +337,60 @@ def dot(centre: ImVec2, radius: float, color: Sequence[float], alpha: float = 1.
     rim = theme.rim(color)
     if rim is not None:
         drawing.add_circle(centre, radius, theme.u32(rim, alpha), 20, theme.scaled(1.2))
+
+
+_CARD = (
+    imgui.WindowFlags_.no_decoration
+    | imgui.WindowFlags_.always_auto_resize
+    | imgui.WindowFlags_.no_docking
+    | imgui.WindowFlags_.no_saved_settings
+    | imgui.WindowFlags_.no_focus_on_appearing
+    | imgui.WindowFlags_.no_nav
+    | imgui.WindowFlags_.no_move
+)
+
+
+def card(name: str, width: float, draw: Callable[[], object]) -> None:
+    """A part of a panel with a ground and an edge of its own, as high as what ``draw`` shows."""
+    imgui.push_style_color(imgui.Col_.child_bg, theme.POPUP)
+    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
+    flags = imgui.ChildFlags_.borders | imgui.ChildFlags_.always_use_window_padding
+    flags |= imgui.ChildFlags_.auto_resize_y
+    flags |= imgui.ChildFlags_.none if width else imgui.ChildFlags_.auto_resize_x
+    if imgui.begin_child(name, ImVec2(width, 0), flags):
+        draw()
+    imgui.end_child()
+    imgui.pop_style_color(2)
+
+
+def floating_card(name: str, draw: Callable[[], object]) -> None:
+    """A small window over the picture, where it was placed before, without a title."""
+    imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
+    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
+    imgui.push_style_var(imgui.StyleVar_.window_border_size, theme.scaled(1))
+    imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(6))
+    imgui.begin(name, None, _CARD)
+    draw()
+    imgui.end()
+    imgui.pop_style_var(2)
+    imgui.pop_style_color(2)
+
+
+def popup(name: str, draw: Callable[[], object], *, of_item: bool = False) -> None:
+    """What ``draw`` shows while a popup is open; ``of_item``: the menu of the item drawn last.
+
+    Escape closes it.
+    """
+    if imgui.begin_popup_context_item(name) if of_item else imgui.begin_popup(name):
+        draw()
+        escape_closes()
+        imgui.end_popup()
+
+
+def enter_pressed() -> bool:
+    """Whether Enter, of the letters or of the numbers, went down in this frame."""
+    keys = (imgui.Key.enter, imgui.Key.keypad_enter)
+    return any(imgui.is_key_pressed(key, False) for key in keys)
 
 
 def escape_closes() -> None:

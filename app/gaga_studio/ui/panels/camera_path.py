@@ -1,9 +1,11 @@
-"""The camera's path: play and scrub it, its keyframes and their times, and its film."""
+"""The camera's path with its keyframes and its film, and the bookmarks that a person keeps."""
+
+from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.scene.camera_path import CameraPath
-from gaga_studio.actions import camera_path
+from gaga_core.scene.camera_path import Bookmark, CameraPath
+from gaga_studio.features import camera
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -15,7 +17,7 @@ def draw(session: Session) -> None:
     if session.document is None:
         widgets.empty_state(icons.FILM, "No camera path", "")
         return
-    path = camera_path.path_of(session)
+    path = camera.path_of(session)
     _buttons(session, path)
     if not path.keyframes:
         widgets.dim(
@@ -39,11 +41,11 @@ def _buttons(session: Session, path: CameraPath) -> None:
     widgets.next_to("Closed", em(1))
     hint = "After the last keyframe the camera goes on to the first"
     if widgets.toggle("Closed", path.is_closed, hint=hint):
-        camera_path.set_closed(session, not path.is_closed)
+        camera.set_closed_path(session, not path.is_closed)
     widgets.next_to("Even speed")
     hint = "The same speed all the way: the times between the keyframes follow their distances"
     if widgets.toggle("Even speed", path.even_speed, hint=hint):
-        camera_path.set_even_speed(session, not path.even_speed)
+        camera.set_even_speed(session, not path.even_speed)
     widgets.next_to(f"{icons.FILM}  Save film…", em(1))
     command_buttons.command_button(session, "camera.film", "Save film…")
 
@@ -53,21 +55,21 @@ def _scrub(session: Session, path: CameraPath) -> None:
     icon = icons.PAUSE if playback.is_playing else icons.PLAY
     why_not = "" if len(path.keyframes) > 1 else "Add another keyframe."
     if widgets.icon_button("Play", icon, hint="Play or stop", why_not=why_not, shortcut="Shift+K"):
-        camera_path.toggle_playing(session)
+        camera.toggle_playing(session)
     imgui.same_line()
     width = em(5.5)
     imgui.set_next_item_width(imgui.get_content_region_avail().x - width - em(0.6))
     changed, at = imgui.slider_float("##Time", playback.at, 0.0, max(path.seconds, 1e-3), "%.2f s")
     if changed:
         playback.is_playing = False
-        camera_path.scrub(session, at)
+        camera.scrub(session, at)
     _marks(path)
     imgui.same_line()
     imgui.set_next_item_width(width)
     changed, total = imgui.drag_float("##Total", path.seconds, 0.05, 0.1, 3600, "%.1f s in all")
     widgets.tooltip("Time of the whole path; all times are stretched alike")
     if changed:
-        camera_path.set_total(session, total)
+        camera.set_total_seconds(session, total)
 
 
 def _marks(path: CameraPath) -> None:
@@ -97,18 +99,18 @@ def _table(session: Session, path: CameraPath) -> None:
     for index in range(len(path.keyframes)):
         if index % in_column == 0:
             imgui.table_next_column()
-        _row(session, path, index)
+        _camera_path_row(session, path, index)
     imgui.end_table()
 
 
-def _row(session: Session, path: CameraPath, index: int) -> None:
+def _camera_path_row(session: Session, path: CameraPath, index: int) -> None:
     chosen, times, key = session.view.playback.chosen, path.times(), path.keyframes[index]
     imgui.push_id(index)
     is_narrow = imgui.get_content_region_avail().x < em(19.4)
     width, field = (em(5.6), em(4.4)) if is_narrow else (em(6.4), em(6.4))
     text = f"{index + 1}   at {times[index]:.1f} s"
     if imgui.selectable(f"{text}###Keyframe", index == chosen, 0, ImVec2(width, 0))[0]:
-        camera_path.choose(session, index)
+        camera.choose_keyframe(session, index)
     widgets.tooltip("Click to go there")
     imgui.same_line(width + em(0.4))
     if index or path.is_closed:
@@ -120,7 +122,7 @@ def _row(session: Session, path: CameraPath, index: int) -> None:
         imgui.pop_style_var()
         imgui.end_disabled()
         if changed:
-            camera_path.set_seconds(session, index, seconds)
+            camera.set_seconds(session, index, seconds)
     imgui.same_line(width + field + em(0.8))
     _row_buttons(session, index)
     imgui.pop_id()
@@ -128,13 +130,88 @@ def _row(session: Session, path: CameraPath, index: int) -> None:
 
 def _row_buttons(session: Session, index: int) -> None:
     if widgets.small_icon("Update", icons.UPDATE, hint="Show the present view here instead"):
-        camera_path.update_keyframe(session, index)
+        camera.update_keyframe(session, index)
     imgui.same_line(0, 0)
     if widgets.small_icon("Earlier", icons.EARLIER, hint="Earlier"):
-        camera_path.move_keyframe(session, index, -1)
+        camera.move_keyframe(session, index, -1)
     imgui.same_line(0, 0)
     if widgets.small_icon("Later", icons.LATER, hint="Later"):
-        camera_path.move_keyframe(session, index, 1)
+        camera.move_keyframe(session, index, 1)
     imgui.same_line(0, 0)
     if widgets.small_icon("Remove", icons.CLOSE, hint="Remove this keyframe"):
-        camera_path.remove_keyframe(session, index)
+        camera.remove_keyframe(session, index)
+
+
+# --- The list of views that a person keeps.
+
+
+@dataclass
+class BookmarkState:
+    """The name that is being typed."""
+
+    renaming: int | None = None  # bookmark whose name is a text field now
+    text: str = ""
+    has_keyboard: bool = False  # the text field has taken it
+
+
+def draw_bookmarks(session: Session, state: BookmarkState) -> None:
+    """The whole panel."""
+    marks = camera.bookmarks(session)
+    if session.document is None:
+        widgets.empty_state(icons.BOOKMARK, "No bookmarks", "")
+        return
+    command_buttons.command_button(session, "camera.add_bookmark", "Bookmark this view")
+    if not marks:
+        widgets.dim("Views kept here are saved with the project. Ctrl+Shift+1 to 9 set", wrap=True)
+        widgets.dim("one with a key, Ctrl+1 to 9 go there.", wrap=True)
+        return
+    if imgui.begin_child("Marks", ImVec2(0, 0)):
+        for index, mark in enumerate(marks):
+            imgui.push_id(index)
+            _bookmark(session, state, index, mark)
+            imgui.pop_id()
+    imgui.end_child()
+
+
+def _bookmark(session: Session, state: BookmarkState, index: int, mark: Bookmark) -> None:
+    room = imgui.get_content_region_avail().x
+    tools = em(4.6)
+    if state.renaming == index:
+        _name_field(session, state, index, room - tools)
+    else:
+        keys = f"Ctrl+{mark.key}" if mark.key else ""
+        width = room - tools - imgui.calc_text_size(keys).x - em(0.8)
+        flags = imgui.SelectableFlags_.allow_double_click
+        shown = widgets.elided(mark.name, width)
+        if imgui.selectable(f"{shown}###{mark.name}", False, flags, ImVec2(width, 0))[0]:
+            if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
+                state.renaming, state.text = index, mark.name
+            else:
+                camera.recall_bookmark(session, index)
+        widgets.tooltip("Click to go there, double click to rename")
+        if keys:
+            imgui.same_line(0, em(0.4))
+            widgets.dim(keys)
+    imgui.same_line(room - tools + em(0.3))
+    if widgets.small_icon("Update", icons.UPDATE, hint="Keep the present view instead"):
+        camera.update_bookmark(session, index)
+    imgui.same_line(0, 0)
+    if widgets.small_icon("Up", icons.EARLIER, hint="Move up"):
+        camera.move_bookmark(session, index, -1)
+    imgui.same_line(0, 0)
+    if widgets.small_icon("Remove", icons.CLOSE, hint="Remove the bookmark"):
+        camera.remove_bookmark(session, index)
+
+
+def _name_field(session: Session, state: BookmarkState, index: int, width: float) -> None:
+    imgui.set_next_item_width(width)
+    if not state.has_keyboard:
+        imgui.set_keyboard_focus_here()
+        state.has_keyboard = True
+    flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
+    with theme.text_color(theme.TEXT):
+        entered, state.text = imgui.input_text("##Name", state.text, flags)
+    if entered or imgui.is_item_deactivated():
+        if entered or not imgui.is_key_pressed(imgui.Key.escape):
+            camera.rename_bookmark(session, index, state.text)
+        state.renaming, state.has_keyboard = None, False

@@ -7,10 +7,10 @@ from itertools import accumulate
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.camera import Camera
-from gaga_studio.actions import navigation
+from gaga_studio.features import camera as navigation
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
-from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
+from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.theme import em
 
 
@@ -60,7 +60,9 @@ def _head(session: Session, state: FilmStripState) -> None:
 
 def _strip(session: Session, document: Document, state: FilmStripState) -> None:
     """Only what is visible is drawn and loaded."""
-    _wheel()
+    io = imgui.get_io()
+    if io.mouse_wheel and imgui.is_window_hovered():
+        imgui.set_scroll_x(imgui.get_scroll_x() - io.mouse_wheel * em(7))
     scroll, room = imgui.get_scroll_x(), imgui.get_content_region_avail()
     bar = imgui.get_style().scrollbar_size
     gap = em(0.5)
@@ -78,12 +80,6 @@ def _strip(session: Session, document: Document, state: FilmStripState) -> None:
         _thumbnail(session, document, state, index, ImVec2(widths[index], height))
     imgui.set_cursor_pos(ImVec2(start.x + ends[-1] - gap, start.y + height))
     imgui.dummy(ImVec2(1, 1))
-
-
-def _wheel() -> None:
-    io = imgui.get_io()
-    if io.mouse_wheel and imgui.is_window_hovered():
-        imgui.set_scroll_x(imgui.get_scroll_x() - io.mouse_wheel * em(7))
 
 
 def _follow(
@@ -109,7 +105,11 @@ def _thumbnail(
     is_hot = imgui.is_item_hovered()
     widgets.tooltip(f"{camera.name}: click to stand where it was taken")
     drawing = imgui.get_window_draw_list()
-    texture = _texture(session, document, state, camera)
+    if state.shows_masks:
+        bank = document.scene.bank if session.live is None else session.live.bank
+        texture = textures.photo_with_masks(session, camera.name, bank)
+    else:
+        texture = textures.photo(session, camera.name)
     if texture is None:
         drawing.add_rect_filled(corner, high, theme.u32(theme.RAISED), em(0.2))
     else:
@@ -122,15 +122,6 @@ def _thumbnail(
         color = theme.ACCENT if is_active else theme.LINE_STRONG
         drawing.add_rect(corner, high, theme.u32(color), em(0.2), theme.scaled(2))
     _caption(session, camera, corner, size, is_active)
-
-
-def _texture(
-    session: Session, document: Document, state: FilmStripState, camera: Camera
-) -> photo_textures.Texture:
-    if state.shows_masks:
-        bank = document.scene.bank if session.live is None else session.live.bank
-        return photo_textures.photo_with_masks(session, camera.name, bank)
-    return photo_textures.photo(session, camera.name)
 
 
 def _caption(

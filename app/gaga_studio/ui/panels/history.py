@@ -75,15 +75,12 @@ def _folded(first: int, last: int, is_here: bool, done: bool) -> bool:
 
 def _total(used: int, budget: int) -> None:
     """What undo holds, and may hold."""
-    widgets.dim(widgets.elided(f"{_size(used)} of {_size(budget)}", _room()))
+    room = imgui.get_content_region_avail().x
+    widgets.dim(widgets.elided(f"{_size(used)} of {_size(budget)}", room))
     widgets.tooltip(
         "What undo holds, and what it may hold (Preferences); with more, the oldest edits cannot "
         "be undone any more"
     )
-
-
-def _room() -> float:
-    return float(imgui.get_content_region_avail().x)
 
 
 def _line(position: int, title: str, size: str, is_here: bool, done: bool) -> bool:

@@ -9,15 +9,17 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.grouping.associate import BankSnapshot
+from gaga_core.grouping.figures import BankGrowth
 from gaga_core.grouping.memory_bank import Decision
-from gaga_studio import commands
-from gaga_studio.actions import mask_splats
+from gaga_studio.features import commands
+from gaga_studio.features.find import memory_bank
+from gaga_studio.features.find.memory_bank import Timeline
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
-from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.theme import em
-from gaga_studio.ui.viewport import mask_evidence, mask_menu
+from gaga_studio.ui.viewport import mask_evidence
 from gaga_studio.ui.viewport.mask_evidence import EvidenceState
 
 _TABLE_FLAGS = (
@@ -88,8 +90,8 @@ def _chosen(session: Session, document: Document, state: EvidenceState) -> None:
     hint = "Only splats at the depths of what the mask shows; without it also those behind it, pink"
     if widgets.toggle("Depth gate", view.has_mask_gate, hint=hint):
         commands.run("view.mask_gate", session)
-    splats = mask_splats.found(session, decision)
-    shares = mask_splats.overlaps(session, decision, has_gate=view.has_mask_gate)
+    splats = memory_bank.mask_splats_of(session, decision)
+    shares = memory_bank.mask_overlaps(session, decision, has_gate=view.has_mask_gate)
     if splats is None or shares is None:
         widgets.dim("Looking at the view …" if shares is None else "Its masks are gone.")
         return
@@ -111,8 +113,7 @@ def _shares(session: Session, document: Document, shares: dict[int, float], n: i
     for group, share in list(shares.items())[:n]:
         row = table.row(group)
         color = theme.FAINT if row is None or not group else widgets.rgba(table.colors[row])
-        with theme.text_color(color):
-            imgui.text_unformatted("●")
+        widgets.text("●", color)
         imgui.same_line(0, em(0.4))
         name = document.name_of(group) if group else "no object"
         widgets.line(widgets.elided(name, 0.45 * wide - em(1.6)), theme.TEXT)
@@ -202,8 +203,8 @@ def _row(
             state.decision = decision
             command_buttons.fly_to(session, decision.view)
     if by_view:
-        mask_menu.drag_source(state.menu, document, decision)
-        mask_menu.popup(session, document, state.menu, decision)
+        mask_evidence.drag_source(state.menu, document, decision)
+        mask_evidence.popup(session, document, state.menu, decision)
     imgui.same_line(0, 0)
     if by_view:
         widgets.line(decision.view)
@@ -213,11 +214,9 @@ def _row(
     widgets.number(f"{decision.mask}", theme.DIM)
     imgui.table_set_column_index(2)
     if decision.by_hand:
-        with theme.text_color(theme.ACCENT):
-            imgui.text_unformatted(f"{icons.RENAME} by hand")
+        widgets.text(f"{icons.RENAME} by hand", theme.ACCENT)
     elif decision.is_new:
-        with theme.text_color(theme.GOOD):
-            imgui.text_unformatted(f"{icons.NEW} new")
+        widgets.text(f"{icons.NEW} new", theme.GOOD)
     else:
         _bar(decision.overlap, theme.ACCENT_STRONG)
     if not is_narrow:
@@ -246,3 +245,120 @@ def _bar(share: float, color: imgui.ImVec4) -> None:
         at = ImVec2(whole.x - imgui.calc_text_size(label).x - em(0.3), corner.y + theme.scaled(1))
         drawing.add_text(at, theme.u32(theme.TEXT), label)
     imgui.dummy(ImVec2(width, height))
+
+
+# --- The growth of the memory bank, view by view: play it, scrub it, follow it with the camera.
+
+TIMELINE = "Timeline"
+_LEAST_PICTURE = 9.0  # em: the panel shows the photo only where it has this height and thrice this
+
+
+def draw_timeline(session: Session) -> None:
+    """The whole panel."""
+    timeline = memory_bank.timeline_of(session)
+    if session.document is None or session.document.scene.bank is None:
+        widgets.empty_state(icons.MEMORY, "The memory bank is empty", "")
+        return
+    if not timeline.is_open or timeline.growth is None:
+        widgets.dim(
+            "How the masks of one view after the other found their groups, in the picture.",
+            wrap=True,
+        )
+        command_buttons.command_button(session, "view.timeline", "Replay")
+        return
+    room = imgui.get_content_region_avail()
+    if room.y > em(_LEAST_PICTURE) and room.x > 3 * em(_LEAST_PICTURE):
+        _photo(session, room)
+        imgui.same_line(0, em(0.7))
+    if imgui.begin_child("Steps", ImVec2(0, 0)):
+        _controls(session, timeline, timeline.growth)
+        _sentence(session, timeline, timeline.growth)
+        _curve(session, timeline, timeline.growth)
+    imgui.end_child()
+
+
+def _photo(session: Session, room: ImVec2) -> None:
+    """The view of the step, its masks in the colors of the groups that they joined."""
+    view = memory_bank.view_of_step(session)
+    shown = view or (session.cameras[0].name if session.cameras else "")
+    aspect = textures.aspect(session, shown)
+    width = min(room.y * aspect, 0.4 * room.x)
+    bank = memory_bank.bank_at(session)
+    texture = textures.photo_with_masks(session, view, bank) if view else None
+    textures.place(texture, width, aspect)
+
+
+def _controls(session: Session, timeline: Timeline, growth: BankGrowth) -> None:
+    icon = icons.PAUSE if timeline.is_playing else icons.PLAY
+    if widgets.icon_button("Play the bank", icon, hint="Play or stop"):
+        memory_bank.toggle_timeline_playing(session)
+    imgui.same_line(0, em(0.2))
+    if widgets.icon_button("Step back", icons.STEP_BACK, hint="One view back"):
+        _stop_at(session, timeline, timeline.step - 1)
+    imgui.same_line(0, em(0.2))
+    if widgets.icon_button("Step on", icons.STEP_ON, hint="One view on"):
+        _stop_at(session, timeline, timeline.step + 1)
+    imgui.same_line()
+    tail = 2 * imgui.get_frame_height() * 1.12 + 2 * imgui.get_style().item_spacing.x
+    imgui.set_next_item_width(max(imgui.get_content_region_avail().x - tail, em(4)))
+    changed, step = imgui.slider_int("##Step", timeline.step, 0, growth.last_step, "view %d")
+    if changed:
+        _stop_at(session, timeline, step)
+    imgui.same_line()
+    hint = "The camera follows the views"
+    if widgets.icon_button("Camera follows", icons.CAMERA, hint=hint, on=timeline.follows):
+        memory_bank.set_follows(session, not timeline.follows)
+    imgui.same_line()
+    if widgets.icon_button("Close replay", icons.CLOSE, hint="Close the replay (Esc)"):
+        memory_bank.close_timeline(session)
+
+
+def _stop_at(session: Session, timeline: Timeline, step: int) -> None:
+    timeline.is_playing = False
+    memory_bank.go_to_step(session, step)
+
+
+def _sentence(session: Session, timeline: Timeline, growth: BankGrowth) -> None:
+    """What the step did."""
+    step = timeline.step
+    if step == 0:
+        widgets.line("Before the first view every splat is free.", theme.DIM)
+        return
+    if step == growth.last_step:
+        n = len(growth.views)
+        widgets.line(f"All {n} views: the groups as they are saved.", theme.DIM)
+        return
+    bank = timeline.bank
+    first, last = int(growth.n_decisions[step - 1]), int(growth.n_decisions[step])
+    decisions = bank.log[first:last] if bank is not None else ()
+    n_new = int(growth.n_groups[step] - growth.n_groups[step - 1])
+    n_joined = sum(decision.group > 0 for decision in decisions) - n_new
+    with theme.face(strong=True):
+        widgets.line(growth.views[step - 1])
+    widgets.line(
+        f"{int(growth.n_groups[step])} groups: {n_new} new, {n_joined} masks joined older ones",
+        theme.DIM,
+    )
+
+
+def _curve(session: Session, timeline: Timeline, growth: BankGrowth) -> None:
+    """Bars of the number of groups after each view; a click goes to a step."""
+    room = imgui.get_content_region_avail()
+    if room.y < em(1.5):
+        return
+    size = ImVec2(room.x, min(room.y, em(6)))
+    corner, drawing = imgui.get_cursor_screen_pos(), imgui.get_window_draw_list()
+    imgui.invisible_button("Growth", size)
+    n = growth.last_step + 1
+    if imgui.is_item_active():
+        share = (imgui.get_mouse_pos().x - corner.x) / max(size.x, 1.0)
+        _stop_at(session, timeline, int(share * n))
+    widgets.tooltip("Groups after each view. Click or drag to go there.")
+    heights = [*growth.n_groups.tolist(), int(growth.n_groups[-1])]
+    top = max(*heights, 1)
+    for step, groups in enumerate(heights):
+        low = ImVec2(corner.x + size.x * step / n, corner.y + size.y * (1 - groups / top))
+        high = ImVec2(corner.x + size.x * (step + 1) / n - 1, corner.y + size.y)
+        is_known = step <= timeline.step
+        color = theme.u32(theme.ACCENT_STRONG, 0.85) if is_known else theme.u32(theme.RAISED)
+        drawing.add_rect_filled(low, ImVec2(max(high.x, low.x + 1), high.y), color)

@@ -1,41 +1,58 @@
-"""The object list: find, filter and sort, folders, and a line for each object (`object_row`)."""
+"""The object list: find, filter and sort, folders, and a line for each object (`rows`)."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio import commands
-from gaga_studio.actions import folders, object_lines, quality
+from gaga_studio.features import commands, folders, object_list, objects
+from gaga_studio.features.find import association, memory_bank
+from gaga_studio.features.object_list import Line, Lines, ObjectListView
 from gaga_studio.session.document import Document
-from gaga_studio.session.object_list import Line, Lines
-from gaga_studio.session.requests import Request
 from gaga_studio.session.scene_cache import SortKey
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.object_menu import FOLDER_DRAG, OBJECT_DRAG
 from gaga_studio.ui.kit.picture_area import PictureArea
-from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.panels import (
-    detail,
-    folder_row,
-    list_columns,
-    list_filter,
-    object_row,
-    row_parts,
-    search,
-)
-from gaga_studio.ui.panels.detail import DetailState
-from gaga_studio.ui.panels.folder_row import FolderRow
-from gaga_studio.ui.panels.object_row import Rows
-from gaga_studio.ui.panels.part_row import PartRow
-from gaga_studio.ui.panels.row_parts import RowState
+from gaga_studio.ui.panels import rows as row_parts
+from gaga_studio.ui.panels import search
+from gaga_studio.ui.panels.rows import FolderRow, ObjectRow, PartRow, Rows, RowState
 from gaga_studio.ui.panels.search import SearchBoxState
-from gaga_studio.ui.viewport.mask_menu import MaskMenuState
+from gaga_studio.ui.viewport.mask_evidence import MaskMenuState
+
+# --- The slider above the object list: how fine the objects are that no model made.
+
+
+@dataclass
+class DetailState:
+    """The level that is being dragged to; None at rest."""
+
+    dragged: int | None = None
+
+
+def _detail_slider(session: Session, state: DetailState) -> None:
+    """Draw the slider where the groups of the scene have levels."""
+    levels = object_list.levels_of(session)
+    if levels is None:
+        state.dragged = None
+        return
+    shown = levels.chosen if state.dragged is None else state.dragged
+    widgets.field_name("Detail", em(4))
+    moved, level = imgui.slider_int(
+        "##Detail", shown, 0, len(levels.labels) - 1, "", imgui.SliderFlags_.always_clamp
+    )
+    ended = imgui.is_item_deactivated()
+    widgets.tooltip("Left: things together. Right: small pieces. Ctrl+Z takes a change back.")
+    if moved and level != state.dragged:
+        state.dragged = level
+        objects.preview_level(session, level)
+    if ended and state.dragged is not None:
+        chosen, state.dragged = state.dragged, None
+        objects.choose_level(session, chosen)
+
 
 _TABLE_FLAGS = (
     imgui.TableFlags_.sortable
@@ -60,11 +77,6 @@ class ObjectListState:
     last_selected: tuple[int, ...] = ()
 
 
-def register(table: RequestTable, state: Callable[[], ObjectListState]) -> None:
-    """Answer the request to rename (F2)."""
-    table.register(Request.RENAME, lambda session: _rename_selected(session, state()))
-
-
 def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: PictureArea) -> None:
     """The whole panel; ``masks`` knows the mask that is dragged onto a row."""
     if session.document is None:
@@ -75,7 +87,7 @@ def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: P
     if not (table.ids > 0).any():
         _nothing_yet(session)
         return
-    detail.draw(session, state.detail)
+    _detail_slider(session, state.detail)
     state.rows.hovered = state.search.hovered = 0
     if not search.draw(session, state.search, area, session.document, table):
         _list(session, session.document, state, masks, table)
@@ -87,7 +99,7 @@ def _nothing_yet(session: Session) -> None:
     if session.live is not None:
         widgets.empty_state(icons.BOXES, "No objects yet", "They appear here as views are done.")
         return
-    offer = session.stage_offer()
+    offer = association.stage_offer(session)
     reason = offer.reason if offer is not None else "Nothing in this scene belongs to an object."
     widgets.empty_state(icons.BOXES, "No objects yet", reason)
     if offer is not None and offer.command:
@@ -109,22 +121,22 @@ def _list(
     masks: MaskMenuState,
     table: ObjectTable,
 ) -> None:
-    measured = quality.column(session, table)
-    lines = object_lines.lines(session, table, measured, *state.sort)
-    height = object_row.height(imgui.get_content_region_avail().y)
-    parts = object_lines.part_index(session)
+    measured = memory_bank.quality_column(session, table)
+    lines = object_list.lines(session, table, *state.sort)
+    height = row_parts.height(imgui.get_content_region_avail().y)
+    parts = object_list.part_index(session)
     order = document.scene.folders
     has_arrows = parts is not None or bool(order.paths or order.parent)
     is_measured = bool((measured >= 0).any())
-    columns = list_columns.columns_for(is_measured, height, lines.depth, has_arrows)
+    columns = row_parts.columns_for(is_measured, height, lines.depth, has_arrows)
     size = ImVec2(0, -_foot_height(session))
     imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(theme.scaled(3), theme.scaled(1)))
     is_open = imgui.begin_table("Table", columns.shown + 1, _TABLE_FLAGS, size)
     imgui.pop_style_var()
     if not is_open:
         return
-    list_columns.set_up(columns)
-    state.sort = list_columns.sorting()
+    row_parts.set_up(columns)
+    state.sort = row_parts.sorting()
     _follow_selection(session, document, state, lines, height)
     rows = Rows(session, document, state.rows, masks, table, measured, lines.shown, columns, parts)
     _draw_lines(rows, lines)
@@ -140,7 +152,7 @@ def _draw_lines(rows: Rows, lines: Lines) -> None:
         for at in range(clipper.display_start, clipper.display_end):
             line = lines.lines[at]
             if line.kind == "object":
-                rows.draw(line)
+                ObjectRow(rows, line).draw()
             elif line.kind == "folder":
                 FolderRow(rows, line, sums[line.folder], line.folder in chosen).draw()
             elif line.part is not None:
@@ -185,7 +197,7 @@ def _follow_selection(
             imgui.HoveredFlags_.child_windows | imgui.HoveredFlags_.root_window
         ):
             state.scroll_to = selected[0]
-            document.listing.reveal_group(document.scene.folders, selected[0])
+            document.feature(ObjectListView).reveal_group(document.scene.folders, selected[0])
     if state.scroll_to is None:
         return
     at = _line_at(lines, state.scroll_to)
@@ -210,7 +222,7 @@ def _line_at(lines: Lines, what: int | str) -> int | None:
     return next((i for i, line in enumerate(lines.lines) if is_it(line)), None)
 
 
-def _rename_selected(session: Session, state: ObjectListState) -> None:
+def rename_selected(session: Session, state: ObjectListState) -> None:
     """Turn the name of the chosen folder, else of the object in the inspector, into a text field
     (F2)."""
     if session.document is None:
@@ -229,7 +241,7 @@ def _foot_height(session: Session) -> float:
     line = imgui.get_text_line_height()
     if _is_dragging(session):
         line = imgui.get_frame_height()
-    elif session.need().listing.filter.is_on:
+    elif session.need().feature(ObjectListView).filter.is_on:
         line = em(1.25)
     return line + imgui.get_style().item_spacing.y + theme.scaled(2)
 
@@ -247,9 +259,9 @@ def _foot(session: Session, table: ObjectTable) -> None:
     if _is_dragging(session):
         label = "Drop here: in no folder, under nothing"
         widgets.button("Drop here: in no folder", Face(label, icons.FOLDER_OUT, width=-1))
-        folder_row.drop_target(session, "")
+        row_parts.drop_target(session, "")
         return
-    if list_filter.foot(session, table):
+    if search.foot(session, table):
         return
     n_objects = int(np.count_nonzero(table.ids > 0))
     n_selected = len(session.selected_groups())

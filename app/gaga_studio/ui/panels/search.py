@@ -1,25 +1,125 @@
-"""The search box of the object list: what was understood, and the objects meant, the best first."""
+"""The search box of the object list, what was understood, the objects meant, and the filter."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.arrays import DoubleArray
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio import commands
-from gaga_studio.actions import search as search_actions
-from gaga_studio.actions import selection
+from gaga_studio.features import commands, object_list, selection
+from gaga_studio.features.find import search as search_actions
+from gaga_studio.features.find.search import SearchHit, SearchState
+from gaga_studio.features.object_list import ListFilter, Measure, ObjectListView, Range
 from gaga_studio.session.document import Document
-from gaga_studio.session.requests import Request
-from gaga_studio.session.search_state import SearchHit, SearchState
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
-from gaga_studio.ui.kit import icons, object_picture, theme, widgets
+from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
-from gaga_studio.ui.kit.requests import RequestTable
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.panels import list_filter
+
+# --- The filter of the object list: ranges of size, splats, confidence and quality.
+
+_POPUP = "Filter of the list"
+_ROWS: tuple[tuple[Measure, str, str], ...] = (
+    ("size", "Size", "Diameter, scene units"),
+    ("splats", "Splats", "Number of splats"),
+    ("confidence", "Confidence", "How sure the vote of the masks was, on average"),
+    ("quality", "Quality", "Agreement of its picture with its masks"),
+)
+_UNKNOWN = {
+    "confidence": "The confidence of the groups is not known. Use Find objects.",
+    "quality": "Nothing is measured. Use Find, Measure the quality of the objects.",
+}
+
+
+def button(session: Session) -> None:
+    """The button next to the search box, and what it opens."""
+    is_on = session.need().feature(ObjectListView).filter.is_on
+    hint = "List only objects of some size, confidence or quality"
+    if widgets.icon_button("Filter", icons.FILTER, hint=hint, on=is_on):
+        imgui.open_popup(_POPUP)
+    widgets.popup(_POPUP, lambda: _ranges(session))
+
+
+def foot(session: Session, table: ObjectTable) -> bool:
+    """How many objects the filter lists, of what is looked for, and its end; False while off."""
+    listing = session.need().feature(ObjectListView)
+    kept = object_list.kept_rows(session, table)
+    if kept is None:
+        return False
+    n_kept, n = int(np.count_nonzero(kept)), int(np.count_nonzero(table.ids > 0))
+    text, search = f"{n_kept:,} of {n:,} objects", session.need().feature(SearchState)
+    if search.text.strip():
+        n_kept = len(search.meant)
+        text = f"{n_kept:,} of {n_kept + search.n_left_out:,} that fit"
+    widgets.text(text, theme.ACCENT if n_kept else theme.WARN)
+    imgui.same_line()
+    if widgets.small_icon("Clear filter", icons.CLOSE, hint="List all objects again"):
+        listing.filter = ListFilter()
+    return True
+
+
+def _ranges(session: Session) -> None:
+    """A range for each measure; what nothing is known of says why."""
+    table = session.objects()
+    measures = object_list.measures(session, table)
+    widgets.heading("List only objects with")
+    for measure, name, hint in _ROWS:
+        _range(session, table, (measure, name, hint), measures[measure])
+    imgui.dummy(imgui.ImVec2(0, em(0.2)))
+    listing = session.need().feature(ObjectListView)
+    why_not = "" if listing.filter.is_on else "Nothing is left out."
+    if widgets.button("Clear", why_not=why_not):
+        listing.filter = ListFilter()
+    imgui.same_line()
+    kept = int(np.count_nonzero(listing.filter.keeps(table, measures)))
+    widgets.dim(f"{kept:,} of {int((table.ids > 0).sum()):,} objects")
+
+
+def _range(
+    session: Session, table: ObjectTable, row: tuple[Measure, str, str], values: DoubleArray
+) -> None:
+    measure, name, hint = row
+    listing = session.need().feature(ObjectListView)
+    whole = object_list.whole_range(table, measure, values)
+    why_not = _UNKNOWN.get(measure, "") if whole is None else ""
+    imgui.align_text_to_frame_padding()
+    widgets.dim(name)
+    imgui.same_line(em(6.5))
+    imgui.set_next_item_width(em(13))
+    imgui.begin_disabled(bool(why_not))
+    low, high = whole or (0.0, 1.0)
+    now = listing.filter.ranges.get(measure, (low, high))
+    wanted = _drag(measure, now, (low, high))
+    imgui.end_disabled()
+    widgets.tooltip(why_not or f"{hint}: drag, or double click and type")
+    if wanted is not None and not why_not:
+        listing.filter = listing.filter.within(measure, wanted, (low, high))
+
+
+def _drag(measure: Measure, now: Range, whole: Range) -> Range | None:
+    """Two numbers that are dragged; None while they stay."""
+    flags = imgui.SliderFlags_.always_clamp
+    low, high = whole
+    if measure == "splats":
+        speed = max((high - low) / 200, 0.2)
+        whole_numbers = imgui.drag_int_range2(
+            f"##{measure}", int(now[0]), int(now[1]), speed, int(low), int(high), "from %d",
+            "to %d", flags,
+        )  # fmt: skip
+        is_new, first, last = whole_numbers
+        return (float(first), float(last)) if is_new else None
+    is_share = measure in ("confidence", "quality")
+    scale, form = (100.0, "%.0f %%") if is_share else (1.0, "%.3g")
+    speed = max((high - low) * scale / 200, 1e-6)
+    found = imgui.drag_float_range2(
+        f"##{measure}", now[0] * scale, now[1] * scale, speed, low * scale, high * scale,
+        f"from {form}", f"to {form}", flags,
+    )  # fmt: skip
+    return (found[1] / scale, found[2] / scale) if found[0] else None
+
 
 _HINT = "Find an object"
 _MENU = "More ways to find"
@@ -36,15 +136,10 @@ class SearchBoxState:
     hovered: int = 0  # group whose line is under the mouse
 
 
-def register(table: RequestTable, state: Callable[[], SearchBoxState], area: PictureArea) -> None:
-    """Answer Ctrl+F, and the search in the view of the moment."""
-
-    def focus(_: Session) -> None:
-        state().wants_keyboard = True  # at the next frame
-        imgui.set_window_focus("Objects")
-
-    table.register(Request.FIND, focus)
-    table.register(Request.FIND_IN_VIEW, lambda s: search_actions.find_here(s, area.size))
+def focus(state: SearchBoxState) -> None:
+    """Bring the keyboard to the box (Ctrl+F)."""
+    state.wants_keyboard = True  # at the next frame
+    imgui.set_window_focus("Objects")
 
 
 def draw(
@@ -55,11 +150,11 @@ def draw(
     table: ObjectTable,
 ) -> bool:
     """The box, and under it the answer; False while nothing is looked for."""
-    search = document.search
+    search = document.feature(SearchState)
     _box(session, state, area.size, search)
     imgui.same_line(0, em(0.2))
-    list_filter.button(session)
-    search_actions.tick(session)
+    button(session)
+    search_actions.tick(session, object_list.kept_groups)
     if not search.text.strip():
         return False
     _understood(session, search)
@@ -98,7 +193,7 @@ def _box(
     imgui.same_line(0, em(0.2))
     if widgets.icon_button(_MENU, icons.MORE, hint="An index of pictures, a detector, names"):
         imgui.open_popup(_MENU)
-    _menu(session)
+    widgets.popup(_MENU, lambda: _menu(session))
 
 
 def _keys(session: Session, search: SearchState, has_ended: bool) -> None:
@@ -110,29 +205,20 @@ def _keys(session: Session, search: SearchState, has_ended: bool) -> None:
         return
     if imgui.is_key_pressed(imgui.Key.escape, False):
         search.clear()
-    elif _enter():
+    elif widgets.enter_pressed():
         if imgui.get_io().key_shift:
             search_actions.take_all(session)
         else:
             search_actions.take_hit(session)
 
 
-def _enter() -> bool:
-    keys = (imgui.Key.enter, imgui.Key.keypad_enter)
-    return any(imgui.is_key_pressed(key, False) for key in keys)
-
-
 def _menu(session: Session) -> None:
-    if not imgui.begin_popup(_MENU):
-        return
     imgui.push_text_wrap_pos(em(22))
     widgets.dim(search_actions.index_state(session), wrap=True)
     imgui.pop_text_wrap_pos()
     imgui.separator()
     for command_id in _ASKING:
         command_buttons.command_item(session, command_id)
-    widgets.escape_closes()
-    imgui.end_popup()
 
 
 # --- the answer
@@ -144,17 +230,13 @@ def _understood(session: Session, search: SearchState) -> None:
         widgets.dim("Looking at the objects…")
         return
     if search.sentence:
-        imgui.push_text_wrap_pos(0.0)
         widgets.dim(search.sentence, wrap=True)
-        imgui.pop_text_wrap_pos()
     if search.problem:
-        with theme.text_color(theme.WARN):
-            imgui.text_wrapped(search.problem)
+        widgets.text(search.problem, theme.WARN, wrap=True)
     elif search.is_looking_up:
         widgets.dim("Looking the words up in the index…")
     if search.n_left_out and not search.hits:
-        with theme.text_color(theme.WARN):
-            imgui.text_wrapped("The filter of the list leaves out all that fit.")
+        widgets.text("The filter of the list leaves out all that fit.", theme.WARN, wrap=True)
         return
     n = len(search.meant)
     wanted = imgui.calc_text_size(f"{search.sentence}Select all {n:,}").x + em(2.5)
@@ -179,7 +261,11 @@ def _ways_out(session: Session) -> None:
 
 
 def _hits(session: Session, state: SearchBoxState, table: ObjectTable, search: SearchState) -> None:
-    foot = em(1.25) if session.need().listing.filter.is_on else imgui.get_text_line_height()
+    foot = (
+        em(1.25)
+        if session.need().feature(ObjectListView).filter.is_on
+        else imgui.get_text_line_height()
+    )
     size = ImVec2(0, -foot - imgui.get_style().item_spacing.y - theme.scaled(2))
     if imgui.begin_child("Answer", size):
         _lines(session, state, table, search)
@@ -208,7 +294,7 @@ def _lines(
 def _line(
     session: Session, state: SearchBoxState, table: ObjectTable, at: int, high: float
 ) -> None:
-    search = session.need().search
+    search = session.need().feature(SearchState)
     hit = search.hits[at]
     row = table.row(hit.group)
     if row is None:
@@ -222,9 +308,12 @@ def _line(
         state.hovered = hit.group
     if clicked:
         _clicked(session, at)
-    object_picture.draw(session, table, row, corner, high)
-    object_picture.tooltip(session, table, row)
-    _color_edge(table, row, corner, high)
+    textures.draw(session, table, row, corner, high)
+    textures.tooltip(session, table, row)
+    # The object's color, at the edge of its picture.
+    color = imgui.get_color_u32(widgets.rgba(table.colors[row]))
+    edge = ImVec2(corner.x + em(0.22), corner.y + high)
+    imgui.get_window_draw_list().add_rect_filled(corner, edge, color, em(0.1))
     left = corner.x + high + em(0.5)
     name = table.names[row]
     _words(hit, name, ImVec2(left, corner.y), corner.x + room - left, table.n_selected[row] > 0)
@@ -232,7 +321,7 @@ def _line(
 
 
 def _clicked(session: Session, at: int) -> None:
-    io, search = imgui.get_io(), session.need().search
+    io, search = imgui.get_io(), session.need().feature(SearchState)
     if io.key_ctrl or io.key_shift:
         selection.select_groups(session, (search.hits[at].group,), "add")
         search.at = at
@@ -240,13 +329,6 @@ def _clicked(session: Session, at: int) -> None:
     search_actions.take_hit(
         session, at, flies=imgui.is_mouse_double_clicked(imgui.MouseButton_.left)
     )
-
-
-def _color_edge(table: ObjectTable, row: int, corner: ImVec2, side: float) -> None:
-    """The object's color at the edge of its picture."""
-    color = imgui.get_color_u32(widgets.rgba(table.colors[row]))
-    edge = ImVec2(corner.x + em(0.22), corner.y + side)
-    imgui.get_window_draw_list().add_rect_filled(corner, edge, color, em(0.1))
 
 
 def _words(hit: SearchHit, name: str, at: ImVec2, room: float, is_selected: bool) -> None:

@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.edits import How
 from gaga_core.scene.selection.by_value import Histogram, column_names
-from gaga_studio.actions import named_selections, selection
+from gaga_studio.features import selection
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
@@ -148,7 +148,7 @@ def _kept(session: Session, held: SelectBy) -> None:
     imgui.same_line()
     nothing = "" if len(session.selected_indices()) else "Nothing is selected."
     why_not = nothing or ("" if held.name.strip() else "Type a name first.")
-    if widgets.button("Keep", why_not=why_not) and named_selections.keep(session, held.name):
+    if widgets.button("Keep", why_not=why_not) and selection.keep_selection(session, held.name):
         held.name = ""
     scene = session.need().scene
     for name, splats in scene.named_selections.items():
@@ -156,13 +156,13 @@ def _kept(session: Session, held: SelectBy) -> None:
         room = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
         if imgui.selectable(f"{name}###Take", False, 0, ImVec2(-em(7.5), 0))[0]:
             how: How = "add" if imgui.get_io().key_shift else "set"
-            named_selections.select(session, name, how)
+            selection.select_named(session, name, how)
         widgets.tooltip("Click selects it, Shift adds it")
         imgui.same_line()
         widgets.dim(f"{splats.count:,}")
         imgui.same_line(room - em(1.8))
         if widgets.icon_button("Forget", icons.CLOSE, hint="Forget this selection"):
-            named_selections.forget(session, name)
+            selection.forget_named(session, name)
         imgui.pop_id()
     if not scene.named_selections:
         widgets.dim("None yet.")

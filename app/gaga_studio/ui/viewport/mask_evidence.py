@@ -1,4 +1,4 @@
-"""A photo and its mask side by side: why this mask joined this group."""
+"""A photo and its mask side by side: why this mask joined this group, and its menu."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,16 +10,121 @@ from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.actions import selection
+from gaga_studio.features import commands, selection
+from gaga_studio.features.find import memory_bank
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
-from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
+from gaga_studio.ui.kit import icons, object_menu, textures, theme, widgets
+from gaga_studio.ui.kit.object_menu import MASK_DRAG, ObjectMenuState
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.viewport import mask_menu
-from gaga_studio.ui.viewport.mask_menu import MaskMenuState
+
+# --- What can be done with one mask of the memory bank: put it where it belongs.
+
+
+@dataclass
+class MaskMenuState:
+    """The mask on its way to an object, and what the open menu found."""
+
+    dragged: Decision | None = None
+    overlaps: tuple[str, dict[int, float]] = ("", {})  # of the mask whose menu is open: its key
+    objects: ObjectMenuState = field(default_factory=ObjectMenuState)
+
+
+def popup(session: Session, document: Document, state: MaskMenuState, decision: Decision) -> None:
+    """The context menu of the item drawn last."""
+    name = f"Mask menu {decision.view} {decision.mask}"
+    widgets.popup(name, lambda: items(session, document, state, decision), of_item=True)
+
+
+def items(session: Session, document: Document, state: MaskMenuState, decision: Decision) -> None:
+    """The items of the menu; from the mask's view on the association is redone."""
+    widgets.dim(f"Mask {decision.mask} of {decision.view}")
+    imgui.separator()
+    why_not = why_not_moved(session)
+    imgui.begin_disabled(bool(why_not))
+    if imgui.begin_menu(f"{icons.JOINED}  Move to###Move to"):
+        _objects(session, document, state, decision)
+        imgui.end_menu()
+    _elsewhere(session, decision)
+    imgui.end_disabled()
+    widgets.tooltip(why_not)
+    imgui.separator()
+    if decision.runner_up and imgui.menu_item_simple(
+        f"{icons.BOX}  Select {document.name_of(decision.runner_up)}, next best###Select next best"
+    ):
+        selection.select_groups(session, (decision.runner_up,))
+    if imgui.menu_item_simple(f"{icons.CAMERA}  Go to view###Go to view"):
+        command_buttons.fly_to(session, decision.view)
+
+
+def _move_button(
+    session: Session, document: Document, state: MaskMenuState, decision: Decision
+) -> None:
+    """A button that moves the mask to its object, or out of all."""
+    name = f"Move mask {decision.view} {decision.mask}"
+    face = Face(f"Move to {icons.LATER}", icons.JOINED)
+    hint = "Put this mask where it belongs; the association is redone from its view on"
+    if widgets.button("Move mask", face, why_not=why_not_moved(session), hint=hint):
+        imgui.open_popup(name)
+    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    is_high = low.y < imgui.get_main_viewport().get_center().y  # the menu has more room below
+    at = ImVec2(low.x, high.y if is_high else low.y)
+    imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 0 if is_high else 1))
+
+    def draw() -> None:
+        _objects(session, document, state, decision)
+        imgui.separator()
+        _elsewhere(session, decision)
+
+    widgets.popup(name, draw)
+
+
+def _elsewhere(session: Session, decision: Decision) -> None:
+    if imgui.menu_item_simple(f"{icons.NEW}  New object###New object"):
+        memory_bank.move_mask(session, decision, memory_bank.NEW)
+    if imgui.menu_item_simple(f"{icons.CLOSE}  No object###No object"):
+        memory_bank.move_mask(session, decision, memory_bank.NONE)
+
+
+def drag_source(state: MaskMenuState, document: Document, decision: Decision) -> None:
+    """The item drawn last can be dragged onto an object of the list."""
+    if imgui.begin_drag_drop_source():
+        state.dragged = decision
+        imgui.set_drag_drop_payload_py_id(MASK_DRAG, decision.mask)
+        widgets.dim(f"Mask {decision.mask} of {decision.view}: drop it on its object")
+        imgui.end_drag_drop_source()
+
+
+def why_not_moved(session: Session) -> str:
+    """Why no mask can be moved now; "" when one can be."""
+    return commands.command("object.quality").enabled(session)
+
+
+def _objects(
+    session: Session, document: Document, state: MaskMenuState, decision: Decision
+) -> None:
+    """The other objects: those that hold splats behind the mask first, with their share."""
+    key = f"{decision.view} {decision.mask} {document.read.labels_digest()}"
+    if state.overlaps[0] != key:
+        found = memory_bank.mask_overlaps(session, decision)
+        if found is not None:
+            state.overlaps = (key, {group: share for group, share in found.items() if group})
+    is_known = state.overlaps[0] == key
+    shares = dict(state.overlaps[1]) if is_known else {}
+    if not is_known and decision.runner_up:
+        shares = {decision.runner_up: decision.runner_up_overlap}
+    first = list(shares)
+    first += [decision.runner_up] if decision.runner_up not in (0, *first) else []
+    widgets.dim("Share of the splats behind the mask" if is_known else "Looking at the view …")
+    to = object_menu.objects(
+        state.objects, session.objects(), first=first, without=(decision.group,), shares=shares
+    )
+    if to is not None:
+        memory_bank.move_mask(session, decision, to)
+
 
 _MOST_HIGH, _HEAD = 0.45, 4.6  # share of the picture's height; em above the pictures of a card
 _LEAST, _NARROW = 20.5, 25.0  # em: least width of a card; below this a button has no text
@@ -56,30 +161,28 @@ def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
         return
     width = _growing_width(session, area)
     if decision is not None:
-        width = _width(photo_textures.aspect(session, decision.view), area)
+        width = _width(textures.aspect(session, decision.view), area)
         if state.placed_for is not decision:
             state.placed_for = decision
             state.is_above = _is_low(session, document, decision.group, area)
-    room = area.width - _beside_cube(area)
+    # To its right a card at the top leaves room for the view cube.
+    room = area.width - em(1.6) - area.cube_height
     is_above = decision is not None and state.is_above and room >= em(_LEAST)
     width = min(width, room) if is_above else width
     top = max(area.head_bottom, area.chip_bottom + em(0.4))
     at = ImVec2(area.left + em(0.8), top if is_above else area.bottom - em(0.8))
     imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 0 if is_above else 1))
-    imgui.push_style_color(imgui.Col_.child_bg, theme.POPUP)
-    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
-    flags = imgui.ChildFlags_.borders | imgui.ChildFlags_.auto_resize_y
-    flags |= imgui.ChildFlags_.always_use_window_padding
-    if imgui.begin_child("Mask in its photo", ImVec2(width, 0), flags):
+
+    def shown() -> None:
         if decision is not None:
             _head(session, document, state, decision)
             _pictures(session, document, state, decision)
         elif session.live is not None:
             _growing(session, state, session.live)
-    imgui.end_child()
+
+    widgets.card("Mask in its photo", width, shown)
     if is_above:
         area.card_bottom = imgui.get_item_rect_max().y
-    imgui.pop_style_color(2)
 
 
 def _width(aspect: float, area: PictureArea) -> float:
@@ -90,14 +193,9 @@ def _width(aspect: float, area: PictureArea) -> float:
 
 def _growing_width(session: Session, area: PictureArea) -> float:
     """Of the card of a running association: it leaves most of the picture free."""
-    aspect = photo_textures.aspect(session, session.live.view) if session.live else 1.0
+    aspect = textures.aspect(session, session.live.view) if session.live else 1.0
     most = min(_MOST_GROWING * area.width, _HIGH_GROWING * area.height * aspect + em(2))
     return min(em(17), max(most, em(9)), area.width - em(1.6))
-
-
-def _beside_cube(area: PictureArea) -> float:
-    """Room that a card at the top leaves to its right, for the view cube."""
-    return area.cube_height + em(1.6) if area.cube_height else em(1.6)
 
 
 def _is_low(session: Session, document: Document, group: int, area: PictureArea) -> bool:
@@ -112,12 +210,12 @@ def _is_low(session: Session, document: Document, group: int, area: PictureArea)
 
 def _growing(session: Session, state: EvidenceState, live: BankSnapshot) -> None:
     """The view that the association is at, its masks in the colors of their groups."""
-    picture = photo_textures.photo_with_masks(session, live.view, live.bank)
+    picture = textures.photo_with_masks(session, live.view, live.bank)
     if picture is not None or not state.live_view:
         state.live_view, state.live_bank = live.view, live.bank
-    shown = photo_textures.photo_with_masks(session, state.live_view, state.live_bank)
+    shown = textures.photo_with_masks(session, state.live_view, state.live_bank)
     width = imgui.get_content_region_avail().x
-    photo_textures.place(shown, width, photo_textures.aspect(session, state.live_view))
+    textures.place(shown, width, textures.aspect(session, state.live_view))
     widgets.line(f"{live.view}  ·  {live.n_groups} groups", theme.DIM)
 
 
@@ -133,7 +231,7 @@ def _head(session: Session, document: Document, state: EvidenceState, decision: 
             text = f"{Path(decision.view).stem}, mask {decision.mask}"
         imgui.text_unformatted(widgets.elided(text, wide))
     imgui.same_line(room - button - em(0.6))
-    mask_menu.button(session, document, state.menu, decision)
+    _move_button(session, document, state.menu, decision)
     imgui.same_line()
     name, hint = "Go to view", "Go to view: fly to where the photo was taken"
     if is_narrow:
@@ -153,11 +251,11 @@ def _pictures(
 ) -> None:
     spacing = imgui.get_style().item_spacing.x
     width = (imgui.get_content_region_avail().x - spacing) / 2
-    shown = photo_textures.photo_and_mask(session, document, decision)
+    shown = textures.photo_and_mask(session, document, decision)
     for position, picture in enumerate(shown):
         if position:
             imgui.same_line()
-        photo_textures.place(picture, width, photo_textures.aspect(session, decision.view))
+        textures.place(picture, width, textures.aspect(session, decision.view))
         _pointing(session, document, state, decision, position)
 
 
@@ -173,7 +271,7 @@ def _pointing(
     if is_left or is_right:
         u = (mouse.x - low.x) / max(high.x - low.x, 1)
         v = (mouse.y - low.y) / max(high.y - low.y, 1)
-        mask = photo_textures.mask_at(session, decision.view, u, v)
+        mask = textures.mask_at(session, decision.view, u, v)
         found = document.read.decision_of(decision.view, mask)
         state.decision = found or decision
         if found is not None and found.group and found.group != session.focus:
@@ -181,10 +279,8 @@ def _pointing(
         if found is not None and is_right:
             imgui.open_popup(f"Mask menu {position}")
     widgets.tooltip("Click takes the mask here. Right-click: move it to its object.")
-    if imgui.begin_popup(f"Mask menu {position}"):
-        mask_menu.items(session, document, state.menu, state.decision or decision)
-        widgets.escape_closes()
-        imgui.end_popup()
+    chosen = state.decision or decision
+    widgets.popup(f"Mask menu {position}", lambda: items(session, document, state.menu, chosen))
 
 
 def explanation(document: Document, decision: Decision) -> str:

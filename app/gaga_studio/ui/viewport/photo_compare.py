@@ -10,11 +10,11 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.evaluate.photo_film import truth_picture
 from gaga_core.scene.scene import Scene
-from gaga_studio.actions import photo_compare, split_view
-from gaga_studio.actions.photo_compare import PhotoPlacement
+from gaga_studio.features import split_view
+from gaga_studio.features.split_view import PhotoPlacement
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import PhotoCompareMode, Side
-from gaga_studio.ui.kit import icons, photo_textures, theme, widgets
+from gaga_studio.session.view import PhotoCompareMode, Side
+from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.theme import em
 
 _SIDE = 2048  # longest side of the photo, pixels
@@ -49,7 +49,7 @@ def draw(
         return False
     is_divided = is_split(session)
     needs_photo = not is_divided or bool(split_view.AT_A_PHOTO & set(view.sides))
-    photo = photo_compare.compared(session) if needs_photo else None
+    photo = split_view.compared_photo(session) if needs_photo else None
     if needs_photo and photo is None:
         if is_divided:
             return _choices(session, corner, size, "" if session.rig.is_moving else _HELP)
@@ -64,7 +64,7 @@ def draw(
         text = _sides(session, compared, photo, place, whole, render_left(camera))
         owns = _line(session, place, corner, size)
     elif photo is not None and view.holds_photo:
-        _image(photo_textures.photo(session, photo.name, _SIDE), place)
+        _image(textures.photo(session, photo.name, _SIDE), place)
         text = f"Photo {photo.name}"
     elif photo is not None:
         text = _difference(session, compared, photo, place)
@@ -89,7 +89,7 @@ def bar_height(session: Session) -> float:
 def _placement(photo: Camera, camera: Camera, corner: ImVec2) -> PhotoPlacement:
     """Where the photo lies on the screen."""
     density = imgui.get_io().display_framebuffer_scale
-    on_picture = photo_compare.place(photo, camera)
+    on_picture = split_view.place_photo(photo, camera)
     return PhotoPlacement(
         corner.x + on_picture.x / density.x,
         corner.y + on_picture.y / density.y,
@@ -135,11 +135,10 @@ def _photo_side(
 ) -> str:
     """A side that is a picture of the photo's size; what it says in words."""
     if side is Side.PHOTO:
-        is_there = _image(photo_textures.photo(session, photo.name, _SIDE), place)
+        is_there = _image(textures.photo(session, photo.name, _SIDE), place)
         return "" if is_there else "Reading the photo…"
     truth, scene, images = split_view.truth_folder(session), session.scene, session.images
-    folder = session.project.folder if session.project is not None else None
-    path = folder.image_paths.get(photo.name) if folder is not None else None
+    path = textures.photo_path(session, photo.name)
     if truth is None or scene is None or images is None:
         return "There are no true maps"
     if side is Side.TRUTH:
@@ -150,9 +149,9 @@ def _photo_side(
         return _NO_MAP if images.cannot_read(key) else "Reading the true map…"
     if path is None:
         return "This photo cannot be read"
-    mark = f"{photo_compare.content_mark(scene)} {scene.revision.labels}"
+    mark = f"{split_view.content_mark(scene)} {scene.revision.labels}"
     key = f"errors {path} {mark}"
-    frozen: Scene = photo_compare.snapshot(scene)
+    frozen: Scene = split_view.snapshot(scene)
 
     def errors() -> UInt8Array:
         found = split_view.errors_of(frozen, photo, path, truth, _ERROR_SIDE)
@@ -230,32 +229,23 @@ def _side(
 ) -> Side:
     """A drop-down of what a side can show; what cannot be shown says why."""
     imgui.set_next_item_width(width)
-    if not imgui.begin_combo(f"##{name}", _NAMES[current]):
-        return current
-    for side in choices:
-        reason = split_view.why_not(session, side)
-        imgui.begin_disabled(bool(reason))
-        if imgui.selectable(f"{_NAMES[side]}###{side}", side is current)[0]:
-            current = side
-        imgui.end_disabled()
-        widgets.tooltip(reason)
-    imgui.end_combo()
-    return current
+    why_not = {side: split_view.why_not(session, side) for side in choices}
+    shown = {side: _NAMES[side] for side in (*choices, current)}
+    return widgets.combo(name, shown, current, why_not)
 
 
 def _difference(
     session: Session, differences: dict[str, float], photo: Camera, place: PhotoPlacement
 ) -> str:
     """The heat map, once it is there; what it says in words."""
-    folder = session.project.folder if session.project is not None else None
-    path = folder.image_paths.get(photo.name) if folder is not None else None
+    path = textures.photo_path(session, photo.name)
     if path is None or session.scene is None or session.images is None:
         return "This photo cannot be read"
-    key = f"difference {path} {photo_compare.content_mark(session.scene)}"
-    scene: Scene = photo_compare.snapshot(session.scene)
+    key = f"difference {path} {split_view.content_mark(session.scene)}"
+    scene: Scene = split_view.snapshot(session.scene)
 
     def load() -> UInt8Array:
-        picture, differences[key] = photo_compare.difference(scene, photo, path)
+        picture, differences[key] = split_view.difference(scene, photo, path)
         return picture
 
     if not _image(session.images.texture(key, partial(load)), place) or key not in differences:

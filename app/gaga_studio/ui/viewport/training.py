@@ -5,29 +5,117 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_core.errors import GagaError
-from gaga_studio import commands
-from gaga_studio.actions import reconstruction
-from gaga_studio.actions.reconstruction import ReconstructionPlan
-from gaga_studio.session import next_stage
+from gaga_studio.features import commands, reconstruction
+from gaga_studio.features.find import association
+from gaga_studio.features.reconstruction import ReconstructionPlan
 from gaga_studio.session.notices import Level
-from gaga_studio.session.requests import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.training_preview import TrainingPreview, smoothed
 from gaga_studio.ui.chrome import command_buttons
-from gaga_studio.ui.chrome.status_bar import duration
+from gaga_studio.ui.chrome.status import duration
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.modal import begin_modal
-from gaga_studio.ui.kit.requests import RequestTable
+from gaga_studio.ui.kit.modal import answer, begin_modal
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.viewport import placement
-from gaga_studio.ui.viewport.placement import NAMES
 
 if TYPE_CHECKING:
+    from gaga_core.pipeline.place import PlacementReport
     from gaga_core.pipeline.reconstruct import PhotoFind
+
+# --- The placement of photos: its settings, and a picture of what is placed and what links it.
+
+_MOST_MINUTES, _MOST_FPS, _MOST_SCENES = 10_000.0, 60.0, 9
+NAMES = 10.5  # width of the names of fields, ems
+_NAMED = 6  # photos without a place that are listed
+_FAINT, _STRONG = 0.10, 0.75  # opacity of a weak and of a strong link
+_MANY = 150.0  # matches of a strong link
+
+
+def draw_fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
+    """Draw the settings of the placement; return the plan with what was changed."""
+    config = plan.config
+    numbers = [
+        ("focal", "Focal length, pixels", "%.0f", np.inf,
+         "Of the photos as they are; 0: from EXIF, else estimated"),
+        ("video_fps", "Frames of each second", "%.1f", _MOST_FPS,
+         "0: as the camera moves, the sharpest ones"),
+        ("place_minutes", "Minutes for placing", "%.0f", _MOST_MINUTES,
+         "For all attempts to place the photos; 0: as the quality says"),
+    ]  # fmt: skip
+    for name, label, form, most, hint in numbers:
+        if name == "video_fps" and not found.is_video:
+            continue
+        widgets.field_name(label, em(NAMES))
+        changed, value = imgui.input_float(f"##{label}", getattr(config, name) or 0.0, 0, 0, form)
+        widgets.tooltip(hint)
+        if changed:
+            plan = reconstruction.plan_with(plan, **{name: min(max(value, 0.0), most)})  # type: ignore[arg-type]
+    widgets.field_name("Scene", em(NAMES))
+    changed, number = imgui.input_int("##Scene", config.scene)
+    widgets.tooltip("Which one, by its number of photos, when the photos show several")
+    if changed:
+        plan = _with(plan, scene=min(max(number, 1), _MOST_SCENES))
+    hint = "The object turned, the camera stood still: the background is left out"
+    plan = _tick(plan, "turntable", "Object on a turntable", hint)
+    widgets.field_name("Masks of the object", em(NAMES))
+    changed, folder = imgui.input_text("##Masks of the object", config.foreground or "")
+    widgets.tooltip("A folder with NAME.png for each photo, black where the background is")
+    return _with(plan, foreground=folder.strip() or None) if changed else plan
+
+
+def _with(plan: ReconstructionPlan, **changed: object) -> ReconstructionPlan:
+    return replace(plan, config=replace(plan.config, **changed))  # type: ignore[arg-type]
+
+
+def _tick(plan: ReconstructionPlan, name: str, label: str, hint: str) -> ReconstructionPlan:
+    """A box to tick for a switch of the plan's settings."""
+    was = getattr(plan.config, name)
+    value = widgets.tick(label, was, hint, em(NAMES))
+    return plan if value == was else _with(plan, **{name: value})
+
+
+def draw_placement(placement: "PlacementReport") -> None:
+    """Draw how many photos have a place, the links between photos as a ring, and who is out."""
+    widgets.dim("Placed")
+    imgui.same_line()
+    widgets.number(f"{placement.n_placed} of {len(placement.names)} photos")
+    _ring(placement)
+    for name, why in list(placement.left_out.items())[:_NAMED]:
+        widgets.dim(f"{name}: {why}", wrap=True)
+    more = len(placement.left_out) - _NAMED
+    if more > 0:
+        widgets.dim(f"and {more} more")
+
+
+def _ring(placement: "PlacementReport") -> None:
+    """Draw a dot for each photo, in their order, and a line for each pair with matches.
+
+    Photos without a place are red. A gap in the ring is where photos are missing.
+    """
+    width = imgui.get_content_region_avail().x
+    radius = min(width, em(11)) / 2 - em(0.5)
+    corner = imgui.get_cursor_screen_pos()
+    middle = ImVec2(corner.x + width / 2, corner.y + radius + em(0.5))
+    imgui.dummy(ImVec2(width, 2 * radius + em(1)))
+    widgets.tooltip("Dots are photos in their order, lines are matches, red has no place")
+    drawing = imgui.get_window_draw_list()
+    n = len(placement.names)
+    angles = np.linspace(0, 2 * np.pi, n, endpoint=False) - np.pi / 2
+    xs = middle.x + radius * np.cos(angles)
+    ys = middle.y + radius * np.sin(angles)
+    dots = [ImVec2(float(x), float(y)) for x, y in zip(xs, ys, strict=True)]
+    for i, j, matches in reversed(placement.links):  # the strongest on top
+        share = min(matches / _MANY, 1.0)
+        opacity = _FAINT + (_STRONG - _FAINT) * share
+        drawing.add_line(dots[i], dots[j], theme.u32(theme.ACCENT, opacity), theme.scaled(1.0))
+    for dot, name in zip(dots, placement.names, strict=True):
+        color = theme.BAD if name in placement.left_out else theme.TEXT
+        drawing.add_circle_filled(dot, theme.scaled(2.2), theme.u32(color))
+
 
 SHEET = "Make splats"
 _QUALITIES = (
@@ -44,11 +132,6 @@ class PlanSheet:
 
     plan: ReconstructionPlan | None = None
     photos: "PhotoFind | None" = None  # that it is for
-
-
-def register(table: RequestTable) -> None:
-    """Answer the request for the settings."""
-    table.register_popup(Request.MAKE_SPLATS, SHEET)
 
 
 def draw_photos(session: Session) -> None:
@@ -87,7 +170,9 @@ def _label(session: Session, found: "PhotoFind") -> str:
     if reconstruction.too_few(found):
         return reconstruction.title(session)
     seconds = found.seconds(reconstruction.plan_of(found).config)
-    return next_stage.StageOffer("", reconstruction.title(session), seconds=max(seconds, 1.0)).label
+    return association.StageOffer(
+        "", reconstruction.title(session), seconds=max(seconds, 1.0)
+    ).label
 
 
 # --- while it runs
@@ -103,14 +188,7 @@ def draw_live(session: Session, corner: ImVec2, size: ImVec2) -> None:
         return
     at = ImVec2(corner.x + em(0.8), corner.y + em(0.8))
     imgui.set_next_window_pos(at, imgui.Cond_.always)
-    imgui.push_style_color(imgui.Col_.child_bg, theme.POPUP)
-    imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
-    flags = imgui.ChildFlags_.borders | imgui.ChildFlags_.auto_resize_y
-    flags |= imgui.ChildFlags_.always_use_window_padding
-    if imgui.begin_child("Training", ImVec2(width, 0), flags):
-        _card(session, training, small=size.y < em(22))
-    imgui.end_child()
-    imgui.pop_style_color(2)
+    widgets.card("Training", width, lambda: _card(session, training, small=size.y < em(22)))
 
 
 def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
@@ -120,7 +198,7 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     if update is None:
         widgets.dim(job.message if job is not None else "", wrap=True)
     if training.placement is not None and not small:
-        placement.draw_placement(training.placement)
+        draw_placement(training.placement)
     if update is None:
         return
     text = f"{update.iteration:,} of {training.iterations:,}  ·  {update.n_splats:,} splats"
@@ -181,12 +259,8 @@ def _short(value: float) -> str:
 
 def sheet(session: Session, held: PlanSheet) -> None:
     """Settings of what is to be made."""
-    if not begin_modal(SHEET, em(32)):
-        return
     found = session.photos
-    if found is None:
-        imgui.close_current_popup()
-        imgui.end_popup()
+    if not begin_modal(SHEET, em(32), is_possible=found is not None) or found is None:
         return
     if held.plan is None or held.photos is not found:
         held.plan, held.photos = reconstruction.plan_of(found), found
@@ -207,13 +281,11 @@ def sheet(session: Session, held: PlanSheet) -> None:
 
 def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     config = plan.config
-    names = [name for name, _, _ in _QUALITIES]
-    at = names.index(config.quality)
-    widgets.field_name("Quality", em(NAMES))
-    changed, at = imgui.combo("##Quality", at, [title for _, title, _ in _QUALITIES])
-    if changed:
-        plan = reconstruction.plan_with(plan, quality=names[at])
-    widgets.dim(_QUALITIES[at][2], wrap=True)
+    named = {name: title for name, title, _ in _QUALITIES}
+    chosen = widgets.choice("Quality", named, config.quality, em(NAMES))
+    if chosen != config.quality:
+        plan = reconstruction.plan_with(plan, quality=chosen)
+    widgets.dim(next(text for name, _, text in _QUALITIES if name == chosen), wrap=True)
     settings = plan.config.train()
     widgets.field_name("Longest side, pixels", em(NAMES))
     changed, side = imgui.input_int("##Longest side, pixels", settings.longest_side, 80, 320)
@@ -224,24 +296,13 @@ def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     if changed:
         plan = reconstruction.plan_with(plan, iterations=min(max(count, 1), _MOST_ITERATIONS))
     if not found.is_placed:
-        plan = placement.draw_fields(plan, found)
-    widgets.under_fields(em(NAMES))
-    changed, hold = widgets.checkbox(
-        "Hold the test photos out, to measure on", plan.config.hold_out
-    )
-    widgets.tooltip("Those of split.json where there is one. Without, all photos are trained on.")
-    if changed:
-        plan = replace(plan, config=replace(plan.config, hold_out=hold))
-    widgets.under_fields(em(NAMES))
-    changed, antialiased = widgets.checkbox("Antialiased", plan.config.antialiased)
-    widgets.tooltip("Splats that also look right from nearer and from farther away (mip mode)")
-    if changed:
-        plan = replace(plan, config=replace(plan.config, antialiased=antialiased))
-    widgets.under_fields(em(NAMES))
-    changed, exposure = widgets.checkbox("Photos differ in brightness", plan.config.exposure)
-    widgets.tooltip("Train brightness and white balance of each photo along, and leave them out")
-    if changed:
-        plan = replace(plan, config=replace(plan.config, exposure=exposure))
+        plan = draw_fields(plan, found)
+    hint = "Those of split.json where there is one. Without, all photos are trained on."
+    plan = _tick(plan, "hold_out", "Hold the test photos out, to measure on", hint)
+    hint = "Splats that also look right from nearer and from farther away (mip mode)"
+    plan = _tick(plan, "antialiased", "Antialiased", hint)
+    hint = "Train brightness and white balance of each photo along, and leave them out"
+    plan = _tick(plan, "exposure", "Photos differ in brightness", hint)
     if found.photos is not None:
         widgets.field_name("Scene folder", em(NAMES))
         changed, text = imgui.input_text("##Scene folder", str(plan.scene))
@@ -256,15 +317,8 @@ def _sheet_end(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -
     if is_other:
         widgets.dim("With other settings the training starts again.", wrap=True)
         found = replace(found, iteration=0)
-    about = next_stage.StageOffer("", "", seconds=max(found.seconds(plan.config), 1.0)).duration
+    about = association.StageOffer("", "", seconds=max(found.seconds(plan.config), 1.0)).duration
     widgets.dim(f"It takes {about} on the processor here.")
-    width = em(8)
-    room, gap = imgui.get_content_region_avail().x, imgui.get_style().item_spacing.x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - 2 * width - gap)
-    face = Face("Start", icons.RUN, width=width, primary=True)
-    if widgets.button("Start", face, why_not=reconstruction.why_not(session)):
-        imgui.close_current_popup()
+    face = Face("Start", icons.RUN, width=em(8), primary=True)
+    if answer("Start", face, why_not=reconstruction.why_not(session)):
         reconstruction.make(session, plan)
-    imgui.same_line()
-    if widgets.button("Cancel", Face(width=width)):
-        imgui.close_current_popup()

@@ -2,39 +2,257 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
-from imgui_bundle import ImVec2, imgui
+from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_core.camera import Camera
-from gaga_studio.actions import align_ground, cleanup, fill, objects
+from gaga_studio.features import cleanup, commands, fill, objects
+from gaga_studio.features import measure as align_ground
+from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
-from gaga_studio.session.view_state import CentreColors, Mode, ToolName
+from gaga_studio.session.view import CentreColors, Mode, ToolName
 from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
-from gaga_studio.ui.chrome import tool_options
-from gaga_studio.ui.kit import theme, widgets
+from gaga_studio.ui.chrome import command_buttons, toolbar
+from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.viewport import (
-    box_overlay,
-    ground_overlay,
-    mask_evidence,
-    measure_overlay,
-    next_stage,
-    photo_compare,
-    tool_overlay,
-    training,
-    view_cube,
-    welcome,
-)
-from gaga_studio.ui.viewport.fly_keys import FlyKeys
-from gaga_studio.ui.viewport.gizmo import Gizmo
+from gaga_studio.ui.viewport import gizmo, mask_evidence, overlays, photo_compare, training
+from gaga_studio.ui.viewport.gizmo import Gizmo, ViewCube
 from gaga_studio.ui.viewport.mask_evidence import EvidenceState
-from gaga_studio.ui.viewport.measure_overlay import MeasureState
-from gaga_studio.ui.viewport.next_stage import OfferState
-from gaga_studio.ui.viewport.view_cube import ViewCube
+from gaga_studio.ui.viewport.overlays import MeasureState
+
+# --- The keys that fly: held since a press that meant to fly.
+
+_ANY_POPUP = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
+
+
+class FlyKeys:
+    """Follows W A S D Q E by their place, from frame to frame.
+
+    A key flies from its press on, if that was no shortcut and no typed letter: who lets go of Ctrl
+    before the S of Ctrl+S does not fly backwards.
+    """
+
+    def __init__(self, letters: Callable[[], dict[str, str]]) -> None:
+        self._find_letters = letters  # place of each key -> the letter that it types here
+        self._letters: dict[str, str] = {}
+        self._held: set[str] = set()
+        self.are_new = False  # the first of them went down in this frame
+
+    def held(self, *, is_flying: bool) -> frozenset[str]:
+        """The places of the keys that fly now; ``is_flying``: Shift+D is no shortcut then."""
+        if not self._letters:
+            self._letters = self._find_letters()
+        keys = {place: getattr(imgui.Key, name.lower()) for place, name in self._letters.items()}
+        before = set(self._held)
+        self._held = {place for place in before if imgui.is_key_down(keys[place])}
+        io = imgui.get_io()
+        if io.want_text_input or imgui.is_popup_open("", _ANY_POPUP):
+            self._held.clear()
+        elif not io.key_ctrl:
+            went_down = {p for p, key in keys.items() if imgui.is_key_pressed(key, False)}
+            if io.key_shift and not is_flying and not self._held:
+                went_down.discard("D")
+            self._held |= went_down
+        self.are_new = bool(self._held) and not before
+        return frozenset(self._held)
+
+
+# --- The one stage that the open scene lacks next, as one button on the picture.
+
+
+@dataclass
+class OfferState:
+    """Whether the offer was put away."""
+
+    is_closed: bool = False
+
+
+def _draw_next_stage(session: Session, state: OfferState, area: PictureArea) -> None:
+    """A card at the foot of the picture; nothing when nothing is missing or it was closed.
+
+    What lacks a button to run is said until objects are made by hand.
+    """
+    offer = association.stage_offer(session)
+    area.offer_top = float("inf")
+    document = session.document
+    if offer is None or document is None or state.is_closed:
+        return
+    if cleanup.shown(session) is not None or fill.shown(session) is not None:
+        return  # it would cover a preview that is to be looked at
+    if not offer.command and session.tool is ToolName.OBJECT:
+        return  # it only advises what is being done
+    width = min(em(34), area.width - em(2))
+    if width < em(12):
+        return
+    at = ImVec2(area.left + (area.width - width) / 2, area.bottom - em(1))
+    imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 1))
+    widgets.card("Offer", width, lambda: _content(session, state, width))
+    area.offer_top = imgui.get_item_rect_min().y
+
+
+def _content(session: Session, state: OfferState, width: float) -> None:
+    offer = association.stage_offer(session)
+    if offer is None:
+        return
+    first = Face(offer.label, icons.RUN, primary=True)
+    buttons = [(offer.command, offer.action, first)] if offer.command else []
+    for text, command in offer.more:
+        shown = text or commands.command(command).title_now(session)
+        buttons.append((command, shown.rstrip("…"), Face(shown)))
+    padding = 2 * imgui.get_style().frame_padding.x
+    widths = [
+        imgui.calc_text_size(f"{face.icon}  {face.text}" if face.icon else face.text).x + padding
+        for _, _, face in buttons
+    ]
+    used = sum(widths) + em(0.4) * len(widths)
+    room = width - em(3.5)  # left of the cross
+    is_wide = room - used > em(9) or not buttons
+    reason = room - (used + em(0.4) if is_wide and buttons else 0)
+    imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + reason)
+    imgui.align_text_to_frame_padding()
+    imgui.text_unformatted(offer.reason)
+    imgui.pop_text_wrap_pos()
+    imgui.same_line(width - em(2.3))
+    if widgets.icon_button("Not now", icons.CLOSE):
+        state.is_closed = True
+    if is_wide and buttons:
+        imgui.same_line(width - em(2.6) - used)
+    for at, (command, name, face) in enumerate(buttons):
+        if at and is_wide:
+            imgui.same_line(0, em(0.4))
+        elif at:
+            widgets.next_to(face.text, em(0.4))
+        command_buttons.command_button(session, command, name, face)
+
+
+# --- What the picture shows while nothing is open: three ways to begin, and recent scenes.
+
+_CHOICES = (
+    ("file.open_folder", icons.FOLDER, "Open a scene folder", "Photos, cameras, splats, masks"),
+    ("file.open_file", icons.FILE, "Open a splat file", "PLY, SPZ, SOG, .splat, project"),
+    ("file.demo", icons.DEMO, "Try the demo", "A furnished room, ready to edit"),
+)
+_MOST_RECENT = 5
+_CARD_EDGE = 12.0  # of a card that no text comes near, both sides together, pixels at 96 dpi
+
+
+def _draw_welcome(session: Session, steps_height: float) -> None:
+    """Three large choices in the middle; below them what was open lately."""
+    room = imgui.get_content_region_avail()
+    room.y -= steps_height
+    corner = imgui.get_cursor_screen_pos()
+    if session.jobs.running is not None:
+        _opening(session, room)
+        return
+    recent = session.settings.recent[:_MOST_RECENT] if room.y > em(24) else ()
+    card = ImVec2(min(em(14.5), (room.x - em(4)) / 3), em(8.6))
+    widest = max(imgui.calc_text_size(detail).x for *_, detail in _CHOICES)
+    is_wide = room.x > em(40) and widest <= card.x - theme.scaled(_CARD_EDGE)
+    if not is_wide:
+        card = ImVec2(min(room.x - em(3), em(24)), em(3.5))
+    height = card.y + em(3.6) if is_wide else 3 * card.y + em(4.2)
+    height += (len(recent) + 2) * imgui.get_text_line_height_with_spacing() if recent else em(2)
+    imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + max((room.y - height) * 0.45, em(0.5)))
+    with theme.face(strong=True, scale=1.35):
+        widgets.wrapped("Open a scene to begin", theme.TEXT)
+    imgui.dummy(ImVec2(0, em(0.5)))
+    left = (room.x - (3 * card.x + em(1.6) if is_wide else card.x)) / 2
+    for position, (command, icon, title, detail) in enumerate(_CHOICES):
+        if position == 0 or not is_wide:
+            imgui.set_cursor_pos_x(left)
+        if _card(title, icon, detail, card, is_wide):
+            commands.run(command, session)
+        if is_wide and position < 2:
+            imgui.same_line(0, em(0.8))
+    imgui.dummy(ImVec2(0, em(0.3)))
+    widgets.wrapped("or drop a folder or a file into the window", theme.DIM)
+    if recent:
+        _recent(session, recent, corner.x + left, room.x - 2 * left)
+
+
+def _card(title: str, icon: str, detail: str, size: ImVec2, is_wide: bool) -> bool:
+    corner = imgui.get_cursor_screen_pos()
+    clicked = imgui.invisible_button(title, size)
+    is_hot = imgui.is_item_hovered()
+    drawing = imgui.get_window_draw_list()
+    high = ImVec2(corner.x + size.x, corner.y + size.y)
+    drawing.add_rect_filled(corner, high, theme.u32(theme.HOT if is_hot else theme.RAISED), em(0.5))
+    edge = theme.ACCENT if is_hot else theme.LINE_STRONG
+    drawing.add_rect(corner, high, theme.u32(edge), em(0.5), theme.scaled(1))
+    if is_wide:
+        with theme.face(scale=2.1):
+            extent = imgui.calc_text_size(icon)
+            at = ImVec2(corner.x + (size.x - extent.x) / 2, corner.y + em(0.75))
+            drawing.add_text(at, theme.u32(theme.ACCENT), icon)
+        _text_centred(drawing, title, corner, size.x, em(5.1), strong=True)
+        _text_centred(drawing, detail, corner, size.x, em(6.5), strong=False)
+    else:
+        with theme.face(scale=1.4):
+            at = ImVec2(corner.x + em(0.8), corner.y + em(0.75))
+            drawing.add_text(at, theme.u32(theme.ACCENT), icon)
+        with theme.face(strong=True):
+            at = ImVec2(corner.x + em(3.4), corner.y + em(0.5))
+            drawing.add_text(at, theme.u32(theme.TEXT), title)
+        shown = widgets.elided(detail, size.x - em(4))
+        drawing.add_text(
+            ImVec2(corner.x + em(3.4), corner.y + em(1.85)), theme.u32(theme.DIM), shown
+        )
+    return clicked
+
+
+def _text_centred(
+    drawing: imgui.ImDrawList,
+    text: str,
+    corner: ImVec2,
+    width: float,
+    top: float,
+    *,
+    strong: bool,
+) -> None:
+    color: ImVec4 = theme.TEXT if strong else theme.DIM
+    with theme.face(strong=strong):
+        shown = widgets.elided(text, width - theme.scaled(_CARD_EDGE))
+        extent = imgui.calc_text_size(shown)
+        at = ImVec2(corner.x + (width - extent.x) / 2, corner.y + top)
+        drawing.add_text(at, theme.u32(color), shown)
+
+
+def _recent(session: Session, recent: tuple[str, ...], left: float, width: float) -> None:
+    imgui.dummy(ImVec2(0, em(0.4)))
+    imgui.set_cursor_screen_pos(ImVec2(left, imgui.get_cursor_screen_pos().y))
+    with theme.face(strong=True), theme.text_color(theme.DIM):
+        imgui.text_unformatted("Recent")
+    for position, name in enumerate(recent):
+        path = Path(name)
+        imgui.set_cursor_screen_pos(ImVec2(left, imgui.get_cursor_screen_pos().y))
+        icon = icons.FILE_PLAIN if path.suffix else icons.FOLDER_PLAIN
+        shown = widgets.elided(f"{path.name}   {path.parent}", width - em(3))
+        label = f"{icon}  {shown}###Recent {position}"
+        clicked, _ = imgui.selectable(label, False, 0, ImVec2(width, 0))
+        if clicked:
+            session.open(path)
+        widgets.tooltip(name)
+
+
+def _opening(session: Session, room: ImVec2) -> None:
+    job = session.jobs.running
+    if job is None:
+        return
+    imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + room.y * 0.4)
+    with theme.face(strong=True, scale=1.2):
+        widgets.wrapped(f"{job.title} …", theme.TEXT)
+    if job.message:
+        widgets.wrapped(job.message, theme.DIM)
+    width = min(em(22), room.x * 0.7)
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + (room.x - width) / 2)
+    fraction = job.fraction if job.fraction >= 0 else -imgui.get_time()
+    imgui.progress_bar(fraction, ImVec2(width, em(0.35)), "")
+
 
 _BUTTONS = (
     imgui.ButtonFlags_.mouse_button_left
@@ -85,12 +303,12 @@ class ViewportPanel:
         if size.x < 8 or size.y < 8:
             return
         area.left, area.top, area.width, area.height = corner.x, corner.y, size.x, size.y
-        area.cube_height = view_cube.height(session, size)
+        area.cube_height = gizmo.height(session, size)
         if session.shown is None:
             if session.photos is not None and session.jobs.running is None:
                 training.draw_photos(session)
             else:
-                welcome.draw(session, area.steps_height)
+                _draw_welcome(session, area.steps_height)
             return
         density = imgui.get_io().display_framebuffer_scale
         width = max(round(size.x * density.x), 1)
@@ -106,12 +324,16 @@ class ViewportPanel:
         )
         self._on_handle |= self.cube.draw(session, corner, size)
         self._gestures(session, corner, (width, height), is_over)
-        self._shapes(corner, density)
-        tool_overlay.source_mark(self.controller.clone_source(session), camera, corner)
+        shape = self.controller.overlay
+        if isinstance(shape, RectShape):
+            overlays.rectangle(shape, corner, density)
+        elif shape is not None:
+            overlays.path(shape, corner, density)
+        overlays.source_mark(self.controller.clone_source(session), camera, corner)
         follows = is_over and not self._on_handle and not self.controller.is_dragging
-        ground_overlay.draw(session, camera, corner, follows=follows)
-        box_overlay.draw(session, camera, corner)
-        measure_overlay.draw_marks(session, camera, corner, follows=follows)
+        overlays.ground(session, camera, corner, follows=follows)
+        overlays.box(session, camera, corner)
+        overlays.draw_marks(session, camera, corner, follows=follows)
         _name_under_mouse(session, is_over and not self.controller.is_dragging)
         _on_the_picture(session, state, area)
 
@@ -153,24 +375,13 @@ class ViewportPanel:
             is_double=imgui.is_mouse_double_clicked(imgui.MouseButton_.left),
             is_over=is_over and not self._on_handle,
         )
-        keys = self._key_state(session)
+        held = self._fly_keys.held(is_flying=session.rig.is_flying)
+        keys = KeyState(io.key_shift, io.key_ctrl, io.key_alt, held)
         if session.settings.keys == "blender" and not session.rig.is_flying:
             keys = replace(keys, held=frozenset())  # letters are shortcuts there
         self._is_flying = bool(keys.held)
         dt = min(io.delta_time, _TAP_S) if self._fly_keys.are_new else io.delta_time
         self.controller.update(session, pointer, keys, dt)
-
-    def _key_state(self, session: Session) -> KeyState:
-        io = imgui.get_io()
-        held = self._fly_keys.held(is_flying=session.rig.is_flying)
-        return KeyState(io.key_shift, io.key_ctrl, io.key_alt, held)
-
-    def _shapes(self, corner: ImVec2, density: ImVec2) -> None:
-        shape = self.controller.overlay
-        if isinstance(shape, RectShape):
-            tool_overlay.rectangle(shape, corner, density)
-        elif shape is not None:
-            tool_overlay.path(shape, corner, density)
 
 
 def _mouse_area(size: ImVec2, has_handles: bool) -> bool:
@@ -199,8 +410,7 @@ def _name_under_mouse(session: Session, is_over: bool) -> None:
         return
     if imgui.begin_tooltip():
         color = widgets.rgba(table.colors[row])
-        with theme.text_color(color):
-            imgui.text_unformatted("●")
+        widgets.text("●", color)
         imgui.same_line(0, em(0.4))
         imgui.text_unformatted(table.names[row])
         imgui.same_line()
@@ -216,13 +426,15 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
     if preview_badge(session):
         top = _badge(preview_badge(session), corner)
     elif session.tool is ToolName.GROUND and session.document is not None:
-        top = _badge(align_ground.prompt(session), corner, align_ground.HELP, size.x - em(8))
+        top = _badge(
+            align_ground.ground_prompt(session), corner, align_ground.GROUND_HELP, size.x - em(8)
+        )
     elif session.view.mode is not Mode.COLOR and not bar:  # which names both sides
         top = _badge(mode_badge(session), corner)
-    area.head_bottom = tool_options.draw_card(session, area, top)
-    measure_overlay.draw_card(session, state.measure, corner, size)
+    area.head_bottom = toolbar.draw_card(session, area, top)
+    overlays.draw_card(session, state.measure, corner, size)
     area.chip_bottom = _way_out_of_isolation(session, corner, size)
-    next_stage.draw(session, state.offer, area)
+    _draw_next_stage(session, state.offer, area)
     training.draw_live(session, corner, size)
     mask_evidence.draw(session, state.evidence, area)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import LongArray
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.progress import run_stage
 from gaga_core.scene.bake import bake

@@ -7,11 +7,14 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, IntArray
 from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import quats_to_matrices
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
+from gaga_core.scene.edits.splats import append_made
 from gaga_core.scene.folders import Folders, is_inside, name_of, parent_of
-from gaga_core.scene.identity_arrays import identity_arrays
+from gaga_core.scene.frame import Frame
+from gaga_core.scene.project_file import identity_arrays
 from gaga_core.scene.scene import Scene, State
 from tests.scenes import random_gaussians
 
@@ -117,6 +120,20 @@ def _under(rng: np.random.Generator, scene: Scene) -> Edit | None:
     return None if parent in (*groups, *below) else edits.set_parent(scene, groups, parent)
 
 
+def _made(rng: np.random.Generator, scene: Scene) -> Edit | None:
+    if len(scene) >= 3000:
+        return None
+    labels = rng.integers(0, 9, 5).astype(np.int32)
+    splats = random_gaussians(5, seed=int(rng.integers(99)), sh_degree=2)
+    merged_from = Frame() if rng.random() < 0.5 else None
+    return append_made(scene, splats, labels, "Made", merged_from=merged_from)
+
+
+def _moved(rng: np.random.Generator, scene: Scene) -> Edit | None:
+    turn = quats_to_matrices(rng.normal(size=(1, 4)))[0] * rng.uniform(0.5, 2)
+    return edits.move_scene(scene, np.column_stack([turn, rng.normal(size=3)]), "Move")
+
+
 def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]:
     """Every builder of `gaga_core.scene.edits`, with random arguments."""
     s = random_splats
@@ -158,6 +175,8 @@ def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]
         return edits.rename_folder(scene, path, name_of(free))
 
     return {
+        "append_made": _made,
+        "move_scene": _moved,
         "under": _under,
         "put_in_folder": put_in_folder,
         "on_folder": on_folder,

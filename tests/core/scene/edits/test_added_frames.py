@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray, IntArray
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.edits.append import append_made, read_added_stage
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.splats import append_made
+from gaga_core.scene.edits.values import read_added_stage
 from gaga_core.scene.orientation import degrees_of, pose_of
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene

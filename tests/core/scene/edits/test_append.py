@@ -10,19 +10,20 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import AnyArray
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.io.files import fingerprint
 from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
-from gaga_core.scene.edits.append import append_made, ids_of_added, read_added_stage, spread
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.splats import append_made, ids_of_added, spread
+from gaga_core.scene.edits.values import read_added_stage
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
-from tests.core.scene.edits.edit_walk import columns, snapshot
+from tests.core.scene.edits.edit_walk import snapshot
 from tests.scenes import random_gaussians
 
 
@@ -70,25 +71,6 @@ def test_added_splats_are_splats_like_all_others(room: Path, chair: Path) -> Non
     assert group not in scene.labels[:200]
     assert np.array_equal(scene.has(State.SELECTED), np.arange(290) >= 200)
     assert scene.n_opened == 200
-
-
-def test_undo_takes_every_bit_back_and_redo_brings_it_again(room: Path, chair: Path) -> None:
-    scene = opened(room).scene
-    history = History(scene)
-    before = snapshot(scene)
-    add(history, scene, chair)
-    history.do(edits.duplicate(scene, np.arange(195, 205)))
-    add(history, scene, room)
-    after = snapshot(scene)
-    for _ in range(3):
-        history.undo()
-    assert snapshot(scene) == before
-    assert scene.added == ()
-    assert all(c.flags.c_contiguous for c in columns(scene).values())
-    for _ in range(3):
-        history.redo()
-    assert snapshot(scene) == after
-    assert scene.n_rows_of_files == 490
 
 
 def test_it_moves_as_a_whole_on_a_row_of_its_own(room: Path, chair: Path) -> None:

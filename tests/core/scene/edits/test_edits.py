@@ -218,19 +218,6 @@ def test_merging_takes_splats_names_and_the_bank_s_log_along() -> None:
         edits.merge_groups(scene, [0, 3])
 
 
-def test_a_grouping_can_be_undone_with_its_bank_and_names() -> None:
-    scene = walk_scene(100)
-    history = History(scene)
-    labels, bank = scene.labels.copy(), scene.bank
-    history.do(edits.set_grouping(scene, np.zeros(100, np.int32), None, {1: "x"}))
-    assert scene.bank is None
-    assert scene.names == {1: "x"}
-    assert history.undo() == "Associate masks"
-    assert np.array_equal(scene.labels, labels)
-    assert scene.bank is bank
-    assert scene.names == {2: "mug"}
-
-
 def test_labels_one_a_splat_need_sorted_rows() -> None:
     scene = walk_scene(20)
     with pytest.raises(ValueError, match="sorted"):

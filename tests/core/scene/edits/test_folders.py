@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
@@ -11,9 +11,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.folders import MOST_DEPTH, MOST_LETTERS, Folders
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
-from tests.core.scene.edits.edit_walk import builders, snapshot, walk_scene
-
-_ON_ORDER = ("put_in_folder", "on_folder", "under", "merge_groups", "duplicate", "separate")
+from tests.core.scene.edits.edit_walk import walk_scene
 
 
 def _do(scene: Scene, edit: Edit | None) -> None:
@@ -143,26 +141,6 @@ def test_a_script_names_folders_and_acts_on_all_that_is_in_them() -> None:
         run_script(scene, [{"op": "hide", "groups": ["Attic/"]}])
     with pytest.raises(GagaError, match="no object is selected"):
         run_script(scene, [{"op": "put_in_folder", "folder": "Room"}])
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_walk_over_folders_keeps_a_tree_in_which_all_groups_are(seed: int) -> None:
-    rng, scene = np.random.default_rng(seed), walk_scene(60)
-    history = History(scene)
-    build = {name: builders()[name] for name in _ON_ORDER}
-    start = snapshot(scene).folders
-    for _ in range(80):
-        name = _ON_ORDER[rng.integers(len(_ON_ORDER))]
-        before = scene.folders
-        if history.do(build[name](rng, scene)):  # builds `Folders`, which checks itself
-            after = scene.folders
-            history.undo()
-            assert scene.folders == before
-            history.redo()
-            assert scene.folders == after
-    while history.undo() is not None:
-        pass
-    assert scene.folders == start
 
 
 @pytest.mark.parametrize(

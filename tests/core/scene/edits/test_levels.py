@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import IntArray
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.edits.levels import join_here, split_here
+from gaga_core.scene.edits.objects import join_here, split_here
 from gaga_core.scene.scene import Scene
 from tests.core.scene.edits.edit_walk import snapshot
 from tests.scenes import random_gaussians

@@ -4,12 +4,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.edits.json import decode_edit, encode_edit
+from gaga_core.scene.edits.wire import of_json, to_json
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
@@ -193,8 +193,8 @@ def test_no_order_of_steps_makes_a_cycle_or_loses_an_order(
             continue
         if edit is None or not history.do(edit):
             continue
-        content = encode_edit(edit)
-        assert content is None or encode_edit(decode_edit(content)) == content
+        content = to_json(edit)
+        assert to_json(of_json(content)) == content
         seen.append(scene.folders)
     while len(seen) > 1:
         assert scene.folders == seen.pop()
@@ -208,9 +208,7 @@ def test_a_damaged_step_that_puts_an_object_under_itself_is_one_sentence() -> No
     _do(scene, edits.put_in_folder(scene, (1,), ""))
     edit = edits.set_parent(scene, (4,), 3)
     assert edit is not None
-    entry = encode_edit(edit)
-    assert entry is not None
-    damaged = decode_edit({**entry, "moved": [], "parents": [[1, None, 3]]}, len(scene))
+    damaged = of_json({**to_json(edit), "moved": [], "parents": [[1, None, 3]]}, len(scene))
     before = scene.folders
     with pytest.raises(GagaError, match=r"is damaged .* lies under itself"):
         damaged.apply(scene)

@@ -8,7 +8,7 @@ from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.color import dc_from_rgb
 from gaga_core.gaussians import Gaussians
-from gaga_core.scene.edits.append_values import joined
+from gaga_core.scene.edits.values import joined
 from tests.scenes import orbit_cameras
 
 TABLE, BOX = 1, 2

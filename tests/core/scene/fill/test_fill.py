@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.fill.chart import Chart, chart_of, darker
 from gaga_core.fill.fill import Filling, accepted, fill_stage, filled_edit
@@ -20,8 +20,8 @@ from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
-from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.values import joined
 from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
 from tests.core.scene.edits.edit_walk import snapshot

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from gaga_core.color import rgb_from_dc
-from gaga_core.edit_script.run import run_script
+from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.fill.fill import Filling, fill_stage, filled_edit
 from gaga_core.fill.inpaint import Inpainter, trial_stage, why_no_model

@@ -12,8 +12,8 @@ from gaga_core.fill.surfaces import FillConfig
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.bake import bake
-from gaga_core.scene.edits.append_values import joined
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.values import joined
 from gaga_core.scene.scene import Scene
 from tests.core.scene.fill.tables import BOX, HALF, STEP, TABLE, Table, table_with_box
 

@@ -1,0 +1,473 @@
+"""One export: what, in which form, how changed, where to; and what it will be like."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from gaga_core.arrays import UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.evaluate.photo_film import PhotoFilmConfig, photo_film_stage
+from gaga_core.export.cameras import CameraForm, estimated_camera_bytes, export_cameras
+from gaga_core.export.export import (
+    MeshExport,
+    MeshForm,
+    export_losses,
+    export_objects_stage,
+    export_scene_stage,
+    exported_indices,
+    least_psnr,
+    objects_indices,
+    objects_losses,
+)
+from gaga_core.export.options import ExportOptions, PageContent, Point, estimated_bytes
+from gaga_core.export.page import content_of
+from gaga_core.io.files import explain_os_error
+from gaga_core.io.meshes import MeshFile
+from gaga_core.io.splats.splat_files import SplatFormat, form_of
+from gaga_core.pipeline import film as video
+from gaga_core.pipeline.film import FilmConfig
+from gaga_core.pipeline.film import What as FilmWhat
+from gaga_core.progress import Progress, Stage
+from gaga_core.scene import cleanup as cleanup_edits
+from gaga_core.scene.export_manifest import listed_files, read_manifest
+from gaga_core.scene.objects import selected_groups
+from gaga_core.scene.scene import Scene, State
+from gaga_studio.features import camera, cleanup, folders, split_view
+from gaga_studio.features.base import (
+    Command,
+    ask,
+    busy,
+    first_of,
+    no_groups,
+    no_selection,
+    no_views,
+    not_saveable,
+)
+from gaga_studio.features.find.search import SearchState
+from gaga_studio.session import stages
+from gaga_studio.session.notices import Level, Request, notifies
+from gaga_studio.session.session import Session
+from gaga_studio.session.view import Mode, SplatLook
+from gaga_studio.system import paths
+
+What = Literal["scene", "selected", "objects"] | Literal["cameras"]
+Export = Literal["scene", "selected", "objects"]
+_AS_IS = ExportOptions()
+_FILLED = 0.6  # of the triangles of a ball: most objects are thinner
+
+
+@dataclass(frozen=True)
+class ExportPlan:
+    """What is to be written. ``path`` is a folder for objects and for cameras of COLMAP."""
+
+    path: Path
+    what: What = "scene"
+    form: SplatFormat | MeshExport | CameraForm = SplatFormat.PLY  # solids: of objects only
+    options: ExportOptions = field(default_factory=ExportOptions)
+
+
+@dataclass(frozen=True)
+class ExportSummary:
+    """What a plan will write."""
+
+    n_splats: int  # of cameras: 0
+    n_files: int
+    n_bytes: int  # an estimate
+    lost: tuple[str, ...]  # what the form does not keep, a sentence each
+    n_cameras: int = 0
+
+
+@notifies
+def start(session: Session, plan: ExportPlan) -> bool:
+    """Write it, as a job; a folder that is not there yet is made."""
+    try:
+        plan.path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GagaError(explain_os_error(error, plan.path.parent)) from error
+    options = plan.options
+    if plan.what == "cameras" or isinstance(plan.form, CameraForm):
+        start_export(session, plan.path, _cameras_stage(session, plan.path, options))
+        return True
+    if plan.form is SplatFormat.HTML or options.keep < 1:  # a decimation is judged from the photos
+        options = replace(options, page=page_content(session))
+    export(session, plan.what, plan.path, form=plan.form, options=options)
+    return True
+
+
+def _cameras_stage(session: Session, path: Path, options: ExportOptions) -> Stage[str]:
+    """Write the cameras as they are now; returns a sentence on it."""
+    project = session.need().settled()
+    frozen = replace(project, scene=replace(project.scene))
+
+    def stage() -> Stage[str]:
+        yield Progress("Export cameras", 0, 0)
+        n = export_cameras(frozen, path, options)
+        return f"Exported {n:,} cameras to {paths.shown(path)}."
+
+    return stage()
+
+
+def page_content(session: Session) -> PageContent:
+    """What a web page shows besides the splats: it begins with the present view."""
+    document = session.need()
+    project = replace(document.project, scene=document.scene)
+    found = document.feature(SearchState).described
+    behind = found.description.background if found is not None else frozenset()
+    return replace(content_of(project), start=session.rig.shot(), background=behind)
+
+
+@notifies
+def show_in_folder(session: Session, path: Path) -> bool:
+    """Show what was written in the file manager."""
+    del session
+    paths.show(path)
+    return True
+
+
+def summary(session: Session, plan: ExportPlan) -> ExportSummary:
+    """What ``plan`` will write, worked out again when the scene or the plan changes."""
+    document = session.need()
+    # Where it lies and how large it is changes neither counts nor losses.
+    options = replace(plan.options, centre=False, ground=False, scale=1.0)
+    going = session.settings.children_go_along
+    key = (document.scene.revision.total(), going, plan.what, plan.form, options)
+    asked = replace(plan, options=options)
+    return document.read.once("export", key, lambda: _summary(session, asked))
+
+
+def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
+    if plan.what == "cameras" or isinstance(plan.form, CameraForm):
+        return _cameras_summary(session, plan)
+    scene, options = folders.scene_along(session), plan.options
+    groups = selected_groups(scene).tolist() or None
+    if isinstance(plan.form, MeshExport):
+        return _mesh_summary(scene, plan.form, groups, options)
+    if plan.what == "objects":
+        splats = objects_indices(scene, groups, options)
+        n_files = len(np.unique(scene.labels[splats]))
+        lost = objects_losses(scene, plan.form, groups, options)
+    else:
+        what = "selected" if plan.what == "selected" else "visible"
+        splats = options.inside(scene, exported_indices(scene, what))  # type: ignore[arg-type]
+        n_files = 1
+        lost = export_losses(scene, plan.form, what=what, options=options)  # type: ignore[arg-type]
+    degree = scene.gaussians.sh_degree
+    if options.sh_degree is not None:
+        degree = min(degree, options.sh_degree)
+    n_splats = options.count(len(splats))
+    n_listed = len(np.unique(scene.labels[splats])) if plan.form is SplatFormat.HTML else 0
+    n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree, n_listed)
+    if n_splats < len(splats):
+        lost = ("Neighbours are merged; afterwards you are told what that lost.", *lost)
+    return ExportSummary(n_splats, n_files, n_bytes, lost)
+
+
+def _cameras_summary(session: Session, plan: ExportPlan) -> ExportSummary:
+    cameras = session.cameras
+    is_off = any(abs(c.K[0, 2] - c.width / 2) + abs(c.K[1, 2] - c.height / 2) > 1 for c in cameras)
+    lost: tuple[str, ...] = ()
+    if plan.form is CameraForm.CAMERAS_JSON and is_off:
+        lost = ("The principal point is left out: readers take the middle of the picture.",)
+    if plan.form is CameraForm.COLMAP:
+        lost = ("Points of the model are written without their tracks.",)
+    n_files = 3 if plan.form is CameraForm.COLMAP else 1
+    folder = session.need().project.folder
+    n_bytes = 0
+    if folder is not None and isinstance(plan.form, CameraForm):
+        n_bytes = estimated_camera_bytes(folder, plan.form)
+    return ExportSummary(0, n_files, n_bytes, lost, len(cameras))
+
+
+def _mesh_summary(
+    scene: Scene, how: MeshExport, groups: Sequence[int] | None, options: ExportOptions
+) -> ExportSummary:
+    splats = objects_indices(scene, groups, options)
+    n_files = len(np.unique(scene.labels[splats]))
+    lost = objects_losses(scene, how, groups, options)
+    return ExportSummary(len(splats), n_files, n_files * _mesh_bytes(how), lost)
+
+
+def _mesh_bytes(how: MeshExport) -> int:
+    """About how large the file of an object is: of a mesh, as of a ball that fills its voxels."""
+    n = 250 if how.form is not MeshForm.MESH else round(5 * how.config.voxels**2 * _FILLED)
+    vertex, triangle = (24, 12) if how.file is MeshFile.GLB else (50, 19)
+    return n // 2 * vertex + n * triangle
+
+
+def form_of_name(name: str) -> SplatFormat | None:
+    """The form that a typed name asks for; None when it asks for none."""
+    known = any(name.lower().endswith(form.suffix) for form in SplatFormat)
+    return form_of(Path(name)) if known else None
+
+
+def folder(session: Session) -> Path:
+    """Where exports go unless another place is chosen: never a hidden folder of ours."""
+    place = session.project
+    if place is None:
+        return paths.exports()
+    root = place.folder.root if place.folder is not None else place.model_path.parent
+    return paths.exports() if root.is_relative_to(paths.home()) else root
+
+
+def proposed(session: Session, what: What, form: SplatFormat | CameraForm) -> Path:
+    """The path that is proposed: the name of the scene or of the object."""
+    document = session.need()
+    stem, groups = Path(document.name).stem, session.selected_groups()
+    if what == "objects":
+        return folder(session) / f"{stem} objects"
+    if isinstance(form, CameraForm):
+        # Readers of transforms.json look for photos next to it, under its own name.
+        name = form.value if form is CameraForm.TRANSFORMS_JSON else f"{stem} {form}"
+        return folder(session) / name
+    if what == "scene":
+        return folder(session) / f"{stem} edited{form.suffix}"
+    name = document.name_of(groups[0]) if len(groups) == 1 else f"{stem} selection"
+    return folder(session) / f"{_file_name(name)}{form.suffix}"
+
+
+def _file_name(name: str) -> str:
+    """``name`` without letters that a file may not have."""
+    return "".join("-" if letter in '/\\:*?"<>|' else letter for letter in name)
+
+
+def up_of(session: Session) -> Point:
+    """Which way is up in the open scene, unit (3,)."""
+    x, y, z = session.rig.up / np.linalg.norm(session.rig.up)
+    return float(x), float(y), float(z)
+
+
+def export(
+    session: Session,
+    what: Export,
+    path: Path,
+    *,
+    form: SplatFormat | MeshExport = SplatFormat.PLY,
+    options: ExportOptions = _AS_IS,
+) -> None:
+    """Write what is visible, the selection, or one file per (selected, else any) object.
+
+    Whole selected objects are cleaned first if that is wanted. ``path`` is a folder for "objects",
+    whose files are of ``form``; else its suffix is the form of the file.
+    """
+    if session.scene is None:
+        return
+    session.need().settled()
+    groups = cleanup.to_clean(session) if what != "scene" else ()
+    if not groups:
+        scene = folders.scene_along(session)
+        listed = selected_groups(scene).tolist()
+        start_export(session, path, export_stage(scene, what, path, listed, form, options))
+        return
+    scene, also = replace(session.scene), folders.locked_along(session)
+    chosen = (*groups, *np.unique(scene.labels[also]).tolist())
+
+    def stage() -> Stage[str]:
+        labels = yield from cleanup_edits.clean_objects_stage(scene, groups)
+        copy = cleanup_edits.cleaned_copy(scene, groups, labels)
+        state = copy.state.copy()
+        state[also] |= np.uint8(State.SELECTED)  # written as they are
+        copy.state = state
+        return (yield from export_stage(copy, what, path, chosen, form, options))
+
+    start_export(session, path, stage())
+
+
+def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
+    """Run ``stage``, which exports to ``path`` and returns a sentence on what it has written."""
+
+    def done(text: str) -> None:
+        session.has_exported = True
+        session.notify(Level.INFO, text, shows=path)
+
+    session.jobs.start(f"Export to {path.name}", stage, on_done=done)
+
+
+def export_stage(
+    scene: Scene,
+    what: Export,
+    path: Path,
+    chosen: Sequence[int],
+    form: SplatFormat | MeshExport,
+    options: ExportOptions,
+) -> Stage[str]:
+    """Export, and return a sentence on what was written. ``form`` is that of objects' files."""
+    if what == "objects":
+        stage = export_objects_stage(scene, path, list(chosen) or None, form=form, options=options)
+        manifest = yield from stage
+        n_files, where = len(listed_files(manifest)), paths.shown(manifest.parent)
+        said = f"Exported objects to {where} ({n_files} files and {manifest.name})."
+        if missing := read_manifest(manifest).left_out:
+            said += f" Left out, without a surface: {', '.join(missing)}."
+        psnr, of = least_psnr(manifest), "the object that lost most"
+    else:
+        kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
+        made = yield from export_scene_stage(scene, path, what=kind, options=options)
+        said = f"Exported {made.n_splats:,} splats to {paths.shown(path)}."
+        psnr, of = made.psnr, "what was written"
+    if psnr is None:
+        return said
+    return f"{said} Merged: pictures of {of} have {psnr:.1f} dB (PSNR) against those of before."
+
+
+# --- films and pictures
+
+
+WHATS: dict[Mode, FilmWhat] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}
+_MODES = {what: mode for mode, what in WHATS.items()}
+
+
+@notifies
+def export_film(
+    session: Session, target: Path, config: FilmConfig, *, before: bool = False
+) -> bool:
+    """Write the path as a video, as a job; drawn by the graphics card where there is one.
+
+    ``before``: left of the line of ``config.split`` is the scene before its last edit.
+    """
+    document = session.need()
+    settled = document.settled()
+    requests, camera_path = session.render_requests, camera.path_of(session)
+    painter: video.Painter | None = None
+    if requests is not None and requests.is_fast and max(config.video.size) <= requests.max_side:
+        painter = _painter(session, config)
+    earlier = split_view.scene_before(session) if before and config.split is not None else None
+    left: video.Painter | None = None
+    if painter is not None and config.split is not None and earlier is None:
+        left = _painter(session, replace(config, what=config.split.left))
+    looked = replace(config, antialiased=_look(session))
+    stage = video.film_stage(
+        settled.scene,
+        camera_path,
+        target,
+        looked,
+        painter=painter,
+        left=video.LeftSide(earlier, left),
+    )
+    has_kernels = painter is None or (config.split is not None and left is None)
+    return session.jobs.start(
+        f"Film {target.name}",
+        stages.prepared("Draw", lambda: stage) if has_kernels else stage,
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+    )
+
+
+def photos_of(session: Session, views: str) -> tuple[str, ...]:
+    """Return the photos of "all", "train" or "test" that are here, by name."""
+    folder = session.need().project.folder
+    if folder is None:
+        return ()
+    parts = {"train": folder.train, "test": folder.test}
+    names = parts.get(views, tuple(camera.name for camera in folder.cameras))
+    return tuple(name for name in names if name in folder.image_paths)
+
+
+@notifies
+def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, views: str) -> bool:
+    """Write a film through photos as a job: what is chosen of them left of a line."""
+    names = photos_of(session, views)
+    stage = photo_film_stage(session.need().settled(), target, config, names)
+    return session.jobs.start(
+        f"Film {target.name}",
+        stages.prepared("Draw", lambda: stage),
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+    )
+
+
+@notifies
+def save_picture(
+    session: Session, target: Path, size: tuple[int, int], *, transparent: bool = False
+) -> bool:
+    """Write what the camera sees at any size as .png or .jpg, as a job."""
+    video.check_picture(target, size, transparent)
+    scene = session.need().settled().scene
+    view, requests = session.view, session.render_requests
+    camera = session.rig.shot().camera(*size)
+    what = WHATS.get(view.mode)
+    config = FilmConfig(what or "rgb", view.background, antialiased=_look(session))
+    painter: video.Painter | None = None
+    if (
+        requests is not None
+        and max(size) <= requests.max_side
+        and (requests.is_fast or what is None)
+    ):
+        painter = _painter(session, config, transparent=transparent, mode=view.mode)
+    elif what is None:
+        raise GagaError(
+            f"A picture of this size cannot show {view.mode.value}. Choose a smaller one, or "
+            "Color, Groups or Depth."
+        )
+    stage = video.picture_stage(
+        scene, camera, target, config, transparent=transparent, painter=painter
+    )
+    return session.jobs.start(
+        f"Save {target.name}",
+        stages.prepared("Draw", lambda: stage) if painter is None else stage,
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the picture to {path}."),
+    )
+
+
+def _painter(
+    session: Session, config: FilmConfig, *, transparent: bool = False, mode: Mode | None = None
+) -> video.Painter | None:
+    """Return the window's own drawing at full quality; None for depth, whose range would jump."""
+    requests = session.render_requests
+    if requests is None or (config.what == "depth" and mode is None):
+        return None
+    view = replace(
+        session.view,
+        mode=mode or _MODES[config.what],
+        background=config.background,
+        splat_budget=0,
+        coarse_budget=0,
+        resolution_scale=1.0,
+        show_outline=False,
+        show_frusta=False,
+    )
+
+    def paint(camera: Camera) -> UInt8Array:
+        return requests.paint(camera, view, transparent=transparent)
+
+    return paint
+
+
+def _look(session: Session) -> bool | None:
+    look = session.view.look
+    return None if look is SplatLook.AUTO else look is SplatLook.ANTIALIASED
+
+
+# --- commands
+
+
+def _not_filmable(session: Session) -> str:
+    """Needs two keyframes or more, or photos to go through, and the job runner."""
+    return (camera.no_path(session) if camera.no_photo_files(session) else "") or busy(session)
+
+
+_no_objects = first_of(no_groups, busy)
+_no_chosen = first_of(no_selection, busy)
+COMMANDS: tuple[Command, ...] = (
+    ask(
+        "file.export_scene",
+        "Export scene…",
+        Request.EXPORT_SCENE,
+        "Ctrl+Shift+E",
+        enabled=not_saveable,
+    ),
+    ask("file.export_page", "Export a web page…", Request.EXPORT_PAGE, enabled=not_saveable),
+    ask("file.export_selected", "Export selection…", Request.EXPORT_SELECTED, enabled=_no_chosen),
+    ask("file.export_objects", "Export objects…", Request.EXPORT_OBJECTS, enabled=_no_objects),
+    ask("file.export_meshes", "Export meshes…", Request.EXPORT_MESHES, enabled=_no_objects),
+    ask("file.export_cameras", "Export cameras…", Request.EXPORT_CAMERAS, enabled=no_views),
+    ask(
+        "file.save_picture",
+        "Save picture…",
+        Request.SAVE_PICTURE,
+        "Ctrl+Alt+S",
+        enabled=not_saveable,
+    ),
+    ask("camera.film", "Save film…", Request.SAVE_FILM, enabled=_not_filmable),
+)

@@ -1,0 +1,70 @@
+"""Associate, export, add splats, save a script.
+
+Long work runs as a job; its result arrives as an edit or a notice.
+"""
+
+import json
+from pathlib import Path
+
+from gaga_core.export.options import ExportOptions
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import atomic_write
+from gaga_core.scene import edits
+from gaga_core.scene.edits.values import read_added_stage
+from gaga_studio.features.base import Command, ask, busy, needs, no_scene, not_saveable
+from gaga_studio.session import level_of_detail
+from gaga_studio.session.notices import Level, Request, notifies
+from gaga_studio.session.session import Session
+
+_AS_IS = ExportOptions()
+
+
+@notifies
+def save_script(session: Session, path: Path) -> bool:
+    """Write every edit since the scene was opened as a script for ``gaga edit``."""
+    document = session.need()
+    document.settled()
+    recorded = document.history.recorded()
+    with atomic_write(path) as temporary:
+        temporary.write_text(json.dumps(recorded, indent=1), encoding="utf-8")
+    session.notify(Level.INFO, f"Recorded {len(recorded)} edits in {path}.", shows=path)
+    return True
+
+
+def add_splats(session: Session, path: Path) -> None:
+    """Add the splats of another file to the open scene, selected, as one edit."""
+    document = session.document
+    if document is None:
+        return
+
+    def done(read: tuple[Gaussians, str]) -> None:
+        if session.document is not document:
+            return
+        splats, digest = read
+        document.do(edits.append(document.settled().scene, splats, path, digest))
+        session.notify(
+            Level.INFO, f"Added {len(splats):,} splats of {path.name}; they are selected."
+        )
+        if splats.is_antialiased != document.scene.gaussians.is_antialiased:
+            session.notify(
+                Level.WARNING,
+                f"{path.name} was trained for another kind of drawing (antialiased or not) "
+                "than this scene, so its fine parts may look thinner or thicker here.",
+            )
+        level_of_detail.offer(session)
+
+    session.jobs.start(f"Add {path.name}", read_added_stage(path), on_done=done)
+
+
+_no_edits = needs(lambda session: session.need().history.can_undo, "Nothing has been edited yet.")
+COMMANDS: tuple[Command, ...] = (
+    ask("file.open_folder", "Open scene folder…", Request.OPEN_FOLDER, "Ctrl+O"),
+    ask("file.open_file", "Open splat file…", Request.OPEN_FILE, "Ctrl+Shift+O"),
+    ask("file.add_splats", "Add splats…", Request.ADD_SPLATS, enabled=not_saveable),
+    Command("file.demo", "Open the demo", Session.open_demo, enabled=busy),
+    Command("file.save", "Save project", lambda s: s.save(), "Ctrl+S", enabled=no_scene),
+    ask("file.save_as", "Save project as…", Request.SAVE_AS, "Ctrl+Shift+S", enabled=no_scene),
+    ask("file.save_script", "Save the edits as a script…", Request.SAVE_SCRIPT, enabled=_no_edits),
+    Command("file.close", "Close", Session.close, "Ctrl+W", enabled=not_saveable),
+    Command("file.quit", "Quit", Session.quit, "Ctrl+Q"),
+)

@@ -1,0 +1,1 @@
+"""Find: masks, objects of masks, the memory bank behind them, clicks and words."""

@@ -1,0 +1,429 @@
+"""Find objects: associate masks with settings, identities, and the stage that comes next."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from gaga_core.arrays import FloatArray, IntArray, UInt8Array
+from gaga_core.errors import GagaError
+from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot, associate_stage
+from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.identity.field import FILE as IDENTITY_FILE
+from gaga_core.identity.field import encoding_colors, save_identity
+from gaga_core.identity.lift import LiftConfig, lift_groups, mode_of_preset, task_of_association
+from gaga_core.identity.lift import Mode as LiftMode
+from gaga_core.identity.train import FILE as CHECKPOINT
+from gaga_core.io.folder.scene_folder import SceneFolder, select_views
+from gaga_core.masks import MaskSet
+from gaga_core.progress import Stage
+from gaga_core.raster import choose
+from gaga_core.scene import edits
+from gaga_core.scene.edits.objects import NO_IDENTITIES
+from gaga_core.scene.edits.splats import ids_of_added, spread
+from gaga_core.scene.project import Project
+from gaga_core.scene.scene import LabelSource
+from gaga_studio.features.base import Command, ask, needs, no_bank, no_masks, watch
+from gaga_studio.session import stages
+from gaga_studio.session.document import Document
+from gaga_studio.session.notices import Level, Request, notifies
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import Settings
+from gaga_studio.session.view import Mode
+
+# --- settings
+
+
+@dataclass(frozen=True)
+class FindOptions:
+    """Switches of this run of the program; None is what the preset has."""
+
+    threshold: float | None = None  # least overlap of a mask with a group that it joins, (0, 1]
+    inlier_factor: float | None = None  # f of the depth gate
+    depth: Literal["expected", "median", "none"] | None = None  # none: all Gaussians behind a mask
+    order: Literal["name", "coverage"] | None = None  # of the views
+    lift: LiftConfig = field(default_factory=LiftConfig)
+
+    def association(self, preset: str) -> AssociateConfig:
+        """Settings of an association by ``preset``; ``GagaError`` when they exclude each other."""
+        config = AssociateConfig.of(preset)
+        try:
+            gate = config.gate
+            if self.inlier_factor is not None:
+                gate = replace(gate, iqr_factor=self.inlier_factor)
+            return replace(
+                config,
+                gate=gate,
+                threshold=self.threshold or config.threshold,
+                depth=self.depth or config.depth,
+                order=self.order or config.order,
+            )
+        except ValueError as error:
+            raise GagaError(f"These settings do not go together ({error}).") from error
+
+
+def lift_mode(settings: Settings, preset: str = "") -> LiftMode | None:
+    """How identities are made once objects are found by ``preset`` (default: that of the settings).
+
+    None: not at all.
+    Preset paper trains them, as published. Robust leaves them: its labels are votes either way.
+    """
+    modes: dict[str, LiftMode] = {"vote": "vote", "refine": "refine", "paper": "paper"}
+    if settings.identities == "preset":
+        return "paper" if (preset or settings.preset) == "paper" else None
+    return modes.get(settings.identities)
+
+
+@dataclass
+class FindState:
+    """Feature of a session: how objects are found until the program ends."""
+
+    options: FindOptions = field(default_factory=FindOptions)
+
+
+# --- identities
+
+# --- Identity encodings of the groups, and whether labels are votes or theirs.
+
+
+__all__ = ["NO_IDENTITIES", "lift", "lift_after_finding", "use_labels"]
+_CHANGED = "The objects were found again meanwhile, so the identities are left out. Lift again."
+
+
+@notifies
+def lift(session: Session, mode: LiftMode | None = None) -> None:
+    """Make identities of the groups as one edit, in ``mode``; default: as the settings say.
+
+    Labels come from them where the paper says so: trained, from groups of the preset paper.
+    """
+    document = session.need()
+    bank = document.settled().scene.bank
+    preset = bank.preset if bank is not None else "paper"
+    mode = mode or lift_mode(session.settings, preset) or mode_of_preset(preset)
+    options = session.feature(FindState).options.lift
+    stage = lift_project_stage(document.project, session.masks, mode, options)
+    used = (mode, preset) == ("paper", "paper")
+
+    check = watch(session, document, _CHANGED, lambda: document.settled().scene.bank is bank)
+
+    def done(found: LiftedScene) -> None:
+        if not check():
+            return
+        labels, confidence, colors = found.labels, found.confidence, found.colors
+        scene = document.settled().scene
+        document.do(edits.set_identities(scene, labels, confidence, colors, used=used))
+        session.notify(Level.INFO, _text(bank, is_used=used))
+
+    session.jobs.start("Lift groups to identities", stage, on_done=done)
+
+
+def lift_after_finding(session: Session, preset: str) -> None:
+    """Go on with identities where the settings, or ``preset``, ask for them."""
+    mode = lift_mode(session.settings, preset)
+    if mode is not None:
+        lift(session, mode)
+
+
+@notifies
+def use_labels(session: Session, source: LabelSource) -> None:
+    """Take labels from the votes of the masks or from the identities, as one edit."""
+    document = session.need()
+    document.do(edits.use_labels(document.settled().scene, source))
+
+
+def _text(bank: MemoryBank | None, *, is_used: bool) -> str:
+    n = bank.n_groups if bank is not None else 0
+    rest = (
+        "Labels come from them now."
+        if is_used
+        else 'Labels stay votes; "Labels by identities" takes them.'
+    )
+    return f"{n} groups have identities. {rest}"
+
+
+# --- association
+
+
+@notifies
+def associate(session: Session, provider: str | None = None, preset: str | None = None) -> None:
+    """Make groups from the masks of ``provider`` (default: the first), as one edit.
+
+    With the settings of `FindState`; then identities, where the preset has them.
+    """
+    document, preset = session.need(), preset or session.settings.preset
+    config = session.feature(FindState).options.association(preset)
+    found = stages.masks_of(document.project, provider or session.provider)
+    session.provider, session.masks = found
+    stage = associate_project_stage(document.project, session.masks, config)
+    progress, end = watch_bank(session)
+
+    def done(result: Association) -> None:
+        session.notify(Level.INFO, f"Found {take_groups(document, result)} objects.")
+        for note in result.notes:
+            session.notify(Level.WARNING, note)
+        lift_after_finding(session, preset)
+
+    session.jobs.start("Associate masks", stage, progress, done, end)
+
+
+def take_groups(document: Document, found: Association) -> int:
+    """Set the groups of the scene; return how many objects there are now."""
+    scene = document.settled().scene
+    labels = spread(scene, found.labels)  # duplicates follow their originals
+    kept = ids_of_added(scene, labels)
+    names = {new: scene.names[old] for old, new in kept.items() if old in scene.names}
+    order = scene.folders.renumbered(kept)
+    document.do(
+        edits.set_grouping(
+            scene, labels, found.bank, names, confidence=found.confidence, folders=order
+        )
+    )
+    return int((document.read.objects(None, False).ids > 0).sum())
+
+
+def watch_bank(session: Session) -> tuple[Callable[[object], None], Callable[[], None]]:
+    """Return the callbacks of a job that fills a memory bank: for its progress, for its end.
+
+    While it runs the picture shows the groups growing; then what it showed before.
+    """
+    document, mode = session.document, session.view.mode
+
+    def progress(payload: object) -> None:
+        if isinstance(payload, BankSnapshot) and session.document is document:
+            view = session.view
+            view.mode = view.mode if session.live else Mode.GROUPS  # seen growing
+            session.live = payload
+
+    def end() -> None:
+        session.view.mode = mode if session.live else session.view.mode
+        session.live = None
+
+    return progress, end
+
+
+def associate_project_stage(
+    project: Project, masks: MaskSet, config: AssociateConfig
+) -> Stage[Association]:
+    """Associate the masks of the train views (test views are for scores, as in ``gaga associate``).
+
+    Works on the Gaussians of the file: the photos show them where they stood.
+    """
+    if project.folder is None or len(masks) == 0:
+        raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
+    cameras = select_views(project.folder, "train")
+    gaussians = stages.file_gaussians(project.scene)
+
+    return stages.prepared(
+        "Associate masks",
+        lambda: associate_stage(gaussians, cameras, masks, choose(), config),
+        "Preparing (the first run takes a little longer)",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LiftedScene:
+    """What a lift says of the rows of the opened file."""
+
+    labels: IntArray  # (M,)
+    confidence: FloatArray  # (M,) 0..1
+    colors: UInt8Array  # (M, 3) of the encodings
+
+
+def lift_project_stage(
+    project: Project, masks: MaskSet, mode: LiftMode, config: LiftConfig
+) -> Stage[LiftedScene]:
+    """Give the groups of the open scene identity encodings; write SCENE/gaga/identity.npz.
+
+    Works on the Gaussians of the file and on the bank at the call. A training that is cancelled
+    leaves its checkpoint there, and the next one goes on from it.
+    """
+    folder, scene = project.folder, project.scene
+    if folder is None or scene.bank is None or len(masks) == 0:
+        raise GagaError("Identities need groups that were found from masks. Use Find objects.")
+    n, source = scene.n_opened, scene.identities
+    votes = source.other if source.source == "identities" else None
+    labels = scene.labels[:n] if votes is None else votes.labels
+    sure = scene.confidence if votes is None else votes.confidence
+    confidence = np.ones(n, np.float32) if sure is None else sure.astype(np.float32) / 255
+    cameras, bank, gaussians = (
+        select_views(folder, "train"),
+        scene.bank,
+        stages.file_gaussians(scene),
+    )
+
+    def lift() -> Stage[LiftedScene]:
+        checkpoint = folder.work / CHECKPOINT
+        folder.work.mkdir(parents=True, exist_ok=True)
+        task = task_of_association(
+            gaussians,
+            cameras,
+            masks,
+            (labels, confidence.astype(np.float32), bank),
+            choose(),
+            config,
+            checkpoint=checkpoint,
+        )
+        identity, _ = yield from lift_groups(task, mode)
+        save_identity(folder.work / IDENTITY_FILE, identity)
+        if mode == "paper":
+            checkpoint.unlink(missing_ok=True)
+        colors = encoding_colors(identity.field.encodings)
+        return LiftedScene(identity.labels, identity.confidence, colors)
+
+    return stages.prepared("Lift groups", lift)
+
+
+_no_identities = needs(
+    lambda session: session.need().scene.identities.other is not None, NO_IDENTITIES
+)
+
+
+def _labels(source: LabelSource) -> Command:
+    return Command(
+        f"object.labels_{source}",
+        f"Labels by {source}",
+        lambda session: use_labels(session, source),
+        enabled=_no_identities,
+        is_on=lambda s: s.scene is not None and s.scene.identities.source == source,
+    )
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command(
+        "object.associate",
+        "Find objects (associate masks)",
+        associate,
+        "Ctrl+G",
+        enabled=no_masks,
+    ),
+    ask(
+        "object.find_settings",
+        "Find objects with settings…",
+        Request.FIND_OBJECTS,
+        enabled=no_masks,
+    ),
+    Command("object.lift", "Lift groups to identities", lift, enabled=no_bank),
+    _labels("votes"),
+    _labels("identities"),
+)
+
+
+# --- the stage that a scene needs next
+
+# Measured on two cores: a depth picture, a vote and the gate, per view and million splats.
+_SECONDS_PER_VIEW = {"paper": 0.6, "robust": 1.2}
+_LEAST_SECONDS = 2.0
+_SECONDS_PER_PHOTO = 0.7  # regions: depth, superpixels and merging
+_SECONDS_PER_STEP = 0.02  # of identities from zeros, 16,384 pixels each
+
+
+def training_seconds(config: LiftConfig) -> float:
+    """How long identities take to train, roughly."""
+    return config.paper.iterations * _SECONDS_PER_STEP
+
+
+def training_text(config: LiftConfig) -> str:
+    """What follows an association when identities are trained."""
+    n, seconds = config.paper.iterations, duration_text(training_seconds(config))
+    return f"Then {n:,} training steps, {seconds}. Cancel keeps the objects; a next run goes on."
+
+
+@dataclass(frozen=True)
+class StageOffer:
+    """A missing stage. Without an ``action`` there is no button: the reason tells what to do."""
+
+    reason: str  # "48 photos have masks but no objects yet."
+    action: str = ""  # text of the button
+    command: str = ""  # id in the command table
+    seconds: float = 0.0  # estimate
+    note: str = ""  # in brackets behind the action: "now, without a model"
+    more: tuple[tuple[str, str], ...] = ()  # other ways: texts of buttons and their commands
+
+    @property
+    def label(self) -> str:
+        """ "Make masks (now, without a model, about 20 s)", "Find objects, about 20 s"."""
+        if self.note:
+            return f"{self.action} ({', '.join(filter(None, (self.note, self.duration)))})"
+        return self.short_label
+
+    @property
+    def short_label(self) -> str:
+        """ "Make masks, about 20 s": where there is little room."""
+        return ", ".join(filter(None, (self.action, self.duration)))
+
+    @property
+    def duration(self) -> str:
+        """ "about 20 s", "about 3 min"; empty without an estimate."""
+        return duration_text(self.seconds)
+
+
+def duration_text(seconds: float) -> str:
+    """ "about 20 s", "about 3 min"; empty when it is not known."""
+    if seconds <= 0:
+        return ""
+    if seconds < 90:
+        return f"about {max(5 * round(seconds / 5), 5)} s"
+    return f"about {round(seconds / 60)} min"
+
+
+def offer_of(project: Project, n_masks: int, preset: str, training_s: float = 0.0) -> StageOffer:
+    """Return the stage that a scene without groups needs.
+
+    ``n_masks``: views with masks; ``training_s``: what identities take after the groups.
+    """
+    folder, scene = project.folder, project.scene
+    if folder is None:
+        return StageOffer(
+            "A single splat file has no photos to find objects in. Make them by clicks with the "
+            "tool Object (O), or open the scene folder of the file."
+        )
+    if not folder.mask_folders:
+        return _no_masks(folder)
+    if n_masks == 0:
+        names = ", ".join(folder.mask_folders)
+        return StageOffer(f"No file in masks/{names} has the name of a photo. Rename the masks.")
+    millions = len(scene) / 1e6
+    seconds = _LEAST_SECONDS + n_masks * _SECONDS_PER_VIEW.get(preset, 1.0) * (0.1 + millions)
+    seconds += training_s
+    return StageOffer(
+        f"{_photos_have(n_masks)} masks but no objects yet.",
+        "Find objects",
+        "object.associate",
+        seconds,
+    )
+
+
+def _no_masks(folder: SceneFolder) -> StageOffer:
+    if not folder.cameras:
+        return StageOffer(
+            "This folder has splats but no photos with a place, so there is nothing to make groups "
+            "from. Put images/ and sparse/ next to them."
+        )
+    n_photos = sum(camera.name in folder.image_paths for camera in folder.cameras)
+    if n_photos == 0:
+        n = len(folder.cameras)
+        missing = "The photo is" if n == 1 else f"The {n} photos are"
+        return StageOffer(
+            f"{missing} not in {folder.root.name}/images, so there is nothing to make masks of. "
+            f"Put {'it' if n == 1 else 'them'} back, or import masks."
+        )
+    seconds = _LEAST_SECONDS + len(folder.train) * _SECONDS_PER_PHOTO
+    reason = f"{_photos_have(n_photos)} no masks yet."
+    more = (("", "object.masks_model"), ("Other ways…", "object.masks"))
+    note = "now, without a model"
+    return StageOffer(reason, "Make masks", "object.masks_quick", seconds, note, more)
+
+
+def _photos_have(n: int) -> str:
+    return "1 photo has" if n == 1 else f"{n} photos have"
+
+
+def stage_offer(session: Session) -> StageOffer | None:
+    """Return the stage that the open scene needs next; None if none, or while a job runs."""
+    document = session.document
+    if document is None or session.jobs.running or document.read.has_groups():
+        return None
+    trains = lift_mode(session.settings) == "paper"
+    training = training_seconds(session.feature(FindState).options.lift) if trains else 0.0
+    return offer_of(document.project, len(session.masks), session.settings.preset, training)

@@ -1,0 +1,781 @@
+"""Masks: who makes them and with which settings, making, importing, exporting; models."""
+
+import shutil
+import time
+import webbrowser
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from gaga_core.arrays import IntArray
+from gaga_core.errors import GagaError
+from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot
+from gaga_core.io.folder.scene_folder import SceneFolder, find_mask_folders
+from gaga_core.io.masks.label_maps import mask_folder, read_labels, view_key
+from gaga_core.io.masks.other_programs import recognise
+from gaga_core.pipeline.import_masks import ImportReport, import_masks
+from gaga_core.pipeline.segment import SegmentConfig, SegmentReport, ViewDone, segment_scene
+from gaga_core.progress import Progress, Stage, mapped
+from gaga_core.scene.project import Project
+from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings, available_providers
+from gaga_core.segmentation.models.catalogue import KnownModel, known_model
+from gaga_core.segmentation.models.download import Consent, Installed, download, remove
+from gaga_core.segmentation.models.hub import HubConfig, Listing, list_files
+from gaga_core.segmentation.models.status import ModelStatus, all_models, record
+from gaga_core.segmentation.models.weights import family_of, models_folder, weights_at
+from gaga_core.segmentation.regions import NAME as REGIONS
+from gaga_core.segmentation.settings import GeneratorConfig
+from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_scene, no_views
+from gaga_studio.features.find import association as associate
+from gaga_studio.features.find import association as identities
+from gaga_studio.features.find.association import FindState, duration_text
+from gaga_studio.features.find.memory_bank import KnownViews
+from gaga_studio.session import stages
+from gaga_studio.session.document import Document
+from gaga_studio.session.notices import Level, Request, UserQuestion, notifies
+from gaga_studio.session.session import Session
+from gaga_studio.system import paths
+
+if TYPE_CHECKING:
+    from gaga_core.segmentation.sam import Prompter
+
+
+@dataclass
+class ModelsState:
+    """State of the sheet; `actions.models` changes it."""
+
+    entries: tuple[ModelStatus, ...] = ()  # as last looked at; empty = look when it is shown
+    offered: Listing | None = None  # its licence and size are shown, the user has not answered
+    removing: KnownModel | None = None  # the user is asked whether
+    then: Callable[[], object] | None = None  # what the offered model was wanted for
+    promptable: tuple[ProviderEntry, ...] | None = None  # can be asked for one thing; None = look
+    prompters: dict[str, "Prompter"] = field(default_factory=dict)  # loaded, by name of the model
+
+    def entry(self, name: str) -> ModelStatus | None:
+        """The entry of a model, None before they were looked at."""
+        return next((entry for entry in self.entries if entry.model.name == name), None)
+
+
+# --- settings with a slider
+
+# --- The settings of a mask provider that have a slider, and their bounds.
+
+
+Family = Literal["regions", "sam", "universal", ""]
+Part = Literal["regions", "generator", "universal", "flatten"]
+
+
+@dataclass(frozen=True)
+class Slider:
+    """One setting."""
+
+    part: Part  # field of `ProviderSettings`
+    field: str
+    label: str
+    low: float
+    high: float
+    hint: str
+    is_whole: bool = False
+    is_logarithmic: bool = False
+
+
+# fmt: off
+_FLATTEN = (
+    Slider("flatten", "min_visible", "Least visible share", 0.0, 0.9,
+           "A mask of which less stays uncovered by more confident ones is dropped"),
+)
+SLIDERS: dict[Family, tuple[Slider, ...]] = {
+    "": (),
+    "regions": (
+        Slider("regions", "detail", "Detail", 0.2, 5.0,
+               "2: about twice as many regions, 0.5: about half", is_logarithmic=True),
+        Slider("regions", "crease", "Weight of creases", 0.0, 100.0,
+               "How much an edge in depth keeps regions apart; needs splats"),
+    ),
+    "sam": (
+        Slider("generator", "points_per_side", "Points along each side", 4, 64,
+               "More find smaller things; time grows with the square", is_whole=True),
+        Slider("generator", "pred_iou_thresh", "Least quality", 0.0, 1.0,
+               "That the model predicts for its own mask"),
+        Slider("generator", "stability_score_thresh", "Least stability", 0.0, 1.0,
+               "How little a mask may change when it is cut tighter or wider"),
+        Slider("generator", "crop_layers", "Closer looks", 0, 3,
+               "Also look at 4, 16, ... crops, for small things; takes longer", is_whole=True),
+        *_FLATTEN,
+    ),
+    "universal": (
+        Slider("universal", "min_score", "Least confidence", 0.0, 1.0,
+               "Surer masks only, or more of them"),
+        Slider("universal", "max_overlap", "Most overlap", 0.1, 1.0,
+               "Of two masks that share more than this, the less confident one is dropped"),
+        *_FLATTEN,
+    ),
+}
+# fmt: on
+
+
+def settings_family(entry: ProviderEntry) -> Family:
+    """Return the kind of settings that a provider takes; "" while its weights are not here."""
+    if entry.kind == "regions":
+        return "regions"
+    found = family_of(_model_type(entry))
+    return "sam" if found == "sam" else "universal" if found == "universal" else ""
+
+
+def value_of(settings: ProviderSettings, slider: Slider, entry: ProviderEntry) -> float:
+    """Return the value of a slider: the provider's own default until it is moved."""
+    if slider.part == "flatten":
+        return float(getattr(settings.flatten_of(settings_family(entry)), slider.field))
+    part = getattr(settings, slider.part) or _defaults(entry, settings)
+    return float(getattr(part, slider.field))
+
+
+def with_value(
+    settings: ProviderSettings, slider: Slider, entry: ProviderEntry, value: float
+) -> ProviderSettings:
+    """Return the settings with a slider moved, inside its bounds."""
+    if slider.part == "generator" and settings.generator is None:
+        settings = replace(settings, generator=_defaults(entry, settings))
+    bounded = min(max(value, slider.low), slider.high)
+    change = {slider.field: round(bounded) if slider.is_whole else bounded}
+    if (
+        slider.part == "flatten" and settings_family(entry) == "universal"
+    ):  # no longer the profile's
+        settings = replace(settings, flatten=settings.flatten_of("universal"), profile="default")
+    changed = replace(getattr(settings, slider.part), **change)
+    if slider.part == "regions":
+        return replace(settings, regions=changed)
+    if slider.part == "universal":
+        return replace(settings, universal=changed)
+    if slider.part == "flatten":
+        return replace(settings, flatten=changed)
+    return replace(settings, generator=changed)
+
+
+def has_profile(entry: ProviderEntry) -> bool:
+    """Whether the paper publishes settings for models of this kind."""
+    return settings_family(entry) in ("sam", "universal")
+
+
+def with_profile(settings: ProviderSettings, *, paper: bool) -> ProviderSettings:
+    """Return the settings with the paper's published ones, or the defaults, in place of sliders."""
+    fresh = ProviderSettings(regions=settings.regions, device=settings.device)
+    return replace(fresh, profile="paper" if paper else "default")
+
+
+def _defaults(entry: ProviderEntry, settings: ProviderSettings) -> GeneratorConfig:
+    """Return those of a SAM on the CPU; settings that were not touched follow the device."""
+    return settings.generator_of(_model_type(entry), on_gpu=False)
+
+
+def _model_type(entry: ProviderEntry) -> str:
+    return weights_at(entry.path).model_type if entry.path is not None else ""
+
+
+Views = Literal["train", "all"]
+MaskForm = Literal["png", "dataset", "coco"]
+_PREVIEW = ".preview"  # mask folder of a preview; a leading dot keeps it out of the lists
+_UNNAMED = "imported"  # name that `recognise` gives to masks of an unknown provider
+_CANCEL = "Cancel"
+
+
+@dataclass(frozen=True)
+class MaskRequest:
+    """The masks that a user asks for."""
+
+    provider: str = REGIONS
+    settings: ProviderSettings = field(default_factory=ProviderSettings)
+    weights: Path | None = None  # of a model that lies elsewhere
+    views: Views = "train"
+    redo: bool = False
+    use_depth: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class MaskPreview:
+    """The masks of one photo, made to see what the settings give."""
+
+    request: MaskRequest
+    view: str
+    labels: IntArray  # (H, W)
+    n_masks: int
+    seconds: float  # 0: it was there already
+
+
+# --- who can make masks
+
+
+def providers() -> tuple[ProviderEntry, ...]:
+    """Return every provider, those that can be used first."""
+    return tuple(sorted(available_providers(), key=lambda entry: not entry.is_available))
+
+
+def has_model(entries: tuple[ProviderEntry, ...]) -> bool:
+    """Return whether a model is here; regions need none."""
+    return any(entry.is_available and entry.kind != "regions" for entry in entries)
+
+
+def entry_of(path: Path) -> ProviderEntry:
+    """Return the entry of a model in another folder; ``GagaError`` when it makes no masks."""
+    found = weights_at(path)
+    title = f"{found.model_type} in {found.path.name}"
+    return ProviderEntry(path.stem, title, True, "", "own", found.path, licence="its own")
+
+
+def first_steps() -> str:
+    """Return what to tell the user while no model is here."""
+    return (
+        "Regions work at once, on any computer: they follow color, texture and the shape of the "
+        "surface, and know nothing of objects. A model such as SAM 2.1 finds whole objects: choose "
+        "one and get it. Nothing is downloaded without your consent. Or put its files into "
+        f"{paths.shown(models_folder())}, or name its folder."
+    )
+
+
+# --- making
+
+
+def why_not(session: Session, entry: ProviderEntry | None) -> str:
+    """Return why masks cannot be made now; "" when they can."""
+    reason = no_photos(session)
+    if reason:
+        return reason
+    if entry is None:
+        return "Choose a mask provider."
+    return "" if entry.is_available else entry.reason
+
+
+def no_photos(session: Session) -> str:
+    """Return why there is no photo with a pose, or no free job runner; "" when there is."""
+    if session.project is None:
+        return no_scene(session)
+    folder = session.project.folder
+    if folder is None or not folder.cameras:
+        return "Masks are made of photos, and this scene has none with a place."
+    if not folder.image_paths:
+        return f"The photos are not in {folder.root / 'images'}. Put them back."
+    return busy(session)
+
+
+def photos_of(session: Session, views: Views) -> tuple[str, ...]:
+    """Return the names of the photos that a request covers."""
+    folder = session.project.folder if session.project is not None else None
+    if folder is None:
+        return ()
+    wanted = set(folder.train) if views == "train" else {c.name for c in folder.cameras}
+    return tuple(c.name for c in folder.cameras if c.name in wanted)
+
+
+def make(session: Session, request: MaskRequest | None = None) -> None:
+    """Make the masks of all wanted photos; those that are there already stay unless ``redo``.
+
+    What is finished when the job is cancelled is kept, and the next run continues from there.
+    """
+    request = request or MaskRequest()
+    reason = no_photos(session)
+    if reason:
+        session.notify(Level.WARNING, reason)
+        return
+    document = session.need()
+    ended: list[SegmentReport] = []
+
+    def done(report: SegmentReport) -> None:
+        ended.append(report)
+        take_report(session, document, report)
+
+    def end() -> None:
+        if not ended and session.document is document:
+            keep_partial(session, request.provider)
+
+    session.jobs.start("Make masks", make_stage(_folder(document), request), None, done, end)
+
+
+def take_report(session: Session, document: Document, report: SegmentReport) -> None:
+    """Use the masks that were made, tell the user, and remember how long the model took."""
+    if report.made and report.provider != REGIONS:
+        record(report.provider, report.seconds / len(report.made))
+        session.feature(ModelsState).entries = ()  # looked at again
+    if session.document is document:
+        choose(session, report.folder.name)
+    n = len(report.made) + len(report.kept)
+    session.notify(Level.INFO, f"{report.n_masks:,} masks in {_photos(n)}.")
+    for note in report.notes:
+        session.notify(Level.WARNING, note)
+
+
+@notifies
+def try_one(
+    session: Session, request: MaskRequest, view: str, on_done: Callable[[MaskPreview], None]
+) -> None:
+    """Make the masks of one photo without keeping them; a run with the same request reuses them."""
+    stage = _preview_stage(_folder(session.need()), request, view)
+    session.jobs.start(f"Try on {view}", stage, on_done=on_done)
+
+
+def make_stage(
+    folder: SceneFolder, request: MaskRequest, views: str | tuple[str, ...] = "", name: str = ""
+) -> Stage[SegmentReport]:
+    """Make the masks of ``request``; ``views`` and ``name`` override its views and their folder."""
+    # torch is imported here, in the job's thread, and only when a model is asked for.
+    from gaga_core.pipeline.compile_kernels import after_warm_up
+    from gaga_core.segmentation.choose import provider_named
+
+    yield Progress("Make masks", 0, 0, "Preparing")
+    provider = provider_named(request.provider, weights=request.weights, settings=request.settings)
+    stage = segment_scene(
+        folder,
+        provider,
+        views=views or request.views,
+        name=name,
+        redo=request.redo and not name,
+        config=SegmentConfig(use_depth=request.use_depth),
+    )
+    draws_depth = request.use_depth and "depth" in provider.cues and folder.model_path is not None
+    return (yield from (after_warm_up(stage) if draws_depth else stage))
+
+
+def _preview_stage(folder: SceneFolder, request: MaskRequest, view: str) -> Stage[MaskPreview]:
+    place = folder.root / "masks" / _PREVIEW
+    try:
+        report = yield from make_stage(folder, request, (view,), _PREVIEW)
+        labels = read_labels(report.folder / f"{view_key(view)}.png")
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+        if place.parent.is_dir() and not any(place.parent.iterdir()):
+            place.parent.rmdir()
+    return MaskPreview(
+        request, view, labels, report.n_masks, report.seconds if report.made else 0.0
+    )
+
+
+def keep_partial(session: Session, provider: str) -> None:
+    """After a cancel or an error, use what is finished and tell the user."""
+    chosen = session.provider
+    _look_again(session.need())
+    folders = mask_folders(session)
+    if provider not in folders:
+        return
+    choose(session, chosen if chosen in folders else provider)
+    _, made = stages.masks_of(session.need().project, provider)
+    session.notify(
+        Level.INFO, f"{_photos(len(made))} of {provider} are done. Make masks again goes on there."
+    )
+
+
+# --- choosing
+
+
+def mask_folders(session: Session) -> tuple[str, ...]:
+    """Return the names of the mask folders of the scene."""
+    folder = session.project.folder if session.project is not None else None
+    return tuple(folder.mask_folders) if folder is not None else ()
+
+
+@notifies
+def choose(session: Session, name: str) -> bool:
+    """Use the masks of this folder from now on; False, and a notice, when it is gone."""
+    document = session.need()
+    _look_again(document)
+    if name not in mask_folders(session):
+        raise GagaError(f"There are no masks of {name} here any more. Make or import them.")
+    session.provider, session.masks = stages.masks_of(document.project, name)
+    document.feature(KnownViews).forget()  # files of the same names may hold other masks now
+    return True
+
+
+def _look_again(document: Document) -> None:
+    folder = document.project.folder
+    if folder is not None:
+        found = find_mask_folders(folder.root)
+        document.project.folder = replace(folder, mask_folders=found)
+
+
+# --- masks of other programs
+
+
+def import_from(session: Session, source: Path) -> None:
+    """Recognise what a folder or file of masks holds, ask, then import it as a mask folder."""
+    document = session.need()
+    folder = _folder(document)
+
+    def look() -> Stage[tuple[str, str]]:
+        yield Progress("Look at masks", 0, 1, source.name)
+        found = recognise(source, [camera.name for camera in folder.cameras])
+        plain = source.stem.strip(". ")
+        return found.said, plain if plain and found.name == _UNNAMED else found.name
+
+    def seen(found: tuple[str, str]) -> None:
+        if session.document is document:
+            _ask(session, folder, source, *found)
+
+    session.jobs.start(f"Look at {source.name}", look(), on_done=seen)
+
+
+def _ask(session: Session, folder: SceneFolder, source: Path, described: str, name: str) -> None:
+    taken = (folder.root / "masks" / name).exists()
+    other = free_name(folder, name)
+    keep, instead = f"Import as {other}", f"Replace {name}"
+    choices = (keep, instead, _CANCEL) if taken else ("Import", _CANCEL)
+    extra = f" There are masks called {name} already." if taken else ""
+
+    def chosen(choice: str) -> None:
+        if choice == _CANCEL:
+            return
+        as_name = other if choice == keep else name
+        _import(session, folder, source, as_name, replace_old=choice == instead)
+
+    session.pending_question = UserQuestion(f"{described}{extra}", choices, chosen)
+
+
+def free_name(folder: SceneFolder, name: str) -> str:
+    """Return ``name``, or the first of "name 2", "name 3" ... that is not taken."""
+    k, free = 1, name
+    while (folder.root / "masks" / free).exists():
+        k += 1
+        free = f"{name} {k}"
+    return free
+
+
+def _import(
+    session: Session, folder: SceneFolder, source: Path, name: str, *, replace_old: bool
+) -> None:
+    document = session.document
+
+    def done(report: ImportReport) -> None:
+        if session.document is document:
+            choose(session, report.name)
+        n = len(report.views)
+        session.notify(Level.INFO, f"Imported {report.n_masks:,} masks in {_photos(n)}.")
+        for note in report.notes()[1:]:
+            session.notify(Level.WARNING, note)
+
+    stage = import_masks(folder, source, name, replace=replace_old)
+    session.jobs.start("Import masks", stage, on_done=done)
+
+
+# --- exporting
+
+
+def export(session: Session, form: MaskForm, out: Path) -> None:
+    """Write the objects as every view shows them: maps, COCO, or a data set with the photos."""
+    project = session.need().settled()
+    frozen = replace(project, scene=replace(project.scene))
+
+    def stage() -> Stage[str]:
+        # These modules draw: numba is a good part of the launch time.
+        from gaga_core.pipeline.mask_dataset import export_mask_dataset
+        from gaga_core.pipeline.render import export_masks
+
+        yield Progress("Export masks", 0, 0)
+        if form == "png":
+            maps = yield from export_masks(frozen, out)
+            return f"Exported label maps of {len(maps)} views to {out}."
+        made = yield from export_mask_dataset(frozen, out, form)
+        text = f"Exported {made.n_masks:,} masks of {made.n_groups:,} objects to {out}."
+        if made.without_photo:
+            text += f" {len(made.without_photo)} views are left out: their photos are gone."
+        return text
+
+    title = f"Export masks to {out.name}"
+    session.jobs.start(
+        title, stage(), on_done=lambda text: session.notify(Level.INFO, text, shows=out)
+    )
+
+
+def _folder(document: Document) -> SceneFolder:
+    folder = document.project.folder
+    if folder is None:
+        raise GagaError("A single splat file has no photos. Open its scene folder for masks.")
+    return folder
+
+
+def _photos(n: int) -> str:
+    return "1 photo" if n == 1 else f"{n:,} photos"
+
+
+# --- objects while masks are made
+
+LIVE_TITLE = "Make masks, find objects"
+_LEAST_VIEWS = 2  # an object is what two photos agree on
+_SHARE = 0.5  # most time for live objects, as a part of the time for the masks between them
+
+
+def make_live(session: Session, request: MaskRequest) -> None:
+    """Make masks photo by photo and show the objects so far; at the end, or when the user stops,
+    they become one edit. A scene that has objects already gets masks alone."""
+    document = session.need()
+    if document.read.has_groups():
+        make(session, request)
+        return
+    reason = no_photos(session)
+    if reason:
+        session.notify(Level.WARNING, reason)
+        return
+    found: list[Association] = []  # newest last; the worker adds, nothing is changed
+    ended: list[SegmentReport] = []
+    progress, end_of_live = associate.watch_bank(session)
+    stage = _stage(document.project, request, _config(session), found)
+
+    def done(report: SegmentReport) -> None:
+        ended.append(report)
+        take_report(session, document, report)
+
+    def end() -> None:
+        end_of_live()
+        if session.document is not document:
+            return
+        if not ended:
+            keep_partial(session, request.provider)
+        if found:
+            n = associate.take_groups(document, found[-1])
+            n_views = len(found[-1].mask_groups)
+            session.notify(Level.INFO, f"Found {n} objects in {n_views} photos.")
+            for note in found[-1].notes:
+                session.notify(Level.WARNING, note)
+            identities.lift_after_finding(session, found[-1].bank.preset)
+
+    session.jobs.start(LIVE_TITLE, stage, progress, done, end)
+
+
+def _config(session: Session) -> AssociateConfig:
+    return session.feature(FindState).options.association(session.settings.preset)
+
+
+def _stage(
+    project: Project, request: MaskRequest, config: AssociateConfig, found: list[Association]
+) -> Stage[SegmentReport]:
+    """Make the masks; append to ``found`` the objects of the photos so far."""
+    folder = project.folder
+    if folder is None:
+        raise GagaError("A single splat file has no photos. Open its scene folder for masks.")
+    views: list[str] = []
+    mark, n_seen, cost = time.perf_counter(), 0, 0.0
+    with closing(make_stage(folder, request)) as stage:
+        while True:
+            try:
+                step = next(stage)
+            except StopIteration as end:
+                report: SegmentReport = end.value
+                break
+            yield replace(step, payload=None)
+            if not isinstance(step.payload, ViewDone):
+                continue
+            views.append(step.payload.view)
+            is_due = _SHARE * (time.perf_counter() - mark) >= cost
+            if len(views) >= _LEAST_VIEWS and is_due:
+                began = time.perf_counter()
+                yield from _objects(project, step, views, config, found)
+                mark, n_seen = time.perf_counter(), len(views)
+                cost = mark - began
+    if len(views) > n_seen:
+        last = Progress(LIVE_TITLE, 1, 1, "", ViewDone(report.folder, views[-1]))
+        yield from _objects(project, last, views, config, found)
+    return report
+
+
+def _objects(
+    project: Project,
+    step: Progress,
+    views: list[str],
+    config: AssociateConfig,
+    found: list[Association],
+) -> Stage[None]:
+    """Associate the masks of ``views``; progress stays that of the masks (``step``)."""
+    done, folder = step.payload, project.folder
+    assert isinstance(done, ViewDone)
+    assert folder is not None  # `_stage` looked
+    known = [camera.name for camera in folder.cameras]
+    text = f"objects in {len(views)} photos"
+    stage = associate.associate_project_stage(
+        project, mask_folder(done.folder, views, known), config
+    )
+    newest = yield from mapped(stage, lambda _: replace(step, payload=None, message=text))
+    found.append(newest)
+    snapshot = BankSnapshot(done.view, newest.bank, newest.bank.n_groups)
+    yield replace(step, payload=snapshot, message=text)
+
+
+# --- models: got after consent, removed
+
+FIRST_MODEL = known_model("sam2.1-tiny")  # that is offered to whoever has no model
+
+
+def hub_config(session: Session) -> HubConfig:
+    """Return which hub the preferences name, and whether it may be asked."""
+    return HubConfig(session.settings.hub_mirror, session.settings.works_offline)
+
+
+def refresh_models(session: Session) -> None:
+    """Look again which models are here."""
+    session.feature(ModelsState).entries = all_models()
+    session.feature(ModelsState).promptable = None
+
+
+def why_no_download(session: Session) -> str:
+    """Return why no model can be got or removed now; "" when one can."""
+    if reason := busy(session):
+        return reason
+    offline = hub_config(session).why_offline()
+    return f"No model can be downloaded: {offline}." if offline else ""
+
+
+def ask_model(
+    session: Session, model: KnownModel, then: Callable[[], object] | None = None
+) -> None:
+    """Ask the hub for licence and size of ``model``, and show them; nothing is downloaded.
+
+    ``then`` is called when the model has been downloaded.
+    """
+    state, config = session.feature(ModelsState), hub_config(session)
+
+    def look() -> Stage[Listing]:
+        yield Progress("Look at the model", 0, 0, config.host)
+        return list_files(model, config)
+
+    def seen(listing: Listing) -> None:
+        state.offered, state.then = listing, then
+
+    state.offered = state.removing = state.then = None
+    session.jobs.start(f"Look at {model.title}", look(), on_done=seen)
+
+
+def accept_model(session: Session) -> None:
+    """Accept the licence that is shown, and download the model."""
+    state = session.feature(ModelsState)
+    listing, then = state.offered, state.then
+    if listing is None:
+        return
+    consent = Consent(listing.model.name, listing.licence_name)
+
+    def done(installed: Installed) -> None:
+        session.notify(Level.INFO, f"{installed.model.title} is here: {installed.path}.")
+        if then is not None:
+            after.append(then)
+
+    def end() -> None:
+        refresh_models(session)
+        for act in after:
+            act()
+
+    after: list[Callable[[], object]] = []
+    stage = download(listing, consent, hub_config(session))
+    if session.jobs.start(f"Download {listing.model.title}", stage, None, done, end):
+        state.offered = state.then = None
+
+
+def decline_model(session: Session) -> None:
+    """Download nothing, remove nothing."""
+    state = session.feature(ModelsState)
+    state.offered = state.removing = state.then = None
+
+
+def ask_remove_model(session: Session, model: KnownModel) -> None:
+    """Ask whether to delete a model."""
+    decline_model(session)
+    session.feature(ModelsState).removing = model
+
+
+@notifies
+def remove_asked_model(session: Session) -> bool:
+    """Delete the model that was asked about."""
+    model, session.feature(ModelsState).removing = session.feature(ModelsState).removing, None
+    if model is None:
+        return False
+    folder = remove(model)
+    session.feature(ModelsState).prompters.pop(model.name, None)
+    refresh_models(session)
+    session.notify(Level.INFO, f"Removed {folder}." if folder else f"{model.title} is gone.")
+    return True
+
+
+def open_model_page(model: KnownModel) -> None:
+    """Show the page of a model, with its licence, in the browser."""
+    webbrowser.open(model.page)
+
+
+# --- masks with a model, from the offer of the next stage
+
+
+def model_here(session: Session) -> KnownModel | None:
+    """Return the model for masks that is here and quickest; None when there is none."""
+    if not session.feature(ModelsState).entries:
+        refresh_models(session)
+    found = [
+        e for e in session.feature(ModelsState).entries if e.path and e.model.purpose == "masks"
+    ]
+    quickest = min(found, key=lambda e: e.seconds or float("inf"), default=None)
+    return quickest.model if quickest is not None else None
+
+
+def model_duration(session: Session, name: str, n: int) -> str:
+    """Return "about 3 min", as long as a model takes for ``n`` photos here; "" if not known."""
+    if not session.feature(ModelsState).entries:
+        refresh_models(session)
+    entry = session.feature(ModelsState).entry(name)
+    return duration_text(n * entry.seconds) if entry is not None and entry.seconds else ""
+
+
+def model_title(session: Session) -> str:
+    """Return "Make masks with SAM 2.1 Hiera tiny, 156 MB, about 3 min…", as it is now."""
+    model = model_here(session) or FIRST_MODEL
+    entry = session.feature(ModelsState).entry(model.name)
+    is_here = entry is not None and entry.path is not None
+    size = "" if is_here else f"{model.megabytes:,} MB"
+    n = len(photos_of(session, "train"))
+    parts = (f"Make masks with {model.title}", size, model_duration(session, model.name, n))
+    return ", ".join(filter(None, parts)) + ("" if is_here else "…")
+
+
+def why_no_model_masks(session: Session) -> str:
+    """Return why no masks can be made with a model; "" when they can, perhaps after a download."""
+    reason = no_photos(session)
+    return reason or ("" if model_here(session) is not None else why_no_download(session))
+
+
+def make_with_model(session: Session) -> None:
+    """Make masks with a model: at once when one is here, else after the user has got one."""
+    document, model = session.need(), model_here(session)
+    if model is not None:
+        make_live(session, MaskRequest(provider=model.name))
+        return
+
+    def then() -> None:
+        if session.document is document:
+            make_live(session, MaskRequest(provider=FIRST_MODEL.name))
+
+    session.request = Request.MODELS
+    ask_model(session, FIRST_MODEL, then)
+
+
+COMMANDS: tuple[Command, ...] = (
+    ask("object.masks", "Make masks…", Request.MAKE_MASKS, "Ctrl+M", enabled=no_photos),
+    Command("object.masks_quick", "Make masks without a model (regions)", make, enabled=no_photos),
+    Command(
+        "object.masks_model",
+        "Make masks with a model",
+        make_with_model,
+        enabled=why_no_model_masks,
+        describe=model_title,
+    ),
+    ask("object.models", "Models…", Request.MODELS),
+    ask(
+        "object.import_masks",
+        "Import masks from a folder…",
+        Request.IMPORT_MASK_FOLDER,
+        enabled=no_views,
+    ),
+    ask(
+        "object.import_masks_file",
+        "Import masks from a file…",
+        Request.IMPORT_MASK_FILE,
+        enabled=no_views,
+    ),
+    ask(
+        "file.export_masks",
+        "Export masks…",
+        Request.EXPORT_MASKS,
+        enabled=first_of(no_groups, no_views),
+    ),
+)

@@ -1,0 +1,245 @@
+"""From photos to splats: the offer, the job, its preview, and its question."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gaga_core.errors import GagaError
+from gaga_core.progress import Progress, Stage, mapped
+from gaga_studio.features.base import Command, ask, busy
+from gaga_studio.session.notices import Level, Request, UserQuestion, notifies
+from gaga_studio.session.session import Session
+from gaga_studio.session.training_preview import TrainingPreview, TrainingUpdate
+
+if TYPE_CHECKING:
+    from gaga_core.pipeline.reconstruct import PhotoFind, ReconstructConfig, Reconstruction
+
+TITLE = "Make splats"
+_STEPS = 1000  # of the job's bar
+_ANYWAY, _STOP = "Use it anyway", "Cancel"
+
+
+@dataclass(frozen=True)
+class ReconstructionPlan:
+    """What to make of the photos that were found."""
+
+    config: "ReconstructConfig"
+    scene: Path  # folder to write
+
+
+@dataclass(frozen=True)
+class _Refused:
+    """The checks do not trust the placement of the photos."""
+
+    finding: str
+
+
+def why_not(session: Session) -> str:
+    """Return why no splats can be made now; "" when they can."""
+    if session.photos is None:
+        return "No photos without splats are open. Open a folder of photos, or a video."
+    return busy(session) or too_few(session.photos)
+
+
+def too_few(found: "PhotoFind") -> str:
+    """Return what is missing for splats when there are only a few photos; "" when nothing is."""
+    from gaga_core.placing.photos import FEWEST
+
+    if found.is_video or found.is_placed or found.n_photos >= FEWEST:
+        return ""
+    there = "There is 1 photo" if found.n_photos == 1 else f"There are {found.n_photos} photos"
+    return f"{there}; it takes at least {FEWEST} that overlap, and 30 or more for a whole scene."
+
+
+def plan_of(found: "PhotoFind") -> ReconstructionPlan:
+    """Return the default plan: the one that was begun, else a draft."""
+    from gaga_core.pipeline.reconstruct import ReconstructConfig
+
+    return ReconstructionPlan(found.going_on or ReconstructConfig(), found.scene)
+
+
+def title(session: Session) -> str:
+    """ "Make splats from 50 photos" or "Continue training"."""
+    found = session.photos
+    if found is None:
+        return "Make splats from photos"
+    if found.going_on is not None:
+        return "Continue training"
+    plural = "" if found.n_photos == 1 else "s"
+    what = "the video" if found.is_video else f"{found.n_photos:,} photo{plural}"
+    return f"Train splats on {what}" if found.is_placed else f"Make splats from {what}"
+
+
+def found_text(found: "PhotoFind") -> str:
+    """Return what was found, in a sentence."""
+    if found.going_on is not None:
+        share = 100 * found.iteration / found.going_on.train().iterations
+        return f"The training of {found.name} was stopped at {share:.0f} %. It can go on there."
+    if found.is_video:
+        return f"{found.name} is a video of about {found.n_photos} useful frames."
+    if found.is_placed:
+        return f"{found.n_photos:,} photos with their places, and no splats yet."
+    return f"{found.n_photos:,} photos, and no splats yet."
+
+
+def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
+    """Make splats of the photos that are open, as a job that shows them while they are trained."""
+    found = session.photos
+    if found is None or why_not(session):
+        session.notify(Level.WARNING, why_not(session))
+        return
+    plan = plan or plan_of(found)
+    training = TrainingPreview(found.name, plan.config.train().iterations)
+
+    def progress(payload: object) -> None:
+        if isinstance(payload, TrainingUpdate) and training.take(payload):
+            session.rig.go_to(training.cameras[0], animated=False)
+            session.active_view = 0
+            for note in payload.notes:
+                session.notify(Level.WARNING, note)
+
+    def done(result: "Reconstruction | _Refused") -> None:
+        if isinstance(result, _Refused):
+            _ask(session, plan, result.finding)
+            return
+        session.notify(Level.INFO, _figures(result.report))
+        session.training = None
+        session.open(plan.scene)
+
+    def end() -> None:
+        if session.training is training:
+            session.training = None
+            _look_again(session, plan.scene)
+
+    if session.jobs.start(title(session), _stage(found, plan), progress, done, end):
+        session.training = training
+
+
+def _ask(session: Session, plan: ReconstructionPlan, finding: str) -> None:
+    def chosen(choice: str) -> None:
+        if choice == _ANYWAY:
+            make(session, replace(plan, config=replace(plan.config, accept_wrong=True)))
+
+    session.pending_question = UserQuestion(finding, (_ANYWAY, _STOP), chosen)
+
+
+@notifies
+def _look_again(session: Session, scene: Path) -> None:
+    """After a cancel or an error, offer to continue from what is finished."""
+    from gaga_core.pipeline.reconstruct import look_at_photos
+
+    if scene.is_dir():
+        session.photos = look_at_photos(scene) or session.photos
+
+
+def _stage(found: "PhotoFind", plan: ReconstructionPlan) -> "Stage[Reconstruction | _Refused]":
+    # In the job's thread: numba and the reader of photos are a good part of the launch time.
+    from gaga_core.io.folder.scene_folder import find_sparse, open_scene_folder
+    from gaga_core.pipeline.compile_kernels import after_warm_up
+    from gaga_core.pipeline.place import placement_of
+    from gaga_core.pipeline.reconstruct import WrongModelError, read_entry, reconstruct_scene
+
+    yield Progress(TITLE, 0, 0, "Preparing")
+    yield from after_warm_up(_nothing())
+    share, config = found.placing_share(plan.config), plan.config
+    notes: tuple[str, ...] = ()
+    if find_sparse(plan.scene) is None:
+        place = reconstruct_scene(found.photos, plan.scene, replace(config, only="sfm"))
+        try:
+            placed = yield from mapped(place, _in_steps(0, share))
+        except WrongModelError as error:
+            return _Refused(error.finding)
+        notes = placed.notes
+    folder = open_scene_folder(plan.scene)
+    seen = TrainingUpdate(folder.cameras, notes, placement=placement_of(read_entry(plan.scene)))
+    train = reconstruct_scene(None, plan.scene, replace(config, only="all"))
+    try:
+        return (yield from mapped(mapped(train, _in_steps(share, 1)), _gathered(seen)))
+    except WrongModelError as error:  # of poses that lay there: the photos contradict them
+        return _Refused(error.finding)
+
+
+def _nothing() -> Stage[None]:
+    yield Progress(TITLE, 0, 0, "Preparing")
+
+
+def _in_steps(start: float, end: float) -> Callable[[Progress], Progress]:
+    """Map progress into a share of the job; the bar never goes back."""
+    best = start
+
+    def change(step: Progress) -> Progress:
+        nonlocal best
+        is_long = step.stage in ("Train splats", "Place photos", "Match photos", "Find features")
+        if step.total > 0 and is_long:
+            done = step.done / step.total
+            best = max(best, start + (end - start) * _placed(step.stage, done))
+        message = f"{step.stage}: {step.message}" if step.message else step.stage
+        done = round(best * _STEPS)
+        return replace(step, stage=TITLE, done=done, total=_STEPS, message=message)
+
+    return change
+
+
+def _placed(stage: str, done: float) -> float:
+    """Share of its half of the job; the three steps of placing take about a third each."""
+    part = {"Find features": 0, "Match photos": 1, "Place photos": 2}.get(stage)
+    return done if part is None else (part + min(done, 1.0)) / 3
+
+
+def _gathered(seen: TrainingUpdate) -> Callable[[Progress], Progress]:
+    """Make payloads hold everything so far."""
+
+    def change(step: Progress) -> Progress:
+        from gaga_core.training.train import TrainUpdate
+
+        nonlocal seen
+        if isinstance(step.payload, TrainUpdate):
+            gaussians = step.payload.gaussians or seen.gaussians
+            seen = replace(seen, update=step.payload, gaussians=gaussians)
+        return replace(step, payload=seen)
+
+    return change
+
+
+def _figures(report: dict[str, object]) -> str:
+    """ "Made 79,983 splats, 32.0 dB on photos that were held out"."""
+    train = report.get("train")
+    if not isinstance(train, dict):
+        return "The splats are made."
+    text = f"Made {train.get('splats', 0):,} splats"
+    held_out = train.get("held_out")
+    if isinstance(held_out, dict) and isinstance(held_out.get("psnr"), float):
+        text += f", {held_out['psnr']:.1f} dB on photos that were held out"
+    return f"{text}."
+
+
+def plan_with(
+    plan: ReconstructionPlan,
+    *,
+    quality: str | None = None,
+    iterations: int | None = None,
+    max_side: int | None = None,
+    focal: float | None = None,
+    video_fps: float | None = None,
+    place_minutes: float | None = None,
+) -> ReconstructionPlan:
+    """Return ``plan`` with other settings; ``GagaError`` for invalid ones. 0 = by the quality."""
+    changes: dict[str, object] = {}
+    if quality is not None and quality != plan.config.quality:
+        changes |= {"quality": quality, "iterations": None, "max_side": None}
+    given = {"iterations": iterations, "max_side": max_side, "focal": focal}
+    given |= {"video_fps": video_fps, "place_minutes": place_minutes}
+    for name, value in given.items():
+        if value is not None:
+            changes[name] = value or None
+    try:
+        return replace(plan, config=replace(plan.config, **changes))  # type: ignore[arg-type]
+    except ValueError as error:
+        raise GagaError(str(error)) from error
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command("file.make_splats", "Make splats from photos", make, enabled=why_not, describe=title),
+    ask("file.make_splats_as", "Make splats as…", Request.MAKE_SPLATS, enabled=why_not),
+)

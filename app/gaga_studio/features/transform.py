@@ -1,0 +1,228 @@
+"""Edits of the selection: undo and redo, move, mirror and copy it, recolor and grade it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.geometry import quats_to_matrices
+from gaga_core.scene import edits
+from gaga_core.scene.edits import Edit
+from gaga_core.scene.orientation import mirror_map
+from gaga_core.scene.scene import Scene
+from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
+from gaga_studio.features import folders
+from gaga_studio.features.base import Command, no_selection
+from gaga_studio.session.document import Build
+from gaga_studio.session.notices import notifies
+from gaga_studio.session.session import Session
+
+_AXES = "XYZ"
+
+# --- color
+
+
+@notifies
+def recolor(session: Session, rgb: Sequence[float], opacity: float = 1.0) -> bool:
+    """Give the selection this mean color, 0..1, and multiply its opacity."""
+    return session.need().edit_selected("Recolor", _recolored(rgb, opacity))
+
+
+@notifies
+def preview_recolor(session: Session, rgb: Sequence[float], opacity: float = 1.0) -> None:
+    """Show the selection in this color, with its shading kept, while it is being chosen."""
+    session.need().preview_selected("Recolor", _recolored(rgb, opacity))
+
+
+@notifies
+def grade(session: Session, wanted: Grade) -> bool:
+    """Grade the colors of the selection."""
+    return session.need().edit_selected("Grade", _graded(wanted))
+
+
+@notifies
+def preview_grade(session: Session, wanted: Grade) -> None:
+    """Show the selection graded while a slider is dragged."""
+    session.need().preview_selected("Grade", _graded(wanted))
+
+
+def _recolored(rgb: Sequence[float], opacity: float) -> Build:
+    def build(scene: Scene, splats: IntArray, title: str) -> Edit | None:
+        affine = tint_affine(mean_color(scene, splats), rgb)
+        return edits.recolor(scene, splats, affine, opacity, title)
+
+    return build
+
+
+def _graded(wanted: Grade) -> Build:
+    affine = grade_affine(wanted)
+    return lambda scene, i, title: edits.recolor(scene, i, affine, wanted.opacity, title)
+
+
+class GradeSliders:
+    """Values of the sliders, and the entry that they stand for: many drags, one entry.
+
+    A grade counts from the colors that the selection had when its sliders were first moved. As
+    long as its own entry is the newest one, the next drag replaces it.
+    """
+
+    def __init__(self) -> None:
+        self.value = Grade()
+        self._entry: tuple[object, int] | None = None  # document and state after our entry
+        self._shows = False
+
+    def follow(self, session: Session) -> None:
+        """Reset the values when another edit was done."""
+        document = session.document
+        if self._shows and (document is None or not document.history.is_previewing):
+            self._shows = False
+        if self._shows or document is None:
+            return
+        if self._entry != (document, document.history.state_id):
+            self.value, self._entry = Grade(), None
+
+    def show(self, session: Session, wanted: Grade) -> None:
+        """Show the selection in this grade while a slider is dragged."""
+        document = session.document
+        if document is None or len(session.selected_indices()) == 0:
+            return
+        if not self._shows and self._entry == (document, document.history.state_id):
+            document.undo()  # what is shown now replaces it
+        self.value, self._shows, self._entry = wanted, True, None
+        preview_grade(session, wanted)
+
+    def keep(self, session: Session) -> None:
+        """Make what is shown one entry: the slider was released."""
+        document = session.document
+        if document is None or not self._shows:
+            return
+        self._shows = False
+        if session.commit_preview():
+            self._entry = (document, document.history.state_id)
+
+    def reset(self, session: Session) -> None:
+        """Undo the grade."""
+        document = session.document
+        self._shows = False
+        if document is None:
+            return
+        session.cancel_preview()
+        if self._entry == (document, document.history.state_id):
+            document.undo()
+        self.value, self._entry = Grade(), None
+
+
+# --- place
+
+
+def motion(
+    pivot: DoubleArray,
+    move: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    turn_degrees: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    scale: float | tuple[float, float, float] = 1.0,
+) -> DoubleArray:
+    """Return the world map (3, 4): scale about ``pivot`` (3,), turn about x, y, z, then move."""
+    linear = np.diag(np.broadcast_to(np.asarray(scale, np.float64), (3,)))
+    for axis, degrees in enumerate(turn_degrees):
+        half = np.radians(degrees) / 2
+        quat = np.zeros((1, 4))
+        quat[0, 0], quat[0, 1 + axis] = np.cos(half), np.sin(half)
+        linear = quats_to_matrices(quat)[0] @ linear
+    offset = np.asarray(move, np.float64) + pivot - linear @ pivot
+    return np.column_stack([linear, offset])
+
+
+def shift(by: DoubleArray) -> DoubleArray:
+    """Return the world map (3, 4) that moves by ``by`` (3,)."""
+    return np.column_stack([np.eye(3), by])
+
+
+@notifies
+def move(session: Session, matrix: DoubleArray, verb: str = "Move") -> bool:
+    """Move the selection by the world map ``matrix`` (3, 4)."""
+    return folders.edit_along(
+        session, verb, lambda scene, splats, title: edits.transform(scene, splats, matrix, title)
+    )
+
+
+@notifies
+def preview_move(session: Session, matrix: DoubleArray, verb: str = "Move") -> None:
+    """Show the selection moved by ``matrix`` (3, 4), counted from the drag's start."""
+    document, taken = session.need(), folders.along(session)
+    title = folders.title_along(document, verb, taken.groups)
+    document.history.preview_with(lambda scene: edits.transform(scene, taken.splats, matrix, title))
+
+
+@notifies
+def reset(session: Session) -> bool:
+    """Put the selection back to where the file has it."""
+    return folders.edit_along(session, "Reset placement of", edits.reset_placement)
+
+
+@notifies
+def mirror(session: Session, axis: int) -> bool:
+    """Mirror the selection in the plane through its middle, across world axis 0, 1 or 2."""
+    document = session.need()
+
+    def build(scene: Scene, splats: IntArray, title: str) -> Edit | None:
+        centre = document.selected_centre()
+        about = np.zeros(3) if centre is None else centre
+        return edits.transform(scene, splats, mirror_map(axis, about), title)
+
+    return folders.edit_along(session, f"Mirror {_AXES[axis]}", build)
+
+
+@notifies
+def duplicate(session: Session) -> bool:
+    """Copy the selection to its side in the picture; the copy is selected."""
+    document, direction = session.need(), session.rig.sideways
+    lo, hi = document.selected_box() or (np.zeros(3), np.zeros(3))
+    step = shift(float(np.abs(direction) @ (hi - lo)) * direction)
+    return folders.edit_along(
+        session,
+        "Duplicate",
+        lambda scene, splats, title: edits.duplicate(scene, splats, step, title=title),
+    )
+
+
+def _mirror(axis: int) -> Command:
+    return Command(
+        f"edit.mirror_{'xyz'[axis]}",
+        f"Mirror across {_AXES[axis]}",
+        lambda session: mirror(session, axis),
+        enabled=no_selection,
+    )
+
+
+def _no_undo(session: Session) -> str:
+    history = session.history
+    return "" if history is not None and history.can_undo else "There is nothing to undo."
+
+
+def _no_redo(session: Session) -> str:
+    history = session.history
+    return "" if history is not None and history.can_redo else "There is nothing to redo."
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command(
+        "edit.undo",
+        "Undo",
+        Session.undo,
+        "Ctrl+Z",
+        enabled=_no_undo,
+        describe=lambda s: "Undo" if _no_undo(s) else f"Undo {s.need().history.undo_title}",
+    ),
+    Command(
+        "edit.redo",
+        "Redo",
+        Session.redo,
+        "Ctrl+Shift+Z",
+        ("Ctrl+Y",),
+        enabled=_no_redo,
+        describe=lambda s: "Redo" if _no_redo(s) else f"Redo {s.need().history.redo_title}",
+    ),
+    Command("edit.duplicate", "Duplicate", duplicate, "Shift+D", enabled=no_selection),
+    *(_mirror(axis) for axis in range(3)),
+    Command("object.reset_placement", "Reset placement", reset, enabled=no_selection),
+)

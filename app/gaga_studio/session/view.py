@@ -1,0 +1,266 @@
+"""How the scene is shown: what panels set and the viewport reads, and pictures for jobs."""
+
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+
+from gaga_core.arrays import UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.scene.edits import How
+from gaga_core.scene.scene import Scene
+
+
+class Mode(StrEnum):
+    """What the color of the splats means."""
+
+    COLOR = "color"
+    GROUPS = "groups"
+    DEPTH = "depth"
+    CONFIDENCE = "confidence"  # confidence of each splat in its group
+    CENTRES = "centres"
+    RINGS = "rings"  # the rim of each ellipse
+    MASK = "mask"  # the object in the inspector, white on black
+    IDENTITY = "identity"  # identity encodings as colors: their principal components
+
+
+class SplatLook(StrEnum):
+    """How splats that are smaller than a pixel are drawn."""
+
+    AUTO = "auto"  # as the file's comments ask
+    CLASSIC = "classic"  # every splat is widened by 0.3 pixels^2 (Kerbl 2023)
+    ANTIALIASED = "antialiased"  # and thinned out as much (Yu 2024, Mip-Splatting)
+
+
+class CentreColors(StrEnum):
+    """What the colors of the centres mean, in `Mode.CENTRES`."""
+
+    OWN = "own"  # the splats' own colors
+    GROUPS = "groups"
+    IDENTITY = "identity"  # principal components of the encodings
+
+
+class ToolName(StrEnum):
+    """The one active tool."""
+
+    PICK = "pick"
+    OBJECT = "object"
+    RECT = "rect"
+    LASSO = "lasso"
+    POLYGON = "polygon"
+    BRUSH = "brush"
+    SPHERE = "sphere"
+    ERASE = "erase"
+    COLOR = "color"
+    CLONE = "clone"
+    GROUND = "ground"
+    MEASURE = "measure"
+    MOVE = "move"
+    ROTATE = "rotate"
+    SCALE = "scale"
+
+
+Point = tuple[float, float, float]  # world
+REGION_TOOLS = (ToolName.RECT, ToolName.LASSO, ToolName.POLYGON, ToolName.BRUSH)
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Corners that were clicked so far, pixels of the picture."""
+
+    points: tuple[tuple[float, float], ...]
+    width: int
+    height: int
+    how: How
+    pose: bytes  # of the camera; an outline belongs to one picture
+
+    def with_corner(self, corner: tuple[float, float]) -> "Outline":
+        """Return the outline with one more corner."""
+        return replace(self, points=(*self.points, corner))
+
+    def without_last(self) -> "Outline | None":
+        """Return the outline without its last corner; None when none is left."""
+        return replace(self, points=self.points[:-1]) if len(self.points) > 1 else None
+
+
+@dataclass(frozen=True)
+class ViewportPoint:
+    """A pixel of the picture, its size, and what the modifiers do to a selection."""
+
+    u: float
+    v: float
+    width: int
+    height: int
+    how: How = "set"
+    alt: bool = False
+
+
+class Side(StrEnum):
+    """What lies on one side of the line in a split view."""
+
+    PHOTO = "photo"
+    PICTURE = "picture"  # on the right as the view mode says
+    GROUPS = "groups"
+    TRUTH = "truth"  # the true maps of the scene folder
+    ERRORS = "errors"  # where the groups differ from the truth
+    BEFORE = "before"  # the picture before the last edit
+    PRESET = "preset"  # the groups of the other preset
+
+
+class PhotoCompareMode(StrEnum):
+    """What lies over the picture at a photo's camera."""
+
+    OFF = "off"
+    SWIPE = "swipe"  # two sides with a line between them that can be dragged
+    DIFFERENCE = "difference"  # how far the picture is from the photo
+
+
+@dataclass
+class Playback:
+    """The preview of the camera's path."""
+
+    at: float = 0.0  # seconds
+    is_playing: bool = False
+    chosen: int = 0  # keyframe
+
+
+@dataclass
+class ViewState:
+    """The picture's settings; the camera is in ``CameraRig``."""
+
+    mode: Mode = Mode.COLOR
+    background: tuple[float, float, float] = (0.11, 0.11, 0.12)
+    look: SplatLook = SplatLook.AUTO
+    centre_colors: CentreColors = CentreColors.OWN
+    folder_colors: bool = False  # groups have the colors of their folders
+    show_frusta: bool = False
+    show_outline: bool = True
+    show_box: bool = False  # around the selection
+    splat_budget: int = 0  # 0 = no limit
+    coarse_budget: int = 0  # that a motion would begin with: its depth order is kept ready
+    uses_lod: bool = True  # large scenes are drawn from a tree, where there is one
+    lod_budget: int = 2_000_000  # splats in the picture of a scene with level of detail
+    resolution_scale: float = 1.0  # of the viewport's own pixels
+    show_panels: bool = True  # Tab hides everything but the picture
+    show_info: bool = True  # splats, frame time and backend in the status bar
+    takes_splats: bool = False  # of the tools that select regions; else whole objects
+    visible_only: bool = False  # they take the visible surface; else everything behind it too
+    brush_radius: float = 24.0  # pixels of the screen
+    brush_color: tuple[float, float, float] = (0.8, 0.2, 0.2)  # of the color brush
+    brush_strength: float = 1.0  # 0..1
+    outline: "Outline | None" = None  # of the polygon tool
+    snaps: bool = False  # handles move in steps
+    local_axes: bool = False  # handles stand along the object's own axes, else the world's
+    pivot: Point | None = None  # what turns and scales are about; None: middle
+    compare: PhotoCompareMode = PhotoCompareMode.OFF
+    swipe: float = 0.5  # share of the width that is left of the line
+    sides: tuple[Side, Side] = (Side.PHOTO, Side.PICTURE)  # of the line
+    holds_photo: bool = False  # the photo lies over the picture while the keys are held
+    show_cube: bool = True  # the view cube in a corner of the picture
+    lights_masks: bool = True  # the splats of the mask that is chosen in the memory bank
+    has_mask_gate: bool = True  # only those that the depth gate lets through
+    playback: Playback = field(default_factory=Playback)
+    pointed: tuple[float, ...] | None = None  # surface point (3,) that a menu was opened on
+
+    def is_antialiased(self, scene: Scene) -> bool:
+        """Return whether the splats are drawn antialiased: as the file asks, unless overridden."""
+        if self.look is SplatLook.AUTO:
+            return scene.gaussians.is_antialiased
+        return self.look is SplatLook.ANTIALIASED
+
+
+class ImageSource(Protocol):
+    """Pictures as textures; the window gives one (``gpu.images.ImageStore``)."""
+
+    def texture(
+        self, key: str, load: Callable[[], UInt8Array] | None
+    ) -> tuple[int, int, int] | None:
+        """GL name, width and height; None while ``load`` runs in the background.
+
+        Without ``load`` only a picture that is there.
+        """
+        ...
+
+    def cannot_read(self, key: str) -> bool:
+        """Whether a picture was asked for and could not be read."""
+        ...
+
+
+# --- pictures that a job needs and only the thread with the OpenGL context can draw
+
+Draw = Callable[[Camera, ViewState], UInt8Array]  # (H, W, 3)
+_PATIENCE_S = 120.0  # for one picture: software OpenGL at a large size
+
+
+@dataclass
+class _Request:
+    camera: Camera
+    view: ViewState
+    done: threading.Event = field(default_factory=threading.Event)
+    picture: UInt8Array | None = None
+
+
+class RenderRequests:
+    """A worker calls ``paint`` and waits; the window's thread calls ``serve`` every frame."""
+
+    def __init__(self, *, max_side: int, is_fast: bool) -> None:
+        self.max_side = max_side  # pixels of a side that OpenGL can draw
+        self.is_fast = is_fast  # a graphics card: else the CPU's own rasterizer is quicker
+        self._waiting: queue.SimpleQueue[_Request] = queue.SimpleQueue()
+        self._closed = False
+
+    def paint(self, camera: Camera, view: ViewState, *, transparent: bool = False) -> UInt8Array:
+        """Return the picture (H, W, 3), or with ``transparent`` (H, W, 4) in straight alpha.
+
+        Raises ``GagaError`` when the window closes or does not answer.
+        """
+        if not transparent:
+            return self._ask(camera, view)
+        dark, light = (
+            self._ask(camera, replace(view, background=(level, level, level))).astype(np.int16)
+            for level in (0.0, 1.0)
+        )
+        # The difference of the backgrounds is the light that the splats let through.
+        alpha = 255 - np.clip(light - dark, 0, 255).max(axis=2, keepdims=True)
+        straight = np.where(alpha > 0, dark * 255.0 / np.maximum(alpha, 1), 0)
+        picture = np.concatenate([straight, alpha], axis=2)
+        result: UInt8Array = (np.clip(picture, 0, 255) + 0.5).astype(np.uint8)
+        return result
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a picture is requested: the window must not rest."""
+        return not self._waiting.empty()
+
+    def serve(self, draw: Draw) -> bool:
+        """Draw one requested picture; return whether there was one."""
+        try:
+            request = self._waiting.get_nowait()
+        except queue.Empty:
+            return False
+        request.picture = draw(request.camera, request.view)
+        request.done.set()
+        return True
+
+    def close(self) -> None:
+        """Release every waiting worker: the window closes."""
+        self._closed = True
+        while True:
+            try:
+                self._waiting.get_nowait().done.set()
+            except queue.Empty:
+                return
+
+    def _ask(self, camera: Camera, view: ViewState) -> UInt8Array:
+        request = _Request(camera, view)
+        if not self._closed:
+            self._waiting.put(request)
+            request.done.wait(_PATIENCE_S)
+        if request.picture is None:
+            raise GagaError("The window did not draw the picture. Try again.")
+        return request.picture

@@ -1,0 +1,165 @@
+"""The status bar: what a click does now, the running task, and figures of the picture."""
+
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_core.raster import backend_report
+from gaga_studio.features import cleanup, fill
+from gaga_studio.session.jobs import Job
+from gaga_studio.session.session import Session
+from gaga_studio.tools.base import Tool
+from gaga_studio.ui.kit import widgets
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+
+# --- The status line: what a click does now, what is under the mouse, and who computes.
+
+_LOOK_EVERY = 10.0  # seconds; a look asks the driver and the installed packages
+
+
+@dataclass(frozen=True)
+class Backend:
+    """Who blends splats for association, votes and training (the picture is OpenGL's)."""
+
+    name: str  # "CPU" or "CUDA"
+    reason: str  # the device, or why CUDA is not used: a clause without a full stop
+
+    @property
+    def sentence(self) -> str:
+        """What a tooltip says."""
+        return f"Finding objects runs on {self.name}: {self.reason}."
+
+
+def backend() -> Backend:
+    """The backend that a stage started now would choose; answers at once, starts no self-test."""
+    return _look(int(time.monotonic() / _LOOK_EVERY))
+
+
+@lru_cache(maxsize=1)
+def _look(_period: int) -> Backend:
+    name, reason = backend_report(wait=False)
+    return Backend(name.upper(), reason)
+
+
+def status_text(session: Session, tool: Tool) -> str:
+    """One line, never empty."""
+    document = session.document
+    if session.training is not None:
+        return "The splats are shown as they are trained. Drag orbits, the wheel zooms."
+    if session.photos is not None:
+        return "Make splats of these photos, or open something else."
+    if document is None:
+        return "Open a scene folder or a file of splats, or drop one here."
+    if session.rig.is_flying:
+        return "W A S D fly, Q down, E up, Shift fast, Alt slow; drag looks around. V ends flying."
+    if cleanup.shown(session) is not None:
+        return "Enter applies the cleaning, Esc leaves everything as it is. Drag orbits."
+    if fill.shown(session) is not None:
+        return "Enter applies the filling, Esc leaves everything as it is. Drag orbits."
+    if session.hint:
+        return session.hint
+    hint = tool.hint(session)
+    hovered = session.hovered_group
+    return f"{document.name_of(hovered)}  ·  {hint}" if hovered else hint
+
+
+@dataclass(frozen=True)
+class FrameFigures:
+    """What the picture costs, and who draws it."""
+
+    n_splats: int
+    frame_ms: float  # of the last picture
+    backend: str  # "llvmpipe, OpenGL 4.5"
+
+
+def draw(session: Session, hint: str, figures: FrameFigures | None) -> None:
+    """The whole bar; ``hint`` says what a click does now."""
+    right = _figures_text(session, figures)
+    width = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
+    tail = imgui.calc_text_size(right).x + em(1) if right else 0.0
+    job = session.jobs.running or session.jobs.quiet
+    middle = _job_width(session, job, width - tail) if job is not None else 0.0
+    imgui.align_text_to_frame_padding()
+    room = width - tail - middle - em(1)
+    if room > em(4):
+        widgets.dim(widgets.elided(hint, room))
+    else:
+        imgui.dummy(ImVec2(1, 1))
+    if job is not None:
+        imgui.same_line(width - tail - middle)
+        _job(session, job, middle)
+    if right:
+        imgui.same_line(width - tail + em(1))
+        imgui.align_text_to_frame_padding()
+        widgets.dim(right)
+        widgets.tooltip(backend().sentence)
+
+
+_BAR, _SHORT_BAR, _CANCEL, _GAPS = 7.0, 3.5, 4.8, 1.9  # ems
+
+
+def _job_width(session: Session, job: Job, room: float) -> float:
+    """What the job's words, bar and button need; what a click does now gives way to them."""
+    cancel = em(_CANCEL) if session.jobs.running is not None else 0.0
+    words = imgui.calc_text_size(job_text(job)).x + cancel + em(_GAPS)
+    return min(max(words + em(_BAR), em(24)), room)
+
+
+def _job(session: Session, job: Job, width: float) -> None:
+    cancel = em(_CANCEL) if session.jobs.running is not None else 0.0
+    words = imgui.calc_text_size(job_text(job)).x
+    bar = em(_BAR) if words + cancel + em(_GAPS + _BAR) <= width else em(_SHORT_BAR)
+    text = widgets.elided(job_text(job), width - cancel - bar - em(_GAPS - 0.1))
+    imgui.align_text_to_frame_padding()
+    imgui.text_unformatted(text)
+    widgets.tooltip(job.message)
+    imgui.same_line(0, em(0.6))
+    fraction = job.fraction if job.fraction >= 0 else -imgui.get_time()
+    top = imgui.get_cursor_pos_y()
+    imgui.set_cursor_pos_y(top + (imgui.get_frame_height() - em(0.35)) / 2)
+    imgui.progress_bar(fraction, ImVec2(bar, em(0.35)), "")
+    imgui.same_line(0, em(0.6))
+    imgui.set_cursor_pos_y(top)
+    if not cancel:  # a quiet job: nothing waits for it
+        imgui.dummy(ImVec2(1, 1))
+        return
+    why_not = "Already stopping" if job.is_cancelling else ""
+    face = Face(width=cancel)
+    if widgets.button("Cancel", face, why_not=why_not, hint="Stop; nothing is changed"):
+        session.jobs.cancel()
+
+
+def job_text(job: Job) -> str:
+    """ "Associate masks 45 %, 12 s left"."""
+    if job.is_cancelling:
+        return f"{job.title}: stopping"
+    if job.fraction < 0:
+        return job.title
+    text = f"{job.title}  {100 * job.fraction:.0f} %"
+    if job.eta_s is not None:
+        text += f", {duration(job.eta_s)} left"
+    return text
+
+
+def duration(seconds: float) -> str:
+    """ "12 s" or "3 min 20 s"."""
+    whole = max(round(seconds), 1)
+    if whole < 90:
+        return f"{whole} s"
+    return f"{whole // 60} min {whole % 60} s"
+
+
+def _figures_text(session: Session, figures: FrameFigures | None) -> str:
+    if figures is None or session.document is None or not session.view.show_info:
+        return ""
+    parts = [f"{figures.n_splats:,} splats"]
+    width = imgui.get_main_viewport().size.x
+    if width > em(60):
+        parts += [f"{figures.frame_ms:.0f} ms", figures.backend]
+    if width > em(75):
+        compute = backend()
+        parts.append(f"{compute.name} ({compute.reason})" if width > em(130) else compute.name)
+    return "   ".join(parts)

@@ -1,0 +1,464 @@
+"""Choosing a file or a folder: the desktop's own dialog where there is one, else ours.
+
+Both are asked in the same way (``FileDialog``) and answer through ``draw``, so that the rest of the
+window does not know which of the two was on the screen.
+"""
+
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from functools import partial
+from pathlib import Path
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import portable_file_dialogs as native
+
+from gaga_core.io.splats.splat_files import READ_SUFFIXES
+from gaga_core.placing.photos import VIDEO_SUFFIXES
+from gaga_studio.features import camera, files, fill
+from gaga_studio.features.find import masks
+from gaga_studio.session.notices import Request
+from gaga_studio.session.session import Session
+from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.widgets import Face
+
+_OWN = ("Desktop", "Documents", "Downloads", "Pictures", "Videos")
+_MOUNTS = (Path("/media"), Path("/mnt"), Path("/Volumes"))
+_HELPERS = ("zenity", "kdialog", "matedialog", "qarma")
+
+
+class PathKind(Enum):
+    """What is to be chosen."""
+
+    OPEN_FOLDER = auto()
+    OPEN_FILE = auto()
+    SAVE_FILE = auto()
+    NEW_FOLDER = auto()  # one that is there, or a new one in a folder that is there
+
+
+_FOLDERS = (PathKind.OPEN_FOLDER, PathKind.NEW_FOLDER)
+
+
+@dataclass
+class FileDialog:
+    """One question for a path; ``draw`` it every frame until it ``is_done``."""
+
+    title: str
+    kind: PathKind
+    folder: Path
+    name: str = ""  # proposed file name
+    suffixes: tuple[str, ...] = ()  # (".ply",); empty = any file
+    use_native: bool = False
+    action: str = "Open"  # text of the button
+    is_done: bool = False
+    result: Path | None = None  # None after it is done: cancelled
+    message: str = ""
+    _text: str = ""
+    _is_open: bool = False
+    _entries: list[Path] = field(default_factory=list)
+    _listed: Path | None = None
+    _new_name: str = ""  # of a folder to make
+    _had_keyboard: bool = False  # a field, in the frame before
+    _native: native.open_file | native.save_file | native.select_folder | None = None
+
+
+@dataclass
+class FilePicker:
+    """The file dialog that is open, if any, and what its answer is for."""
+
+    use_native: bool = False
+    dialog: FileDialog | None = None
+    _then: Callable[[Path], object] | None = None
+
+    def ask(self, dialog: FileDialog, then: Callable[[Path], object]) -> None:
+        """Show ``dialog``; ``then`` gets the path. Nothing happens while another one is open."""
+        if self.dialog is None:
+            dialog.use_native = self.use_native
+            self.dialog, self._then = dialog, then
+
+    def draw(self) -> None:
+        """Show the open dialog and pass its answer on."""
+        if self.dialog is None:
+            return
+        draw(self.dialog)
+        if self.dialog.is_done:
+            path, then = self.dialog.result, self._then
+            self.dialog = self._then = None
+            if path is not None and then is not None:
+                then(path)
+
+
+def has_native() -> bool:
+    """Whether this desktop can show its own file dialogs."""
+    if not sys.platform.startswith("linux"):
+        return True
+    return any(shutil.which(helper) for helper in _HELPERS)
+
+
+def draw(dialog: FileDialog) -> None:
+    """Show the dialog and take its answer when there is one."""
+    if dialog.use_native:
+        _draw_native(dialog)
+    else:
+        _draw_own(dialog)
+
+
+def _draw_native(dialog: FileDialog) -> None:
+    if dialog._native is None:
+        dialog._native = _start_native(dialog)
+    if not dialog._native.ready(0):
+        return
+    answer = dialog._native.result()
+    chosen = answer[0] if isinstance(answer, list) and answer else answer
+    dialog.result = Path(chosen) if isinstance(chosen, str) and chosen else None
+    dialog.is_done = True
+
+
+def _start_native(
+    dialog: FileDialog,
+) -> native.open_file | native.save_file | native.select_folder:
+    start = str(dialog.folder / dialog.name) if dialog.name else str(dialog.folder)
+    patterns = " ".join(f"*{suffix}" for suffix in dialog.suffixes)
+    filters = [patterns, patterns, "All files", "*"] if patterns else ["All files", "*"]
+    if dialog.kind in _FOLDERS:
+        return native.select_folder(dialog.title, start)
+    if dialog.kind is PathKind.OPEN_FILE:
+        return native.open_file(dialog.title, start, filters)
+    return native.save_file(dialog.title, start, filters)
+
+
+def _draw_own(dialog: FileDialog) -> None:
+    name = f"{dialog.title}###File dialog"
+    if not dialog._is_open:
+        imgui.open_popup(name)
+        dialog._is_open = True
+        dialog._text = dialog.name
+    viewport = imgui.get_main_viewport()
+    size = ImVec2(min(em(42), viewport.size.x * 0.94), min(em(29), viewport.size.y * 0.9))
+    imgui.set_next_window_size(size)
+    imgui.set_next_window_pos(viewport.get_center(), imgui.Cond_.always, ImVec2(0.5, 0.5))
+    flags = imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_saved_settings
+    opened, _ = imgui.begin_popup_modal(name, None, flags)
+    if not opened:
+        dialog.is_done = True
+        return
+    _path_row(dialog)
+    _entries(dialog)
+    _answer_row(dialog)
+    _enter_accepts(dialog)
+    if imgui.is_key_pressed(imgui.Key.escape) or dialog.is_done:
+        dialog.is_done = True
+        imgui.close_current_popup()
+    imgui.end_popup()
+
+
+def _path_row(dialog: FileDialog) -> None:
+    if widgets.icon_button("Up", icons.UP, hint="The folder above"):
+        _enter(dialog, dialog.folder.parent)
+    imgui.same_line()
+    if widgets.icon_button("Home", icons.HOME, hint="Your home folder"):
+        _enter(dialog, Path.home())
+    imgui.same_line()
+    if widgets.icon_button("Places", icons.BOOKMARK, hint="Folders that are used often"):
+        imgui.open_popup("Places")
+    widgets.popup("Places", lambda: _places(dialog))
+    imgui.same_line()
+    if widgets.icon_button("New folder", icons.FOLDER, hint="Make a folder here"):
+        dialog._new_name = "New folder"
+        imgui.open_popup("New folder")
+    widgets.popup("New folder", lambda: _new_folder(dialog))
+    imgui.same_line()
+    shown = widgets.elided(str(dialog.folder), imgui.get_content_region_avail().x)
+    imgui.align_text_to_frame_padding()
+    widgets.dim(shown)
+
+
+def _places(dialog: FileDialog) -> None:
+    """Folders of the person and of the system that are here, one click away."""
+    for i, place in enumerate(places()):
+        if imgui.menu_item_simple(f"{icons.FOLDER_PLAIN}  {place.name or place}###place {i}"):
+            _enter(dialog, place)
+
+
+def places() -> list[Path]:
+    """Folders that people keep things in, those that exist: own ones, then mounted disks."""
+    own = [Path.home(), *(Path.home() / name for name in _OWN)]
+    mounted = [disk for root in _MOUNTS for disk in sorted(root.glob("*"))]
+    found = [*own, *mounted, Path(Path.home().anchor)]
+    return [place for place in dict.fromkeys(found) if place.is_dir()]
+
+
+def _new_folder(dialog: FileDialog) -> None:
+    """Ask for a name and make the folder; it is entered at once."""
+    if imgui.is_window_appearing():
+        imgui.set_keyboard_focus_here()
+    imgui.set_next_item_width(em(14))
+    flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
+    entered, dialog._new_name = imgui.input_text("##New folder name", dialog._new_name, flags)
+    if entered and dialog._new_name.strip():
+        _make_folder(dialog, dialog.folder / dialog._new_name.strip())
+        imgui.close_current_popup()
+
+
+def _make_folder(dialog: FileDialog, folder: Path) -> None:
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        dialog.message = f"There is a {folder.name} here already."
+    except OSError as error:
+        dialog.message = f"No folder could be made here: {error.strerror}."
+    else:
+        _enter(dialog, folder)
+        dialog._listed = None
+
+
+def _enter_accepts(dialog: FileDialog) -> None:
+    """Enter presses the button of the dialog also where no field has the keyboard."""
+    is_free = imgui.is_window_focused(imgui.FocusedFlags_.child_windows)
+    is_free = is_free and not imgui.is_any_item_active() and not dialog._had_keyboard
+    if is_free and widgets.enter_pressed():
+        _accept(dialog)
+    dialog._had_keyboard = imgui.is_any_item_active()
+
+
+def _entries(dialog: FileDialog) -> None:
+    if dialog._listed != dialog.folder:
+        _list(dialog)
+    height = -imgui.get_frame_height_with_spacing() * (3 if dialog.message else 2)
+    imgui.push_style_color(imgui.Col_.child_bg, theme.BACK)
+    visible = imgui.begin_child("Entries", ImVec2(0, height), imgui.ChildFlags_.borders)
+    imgui.pop_style_color()
+    if visible:
+        if not dialog._entries:
+            widgets.dim("Nothing to open here.")
+        for entry in dialog._entries:
+            _entry(dialog, entry)
+    imgui.end_child()
+
+
+def _entry(dialog: FileDialog, entry: Path) -> None:
+    is_folder = entry.is_dir()
+    icon = icons.FOLDER_PLAIN if is_folder else icons.FILE_PLAIN
+    flags = imgui.SelectableFlags_.allow_double_click | imgui.SelectableFlags_.no_auto_close_popups
+    is_chosen = dialog._text == entry.name
+    clicked, _ = imgui.selectable(f"{icon}  {entry.name}###{entry.name}", is_chosen, flags)
+    if not clicked:
+        return
+    is_double = imgui.is_mouse_double_clicked(imgui.MouseButton_.left)
+    if is_folder and (is_double or dialog.kind not in _FOLDERS):
+        _enter(dialog, entry)
+    elif is_double:
+        dialog._text = entry.name
+        _accept(dialog)
+    else:
+        dialog._text = entry.name
+
+
+def _answer_row(dialog: FileDialog) -> None:
+    if dialog.message:
+        widgets.text(widgets.elided(dialog.message, em(40)), theme.WARN)
+    imgui.set_next_item_width(-1)
+    hint = "Folder or path" if dialog.kind in _FOLDERS else "File name or path"
+    flags = imgui.InputTextFlags_.enter_returns_true
+    entered, dialog._text = imgui.input_text_with_hint("##Path", hint, dialog._text, flags)
+    if entered:
+        _accept(dialog)
+    width = em(7)
+    room = imgui.get_content_region_avail().x
+    spacing = imgui.get_style().item_spacing.x
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - 2 * width - spacing)
+    if widgets.button("Cancel", Face(width=width)):
+        dialog.is_done = True
+    imgui.same_line()
+    if widgets.button(dialog.action, Face(width=width, primary=True)):
+        _accept(dialog)
+
+
+def _accept(dialog: FileDialog) -> None:
+    """Take what the text field names, or say why it cannot be taken."""
+    text = dialog._text.strip()
+    path = (dialog.folder / Path(text).expanduser()) if text else dialog.folder
+    if dialog.kind is PathKind.SAVE_FILE:
+        _accept_save(dialog, path, text)
+    elif dialog.kind is PathKind.NEW_FOLDER and not path.exists() and path.parent.is_dir():
+        _finish(dialog, path)
+    elif not path.exists():
+        dialog.message = f"There is no {text} here."
+    elif dialog.kind is PathKind.OPEN_FILE and path.is_dir():
+        _enter(dialog, path)
+    elif dialog.kind in _FOLDERS and not path.is_dir():
+        dialog.message = f"{path.name} is a file, not a folder."
+    else:
+        _finish(dialog, path)
+
+
+def _accept_save(dialog: FileDialog, path: Path, text: str) -> None:
+    if not text:
+        dialog.message = "Type a file name."
+    elif path.is_dir():
+        _enter(dialog, path)
+    elif not path.parent.is_dir():
+        dialog.message = f"There is no folder {path.parent}."
+    else:
+        suffix = dialog.suffixes[0] if dialog.suffixes else ""
+        target = path if path.suffix or not suffix else path.with_suffix(suffix)
+        if target.exists() and dialog.message != _overwrite(target):
+            dialog.message = _overwrite(target)
+        else:
+            _finish(dialog, target)
+
+
+def _overwrite(path: Path) -> str:
+    return f"{path.name} exists already. Press again to replace it."
+
+
+def _finish(dialog: FileDialog, path: Path) -> None:
+    dialog.result = path
+    dialog.is_done = True
+
+
+def _enter(dialog: FileDialog, folder: Path) -> None:
+    dialog.folder = folder.resolve()
+    dialog._text = dialog.name if dialog.kind is not PathKind.OPEN_FOLDER else ""
+    dialog.message = ""
+
+
+def _list(dialog: FileDialog) -> None:
+    """Read the folder once: folders first, then the files that may be chosen."""
+    dialog._listed = dialog.folder
+    try:
+        children = [p for p in dialog.folder.iterdir() if not p.name.startswith(".")]
+    except OSError as error:
+        dialog._entries = []
+        dialog.message = f"This folder cannot be read: {error.strerror}."
+        return
+    folders = sorted((p for p in children if p.is_dir()), key=lambda p: p.name.lower())
+    files: list[Path] = []
+    if dialog.kind not in _FOLDERS:
+        wanted = dialog.suffixes
+        files = [p for p in children if p.is_file() and (not wanted or p.suffix.lower() in wanted)]
+    dialog._entries = folders + sorted(files, key=lambda p: p.name.lower())
+
+
+# --- The file dialogs that commands ask for: what they are called, where they begin, what follows.
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a request asks for, and who gets the path."""
+
+    title: str
+    kind: PathKind
+    then: Callable[[Session, Path], object]
+    suffixes: tuple[str, ...] = ()
+    action: str = "Open"
+    ending: str = ""  # of the proposed name, after that of the scene
+    needs_scene: bool = True
+
+
+_ASKED = {
+    Request.OPEN_FOLDER: _Asked(
+        "Open a scene folder", PathKind.OPEN_FOLDER, Session.open, needs_scene=False
+    ),
+    Request.OPEN_FILE: _Asked(
+        "Open a splat file, a project or a video",
+        PathKind.OPEN_FILE,
+        Session.open,
+        (*READ_SUFFIXES, ".json", *VIDEO_SUFFIXES),
+        needs_scene=False,
+    ),
+    Request.INPAINTING_MODEL: _Asked(
+        "Choose an inpainting model",
+        PathKind.OPEN_FILE,
+        fill.choose_model,
+        (".pt", ".pth", ".ts"),
+        "Use",
+        needs_scene=False,
+    ),
+    Request.ADD_SPLATS: _Asked(
+        "Add the splats of another file",
+        PathKind.OPEN_FILE,
+        files.add_splats,
+        READ_SUFFIXES,
+        "Add",
+    ),
+    Request.IMPORT_MASK_FOLDER: _Asked(
+        "Import masks from a folder", PathKind.OPEN_FOLDER, masks.import_from, action="Import"
+    ),
+    Request.IMPORT_MASK_FILE: _Asked(
+        "Import masks from a file",
+        PathKind.OPEN_FILE,
+        masks.import_from,
+        (".json", ".npz", ".npy"),
+        "Import",
+    ),
+    Request.SAVE_AS: _Asked(
+        "Save the project in a folder",
+        PathKind.NEW_FOLDER,
+        Session.save,
+        action="Save",
+        ending=".gaga",
+    ),
+    Request.SAVE_SCRIPT: _Asked(
+        "Save the edits as a script",
+        PathKind.SAVE_FILE,
+        files.save_script,
+        (".json",),
+        "Save",
+        " edits.json",
+    ),
+    Request.OPEN_PATH: _Asked(
+        "Open a camera path", PathKind.OPEN_FILE, camera.open_path_file, (".json",)
+    ),
+    Request.SAVE_PATH: _Asked(
+        "Save the camera's path",
+        PathKind.SAVE_FILE,
+        camera.save_path_file,
+        (".json",),
+        "Save",
+        " path.json",
+    ),
+}
+
+
+def openers(picker: FilePicker) -> dict[Request, Callable[[Session], object]]:
+    """What asks for a path, by request; but for opening there must be a scene."""
+    return {request: partial(_ask, picker, asked) for request, asked in _ASKED.items()}
+
+
+def _ask(picker: FilePicker, asked: _Asked, session: Session) -> None:
+    if asked.needs_scene and session.document is None:
+        return
+    name = f"{stem(session)}{asked.ending}" if asked.ending else ""
+    start = start_folder(session)
+    dialog = FileDialog(asked.title, asked.kind, start, name, asked.suffixes, action=asked.action)
+    picker.ask(dialog, partial(asked.then, session))
+
+
+def start_folder(session: Session) -> Path:
+    """The folder of what is open, else of what was open last, else the user's own."""
+    places = []
+    if session.project is not None:
+        folder = session.project.folder
+        places.append(folder.root if folder is not None else session.project.model_path.parent)
+    places += [Path(name).parent for name in session.settings.recent[:1]]
+    return next((place for place in places if place.is_dir()), Path.home())
+
+
+def stem(session: Session) -> str:
+    """The name of the open scene without a suffix: what file names begin with."""
+    return Path(session.document.name).stem if session.document is not None else ""
+
+
+def new_folder(title: str, session: Session, name: str, action: str = "Export") -> FileDialog:
+    """A dialog for a folder that is made."""
+    return FileDialog(title, PathKind.NEW_FOLDER, start_folder(session), name, action=action)
+
+
+def writing(title: str, session: Session, name: str, suffixes: tuple[str, ...]) -> FileDialog:
+    """A dialog for a file that is written."""
+    start = start_folder(session)
+    return FileDialog(title, PathKind.SAVE_FILE, start, name, suffixes, action="Save")

@@ -1,0 +1,242 @@
+"""What lies over the picture: points of tools, the box of the selection, outlines, the brush."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from imgui_bundle import ImVec2, ImVec4, imgui
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.camera import Camera
+from gaga_core.scene.edits import How
+from gaga_studio.features import measure
+from gaga_studio.session.session import Session
+from gaga_studio.session.view import ToolName
+from gaga_studio.tools.base import PathShape, RectShape
+from gaga_studio.ui.kit import theme, widgets
+from gaga_studio.ui.kit.theme import em
+
+_NEAREST = 1e-6  # depth from which a point is in front of the camera, scene units
+_PLANE, _LINE, _WANTED = 0.2, 0.95, 0.45  # opacities
+
+
+def ground(session: Session, camera: Camera, corner: ImVec2, *, follows: bool) -> None:
+    """The points as ``camera`` sees them; with ``follows`` the lines go on to the mouse."""
+    points = measure.clicked(session).points
+    if session.tool is ToolName.GROUND and points:
+        draw_points(np.array(points), camera, corner, follows=follows, fills=True)
+
+
+def draw_points(
+    points: DoubleArray, camera: Camera, corner: ImVec2, *, follows: bool, fills: bool = False
+) -> bool:
+    """Points (K, 3), world, as numbered marks joined by lines; False where one is not in front.
+
+    ``fills``: with two points and the mouse they are the corners of a plane.
+    """
+    if len(points) == 0 or (camera.project(points)[1] < _NEAREST).any():
+        return False  # behind the camera: a line there would go astray
+    marks = on_screen(points, camera, corner)
+    _lines(marks, imgui.get_io().mouse_pos if follows else None, fills=fills)
+    for number, mark in enumerate(marks, 1):
+        _mark(mark, str(number))
+    return True
+
+
+def on_screen(points: DoubleArray, camera: Camera, corner: ImVec2) -> list[ImVec2]:
+    """Places of points (K, 3), world, on the screen."""
+    density = imgui.get_io().display_framebuffer_scale
+    pixels, _ = camera.project(points)
+    return [
+        ImVec2(corner.x + float(u) / density.x, corner.y + float(v) / density.y) for u, v in pixels
+    ]
+
+
+def _lines(marks: list[ImVec2], mouse: ImVec2 | None, *, fills: bool) -> None:
+    drawing = imgui.get_window_draw_list()
+    wanted, line = theme.u32(theme.ACCENT, _WANTED), theme.u32(theme.ACCENT, _LINE)
+    if mouse is not None:
+        if fills and len(marks) == 2:
+            fill = theme.u32(theme.ACCENT, _PLANE)
+            drawing.add_triangle_filled(marks[0], marks[1], mouse, fill)
+        for mark in marks if fills else marks[-1:]:
+            drawing.add_line(mark, mouse, wanted, theme.scaled(1.5))
+    for one, two in pairwise(marks):
+        drawing.add_line(one, two, line, theme.scaled(2))
+
+
+def _mark(at: ImVec2, number: str) -> None:
+    """A disk with two rims, so that it is seen on dark and on bright."""
+    drawing, radius = imgui.get_window_draw_list(), em(0.55)
+    drawing.add_circle_filled(at, radius + theme.scaled(1.5), theme.u32(theme.BACK, _LINE))
+    drawing.add_circle_filled(at, radius, theme.u32(theme.ACCENT, 1.0))
+    with theme.face(strong=True, scale=0.75):
+        extent = imgui.calc_text_size(number)
+        place = ImVec2(at.x - extent.x / 2, at.y - extent.y / 2)
+        drawing.add_text(place, theme.u32(theme.BACK, 1.0), number)
+
+
+# --- The smallest box around the selection, as lines in the picture.
+
+_EDGES = [(i, i | 1 << side) for side in range(3) for i in range(8) if not i >> side & 1]
+
+
+def box(session: Session, camera: Camera, corner: ImVec2) -> None:
+    """The box where *Box* is on and something is selected; not during a drag."""
+    document = session.document
+    if document is None or not session.view.show_box or session.is_previewing:
+        return
+    box = document.selected_oriented_box()
+    if box is None:
+        return
+    corners = box.corners()
+    if (camera.project(corners)[1] < _NEAREST).any():
+        return  # behind the camera: a line there would go astray
+    places = on_screen(corners, camera, corner)
+    drawing = imgui.get_window_draw_list()
+    for one, two in _EDGES:
+        drawing.add_line(places[one], places[two], theme.u32(theme.BACK, 0.7), theme.scaled(3))
+        drawing.add_line(places[one], places[two], theme.u32(theme.ACCENT, 0.95), theme.scaled(1.4))
+
+
+# --- The points of the tool Measure with their lengths, and a card with the numbers and Set scale.
+
+_WIDTH = 15.0  # of the card, em
+
+
+@dataclass
+class MeasureState:
+    """The known length as it is typed."""
+
+    metres: float = 1.0
+
+
+def draw_marks(session: Session, camera: Camera, corner: ImVec2, *, follows: bool) -> None:
+    """The points as ``camera`` sees them, and the length of each way at its middle."""
+    if session.tool is not ToolName.MEASURE:
+        return
+    places = measure.points(session)
+    goes_on = follows and len(places) < 3
+    if not draw_points(places, camera, corner, follows=goes_on):
+        return
+    lengths = measure.reading(session).lengths
+    for one, two, length in zip(places, places[1:], lengths, strict=False):
+        (at,) = on_screen((one + two)[None] / 2, camera, corner)
+        _label(measure.length(session, length), at)
+
+
+def draw_card(session: Session, state: MeasureState, corner: ImVec2, size: ImVec2) -> None:
+    """What to click, the numbers, and the length that is known."""
+    if session.tool is not ToolName.MEASURE or session.document is None:
+        return
+    imgui.set_cursor_screen_pos(ImVec2(corner.x + em(0.7), corner.y + em(0.7)))
+    back = theme.BACK
+    imgui.push_style_color(imgui.Col_.child_bg, ImVec4(back.x, back.y, back.z, 0.85))
+    width = min(em(_WIDTH), size.x - em(1.4))
+    flags = imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.always_use_window_padding
+    if imgui.begin_child("Measure", ImVec2(width, 0), flags):
+        widgets.line(measure.prompt(session))
+        _numbers(session)
+        _known_length(session, state)
+    imgui.end_child()
+    imgui.pop_style_color()
+
+
+def _numbers(session: Session) -> None:
+    found = measure.reading(session)
+    for i, length in enumerate(found.lengths, 1):
+        widgets.line(f"{i} to {i + 1}: {measure.length(session, length)}")
+    if found.angle is not None:
+        widgets.line(f"Angle at 2: {found.angle:.1f}°")
+    for i, height in enumerate(found.heights, 1):
+        widgets.dim(f"Height of {i}: {measure.length(session, height)}")
+    if not found.heights:
+        widgets.dim(measure.HELP, wrap=True)
+
+
+def _known_length(session: Session, state: MeasureState) -> None:
+    """Give the way from point 1 to point 2 a length: the scale of the scene."""
+    if not measure.reading(session).lengths:
+        return
+    imgui.set_next_item_width(em(5))
+    _, state.metres = imgui.input_float("##Known length", state.metres, 0, 0, "%.3f m")
+    widgets.tooltip("The true length from point 1 to point 2")
+    imgui.same_line()
+    hint = "Scale the whole scene so that 1 to 2 has this length; lengths are metres then"
+    if widgets.button("Set scale", hint=hint):
+        measure.set_scale(session, state.metres)
+
+
+def _label(text: str, at: ImVec2) -> None:
+    drawing, extent = imgui.get_window_draw_list(), imgui.calc_text_size(text)
+    pad = em(0.3)
+    low = ImVec2(at.x - extent.x / 2 - pad, at.y - extent.y / 2 - pad / 2)
+    high = ImVec2(at.x + extent.x / 2 + pad, at.y + extent.y / 2 + pad / 2)
+    drawing.add_rect_filled(low, high, theme.u32(theme.BACK, 0.85), em(0.25))
+    drawing.add_text(ImVec2(low.x + pad, low.y + pad / 2), theme.u32(theme.TEXT), text)
+
+
+# --- What a tool draws over the picture: rectangles, outlines, the brush.
+
+_INSIDE = 0.12
+_OUTLINE = 0.9
+_WIDE = 1.5  # of a line, pixels at 96 dpi
+
+
+def rectangle(shape: RectShape, corner: ImVec2, density: ImVec2) -> None:
+    """A rectangle, filled faintly."""
+    a, b = _at(shape.u0, shape.v0, corner, density), _at(shape.u1, shape.v1, corner, density)
+    low, high = ImVec2(min(a.x, b.x), min(a.y, b.y)), ImVec2(max(a.x, b.x), max(a.y, b.y))
+    drawing, color = imgui.get_window_draw_list(), _color(shape.how)
+    drawing.add_rect_filled(low, high, theme.u32(color, _INSIDE))
+    drawing.add_rect(low, high, theme.u32(color, _OUTLINE), thickness=theme.scaled(1))
+
+
+def path(shape: PathShape, corner: ImVec2, density: ImVec2) -> None:
+    """An outline with its corners, or the circle of the brush."""
+    points: list[ImVec2 | tuple[float, float] | list[float]] = [
+        _at(u, v, corner, density) for u, v in shape.points
+    ]
+    drawing, color = imgui.get_window_draw_list(), _color(shape.how)
+    if shape.radius and points:
+        # Two lines, so that the brush is seen on dark and on bright.
+        radius, line = shape.radius / density.x, theme.scaled(1)
+        drawing.add_circle(points[-1], radius + line, theme.u32(theme.BACK, _OUTLINE), 0, line)
+        drawing.add_circle(points[-1], radius, theme.u32(color, 1.0), 0, line)
+        return
+    if shape.is_closed and len(points) > 2:
+        drawing.add_concave_poly_filled(points, theme.u32(color, _INSIDE))
+    flags = imgui.ImDrawFlags_.closed if shape.is_closed else imgui.ImDrawFlags_.none
+    drawing.add_polyline(points, theme.u32(color, _OUTLINE), theme.scaled(_WIDE), flags)
+    for point in points if shape.has_corners else ():
+        drawing.add_circle_filled(point, em(0.18), theme.u32(color, 1.0))
+
+
+def source_mark(point: DoubleArray | None, camera: Camera, corner: ImVec2) -> None:
+    """A small cross with a ring at a point (3,), world, that a brush copies from."""
+    if point is None:
+        return
+    pixels, depth = camera.project(point[None])
+    if depth[0] <= 0:
+        return
+    u, v = (float(x) for x in pixels[0])
+    at = _at(u, v, corner, imgui.get_io().display_framebuffer_scale)
+    drawing, arm, gap, radius = imgui.get_window_draw_list(), em(0.95), em(0.2), em(0.55)
+    # Two lines, so that it is seen on dark and on bright.
+    for color, wide in (
+        (theme.u32(theme.BACK, _OUTLINE), 4.0),
+        (theme.u32(theme.TEXT, 1.0), _WIDE),
+    ):
+        line = theme.scaled(wide)
+        drawing.add_circle(at, radius, color, 0, line)
+        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            near = ImVec2(at.x + x * gap, at.y + y * gap)
+            drawing.add_line(near, ImVec2(at.x + x * arm, at.y + y * arm), color, line)
+
+
+def _at(u: float, v: float, corner: ImVec2, density: ImVec2) -> ImVec2:
+    return ImVec2(corner.x + u / density.x, corner.y + v / density.y)
+
+
+def _color(how: How) -> ImVec4:
+    return theme.BAD if how == "remove" else theme.ACCENT

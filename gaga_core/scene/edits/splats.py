@@ -1,0 +1,272 @@
+"""Builders of edits that select, hide, lock and delete splats, and add those of other files."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray, BoolArray, IntArray, UInt8Array
+from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
+from gaga_core.io.splats.spz import OURS
+from gaga_core.progress import Stage
+from gaga_core.scene.edits.objects import free_group
+from gaga_core.scene.edits.values import (
+    AppendFile,
+    AppendMade,
+    Edit,
+    FlipState,
+    Kept,
+    SetNames,
+    joined,
+    read_added_stage,
+    together,
+)
+from gaga_core.scene.frame import Frame
+from gaga_core.scene.index_set import PackedInts, sorted_indices
+from gaga_core.scene.scene import Added, Scene, State
+from gaga_core.scene.selection.algebra import world_means
+
+How = Literal["set", "add", "remove", "intersect"]
+_NOTHING = State(0)
+_GAP = 1000  # groups of added files start at a multiple of this where a bank makes groups too
+
+
+def set_state(
+    scene: Scene, indices: AnyArray, on: State, off: State, title: str
+) -> FlipState | None:
+    """Turn bits ``on`` and ``off`` for these splats."""
+    rows = sorted_indices(indices, len(scene))
+    old = scene.state[rows]
+    changed = np.zeros(len(scene), np.uint8)
+    changed[rows] = old ^ ((old | np.uint8(on)) & ~np.uint8(off))
+    return FlipState.of(title, changed)
+
+
+def select(
+    scene: Scene, indices: AnyArray, how: How = "set", title: str = "Select"
+) -> FlipState | None:
+    """Change the selection; deleted and locked splats cannot be selected."""
+    chosen = np.zeros(len(scene), np.bool_)
+    chosen[sorted_indices(indices, len(scene))] = True
+    selected = scene.has(State.SELECTED)
+    if how == "set":
+        target = chosen
+    elif how == "add":
+        target = selected | chosen
+    elif how == "remove":
+        target = selected & ~chosen
+    elif how == "intersect":
+        target = selected & chosen
+    else:
+        raise ValueError(f"how: expected set, add, remove or intersect, got {how!r}")
+    target = target & ~scene.has(State.DELETED | State.LOCKED)
+    changed: UInt8Array = (target != selected).view(np.uint8) * np.uint8(State.SELECTED)
+    return FlipState.of(title, changed)
+
+
+def hide(scene: Scene, indices: AnyArray, title: str = "Hide") -> FlipState | None:
+    """Hide splats; what is not seen is not selected either."""
+    return set_state(scene, indices, State.HIDDEN, State.SELECTED, title)
+
+
+def show(scene: Scene, indices: AnyArray, title: str = "Show") -> FlipState | None:
+    """Show hidden splats."""
+    return set_state(scene, indices, _NOTHING, State.HIDDEN, title)
+
+
+def show_all(scene: Scene, title: str = "Show all") -> FlipState | None:
+    """Show everything that is hidden."""
+    return show(scene, scene.has(State.HIDDEN), title)
+
+
+def isolate(scene: Scene, indices: AnyArray, title: str = "Isolate") -> FlipState | None:
+    """Show these splats and hide all others."""
+    chosen = np.zeros(len(scene), np.bool_)
+    chosen[sorted_indices(indices, len(scene))] = True
+    hidden, selected = np.uint8(State.HIDDEN), np.uint8(State.SELECTED)
+    old = scene.state
+    new = np.where(chosen, old & ~hidden, (old | hidden) & ~selected)
+    new = np.where(scene.has(State.DELETED), old, new)
+    return FlipState.of(title, old ^ new)
+
+
+def lock(scene: Scene, indices: AnyArray, title: str = "Lock") -> FlipState | None:
+    """Protect splats from being selected."""
+    return set_state(scene, indices, State.LOCKED, State.SELECTED, title)
+
+
+def unlock(scene: Scene, indices: AnyArray, title: str = "Unlock") -> FlipState | None:
+    """Let splats be selected again."""
+    return set_state(scene, indices, _NOTHING, State.LOCKED, title)
+
+
+def delete(scene: Scene, indices: AnyArray, title: str = "Delete") -> FlipState | None:
+    """Delete splats (a bit: rows stay until export)."""
+    return set_state(scene, indices, State.DELETED, State.SELECTED, title)
+
+
+def restore(scene: Scene, title: str = "Restore deleted") -> FlipState | None:
+    """Bring back everything that was deleted."""
+    return set_state(scene, scene.has(State.DELETED), _NOTHING, State.DELETED, title)
+
+
+# --- splats of other files ----------------------------------------------------------------------
+
+
+def append(scene: Scene, splats: Gaussians, path: Path, digest: str) -> Edit | None:
+    """Add the splats of the file ``path`` to the scene, selected, each of a group of its own.
+
+    Groups of the file (a column ``group``) become new groups, named after the file; splats without
+    one become a group of the file's name. They stand on one placement row, so that they move as a
+    whole, and are drawn, sorted, picked and selected together with all others.
+    """
+    path = Path(path).absolute()
+    title, stem = f"Add {path.name}", path.name.split(".")[0] or path.stem
+    first = free_group(scene)
+    if scene.bank is not None:  # which may make groups of the next ids
+        first = -(-first // _GAP) * _GAP
+    labels, names = _groups(splats, first, stem)
+    place = _at_end(scene, labels, State.SELECTED)
+    edit = AppendFile(title, *place, str(path), digest, OURS, scene.frame.rows)
+    edit.__dict__["splats"] = splats  # read already
+    unselect = select(scene, np.zeros(0, np.int32))
+    return together(title, (unselect, edit, SetNames.of(scene, names)))
+
+
+def append_made(
+    scene: Scene,
+    splats: Gaussians,
+    labels: IntArray,
+    title: str,
+    state: State = State.SELECTED,
+    *,
+    merged_from: Frame | None = None,
+) -> AppendMade | None:
+    """Add splats (K,), world, that no file has, with their groups ``labels`` (K,).
+
+    They are kept in the project and in scripts themselves. ``merged_from``: they are made of splats
+    that are deleted, and were moved like that since these came.
+    """
+    if len(splats) == 0:
+        return None
+    frame, is_merged = (merged_from or scene.frame).rows, merged_from is not None
+    return AppendMade(title, *_at_end(scene, labels, state), Kept(splats), frame, is_merged)
+
+
+def _at_end(
+    scene: Scene, labels: IntArray, state: State
+) -> tuple[PackedInts, int, int, int, int, int, tuple[str, ...]]:
+    """What `AppendSplats` has of the scene."""
+    sizes = scene.n_rows_of_files, len(scene), len(scene.placements), scene.gaussians.sh.shape[1]
+    packed = PackedInts.of(labels.astype(np.int32))
+    return packed, int(state), *sizes, tuple(scene.gaussians.extra)
+
+
+def _groups(splats: Gaussians, first: int, stem: str) -> tuple[IntArray, dict[int, str]]:
+    """New labels (K,) from ``first`` on, and the names of the new groups."""
+    column = splats.extra.get("group")
+    if column is None or column.dtype.kind not in "iu":
+        column = np.zeros(len(splats), np.int32)
+    ids, places = np.unique(np.maximum(column.astype(np.int64), 0), return_inverse=True)
+    names = [stem if group == 0 else f"{stem} {group}" for group in ids.tolist()]
+    labels = (first + places).astype(np.int32)
+    return labels, {first + i: name for i, name in enumerate(names)}
+
+
+def with_added_stage(
+    opened: Gaussians, added: Sequence[Added], made: Sequence[Gaussians] = ()
+) -> Stage[Gaussians]:
+    """Rows of the opened file and of all files that were added to it, read again.
+
+    ``made``: in order, those of the entries that an edit made and no file holds.
+    """
+    whole, left = opened, list(made)
+    for item in added:
+        if item.is_made:
+            splats = left.pop(0)
+            if len(splats) != item.n:
+                raise GagaError("The splats that the project itself keeps are damaged.")
+            whole = joined(whole, splats)
+            continue
+        splats, _ = yield from read_added_stage(Path(item.path), item.fingerprint, item.axes)
+        if len(splats) != item.n or len(whole) != item.first:
+            raise GagaError(
+                f"{item.path} does not fit the saved project. Put the former file back."
+            )
+        whole = joined(whole, splats)
+    return whole
+
+
+def ids_of_added(scene: Scene, labels: IntArray) -> dict[int, int]:
+    """New ids (values) of the groups of added splats, by their ids in the scene, see `spread`."""
+    if not scene.added:
+        return {}
+    own = (scene.source >= scene.n_opened) & ~_continuing(scene)
+    pairs = np.unique(np.stack([scene.labels[own], labels[own]], axis=1), axis=0).tolist()
+    return {old: new for old, new in pairs if old and new}
+
+
+def spread(scene: Scene, values: IntArray) -> IntArray:
+    """Groups (N,) of all splats from those of the rows of the opened file (M,).
+
+    Copies have the group of their original; splats that an edit made as part of an object, or among
+    those of none, have that of the nearest splat which was there; other added splats keep theirs,
+    moved to ids above the new ones where they would collide.
+    """
+    known = scene.source < len(values)
+    if known.all():
+        return values[scene.source]
+    continuing = _continuing(scene)
+    own = scene.labels[~known & ~continuing]
+    top, least = int(values.max(initial=0)), int(own[own > 0].min(initial=np.iinfo(np.int32).max))
+    labels = np.empty(len(scene), np.int32)
+    labels[known] = values[scene.source[known]]
+    moved = np.where((own > 0) & (least <= top), own + (top - least + 1), own)
+    labels[~known & ~continuing] = moved
+    merged = _made(scene, merged=True)
+    _follow_neighbours(scene, continuing & merged, known, labels, State(0))
+    _follow_neighbours(scene, continuing & ~merged, known, labels, State.DELETED)
+    return labels
+
+
+def _follow_neighbours(
+    scene: Scene, made: BoolArray, among: BoolArray, labels: IntArray, without: State
+) -> None:
+    """Give ``made`` splats (N,) the group in ``labels`` (N,) of the nearest one ``among`` others
+    (N,) that was in the same group before; of one ``without`` these states if there is any."""
+    if not made.any():
+        return
+    # SciPy's import takes long: only where an edit made splats.
+    from scipy.spatial import cKDTree
+
+    means = np.nan_to_num(world_means(scene))
+    for group in np.unique(scene.labels[made]):
+        of = scene.labels == group
+        best = among & of & ~scene.has(without)
+        near = np.flatnonzero(best if best.any() else among & of)
+        found = labels[near]
+        if (found == found[0]).all():
+            labels[made & of] = found[0]
+        else:
+            _, places = cKDTree(means[near]).query(means[made & of])
+            labels[made & of] = found[places]
+
+
+def _continuing(scene: Scene) -> BoolArray:
+    """Splats (N,) that an edit made as part of a group that the opened file has splats of, or of
+    none as some of the file."""
+    made = _made(scene)
+    if made.any():
+        made &= np.isin(scene.labels, np.unique(scene.labels[scene.source < scene.n_opened]))
+    return made
+
+
+def _made(scene: Scene, *, merged: bool = False) -> BoolArray:
+    """Splats (N,) that an edit made, or only those that it ``merged``."""
+    made = np.zeros(len(scene), np.bool_)
+    for item in scene.added:
+        if item.is_merged if merged else item.is_made:
+            made |= (scene.source >= item.first) & (scene.source < item.first + item.n)
+    return made

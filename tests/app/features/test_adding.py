@@ -1,0 +1,178 @@
+"""Other kinds of files in the window: opened, added to the scene, and exported."""
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.export.export import objects_losses
+from gaga_core.export.options import ExportOptions
+from gaga_core.io.splats.splat_files import SplatFormat, read_splats, write_splats
+from gaga_core.scene.export_manifest import listed_files
+from gaga_core.scene.objects import group_indices
+from gaga_studio.features import camera, export, selection
+from gaga_studio.features import files as files_actions
+from gaga_studio.features.export import ExportPlan
+from gaga_studio.features.find import association
+from gaga_studio.session.session import Session
+from tests.pages import page_data
+from tests.scenes import random_gaussians
+
+
+def test_splats_of_another_file_come_as_one_undoable_edit(session: Session, tmp_path: Path) -> None:
+    write_splats(tmp_path / "chair.spz", random_gaussians(50, sh_degree=1))
+    scene = session.need().scene
+    n, state = len(scene), session.need().history.state_id
+    files_actions.add_splats(session, tmp_path / "chair.spz")
+    assert session.jobs.wait()
+    assert len(scene) == n + 50
+    assert np.array_equal(session.selected_indices(), np.arange(n, n + 50))
+    assert "chair" in {session.need().name_of(g) for g in session.selected_groups()}
+    assert session.unsaved
+    assert session.undo() == "Add chair.spz"
+    assert len(scene) == n
+    assert session.need().history.state_id == state
+
+
+def test_groups_are_found_next_to_added_splats(session: Session, tmp_path: Path) -> None:
+    write_splats(tmp_path / "chair.ply", random_gaussians(50))
+    scene = session.need().scene
+    n = len(scene)
+    files_actions.add_splats(session, tmp_path / "chair.ply")
+    assert session.jobs.wait()
+    association.associate(session)
+    assert session.jobs.wait()
+    assert (scene.labels[:n] > 0).any()
+    group = int(scene.labels[-1])
+    assert (scene.labels[n:] == group).all()
+    assert group not in scene.labels[:n]
+    assert session.need().name_of(group) == "chair"
+
+
+def test_an_export_says_before_what_it_loses(session: Session, tmp_path: Path) -> None:
+    plan = ExportPlan(tmp_path / "new" / "out.splat", form=SplatFormat.SPLAT)
+    told = export.summary(session, plan)
+    assert told.n_splats == int(session.need().scene.visible.sum())
+    assert "rounded" in " ".join(told.lost)
+    assert not plan.path.parent.exists(), "nothing is written before it is wanted"
+    assert export.start(session, plan)
+    assert session.jobs.wait()
+    assert len(read_splats(plan.path)) == told.n_splats
+    assert session.notices[-1].shows == plan.path
+    assert not export.summary(session, ExportPlan(tmp_path / "out.ply")).lost
+    inside = replace(plan, options=ExportOptions(crop=((-1, -1, -1), (0, 1, 1)), scale=3.0))
+    assert 0 < export.summary(session, inside).n_splats < told.n_splats
+
+
+def test_an_export_into_what_is_no_folder_is_told(session: Session, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("a file", encoding="utf-8")
+    assert not export.start(session, ExportPlan(tmp_path / "taken" / "out.ply"))
+    assert str(tmp_path / "taken") in session.notices[-1].text
+    assert session.jobs.running is None
+
+
+def test_exports_of_our_own_scene_go_where_they_are_found(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of the demo, which lies in a hidden folder; others stay with their scene."""
+    assert session.project is not None
+    assert session.project.folder is not None
+    root = session.project.folder.root
+    assert export.proposed(session, "scene", SplatFormat.SPZ).parent == root
+    monkeypatch.delenv("GAGA_HOME")
+    monkeypatch.setenv("XDG_DATA_HOME", str(root.parent / ".local"))
+    hidden = root.parent / ".local" / "gaga-studio" / "demo"
+    session.project.folder = replace(session.project.folder, root=hidden)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    assert export.folder(session) == tmp_path / "gaga-studio"
+    (tmp_path / "Papers").mkdir()
+    (tmp_path / "config").mkdir()
+    named = 'XDG_DOCUMENTS_DIR="$HOME/Papers"\n'
+    (tmp_path / "config" / "user-dirs.dirs").write_text(named)
+    assert export.folder(session) == tmp_path / "Papers" / "gaga-studio"
+
+
+def test_what_was_written_is_shown_in_its_folder(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if sys.platform != "linux":
+        pytest.skip("xdg-open is of Linux")
+    opened, program = tmp_path / "opened", tmp_path / "bin" / "xdg-open"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\necho "$1" > {opened}\n')
+    monkeypatch.setenv("PATH", str(program.parent))
+    written = tmp_path / "out.ply"
+    assert not export.show_in_folder(session, written), "not executable yet"
+    assert str(tmp_path) in session.notices[-1].text
+    program.chmod(0o755)
+    assert export.show_in_folder(session, written)
+    end = time.monotonic() + 10
+    while not (opened.exists() and opened.read_text()) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert opened.read_text().strip() == str(tmp_path)
+
+
+@pytest.mark.parametrize("form", [SplatFormat.COMPRESSED_PLY, SplatFormat.SPLAT, SplatFormat.SPZ])
+def test_objects_are_written_in_any_form(
+    associated: Session, tmp_path: Path, form: SplatFormat
+) -> None:
+    chosen = [int(group) for group in associated.objects().ids if group > 0][:2]
+    for group in chosen:
+        selection.select_groups(associated, (group,), "add")
+    scene = associated.need().scene
+    sh = scene.gaussians.sh.copy()
+    sh[group_indices(scene, chosen[0]), 0] = 9.0  # more than the small forms hold
+    scene.gaussians = replace(scene.gaussians, sh=sh)
+
+    plan = ExportPlan(tmp_path, "objects", form)
+    told = export.summary(associated, plan)
+    assert told.lost == objects_losses(scene, form, chosen)
+    assert told.n_files == 2
+    assert export.start(associated, plan)
+    assert associated.jobs.wait()
+    files = listed_files(tmp_path / "groups.json")
+    assert [file.name.endswith(form.suffix) for file in files] == [True, True]
+    counts = [len(group_indices(scene, group)) for group in chosen]
+    assert [len(read_splats(file)) for file in files] == counts
+    assert "2 files" in associated.notices[-1].text
+    assert associated.has_exported
+
+
+def test_a_broken_file_leaves_what_is_open(session: Session, tmp_path: Path) -> None:
+    write_splats(tmp_path / "a.spz", random_gaussians(50), SplatFormat.SPZ)
+    whole = (tmp_path / "a.spz").read_bytes()
+    (tmp_path / "a.spz").write_bytes(whole[: len(whole) // 2])
+    document = session.document
+    n = len(session.need().scene)
+    files_actions.add_splats(session, tmp_path / "a.spz")
+    session.jobs.wait()
+    session.open(tmp_path / "a.spz")
+    session.jobs.wait()
+    assert session.document is document
+    assert len(session.need().scene) == n
+    assert "truncated" in session.notices[-1].text
+
+
+def test_a_page_begins_with_the_present_view(associated: Session, tmp_path: Path) -> None:
+    """With the bookmarks of the project, the names of the list, and the size that was told."""
+    selection.select_groups(associated, (1,))
+    associated.rig.orbit(70, 20)
+    camera.add_bookmark(associated, "from here", 3)
+    associated.rig.orbit(-40, 5)
+    plan = ExportPlan(tmp_path / "page.html", form=SplatFormat.HTML)
+    told = export.summary(associated, plan)
+    assert export.start(associated, plan)
+    assert associated.jobs.wait()
+    page, _ = page_data(plan.path)
+    assert page["start"][:3] == pytest.approx(associated.rig.shot().eye, rel=1e-5)
+    assert [mark["name"] for mark in page["bookmarks"]] == ["from here"]
+    listed = {int(g) for g in associated.objects().ids}
+    assert {item["id"] for item in page["objects"]} == {0, *listed}
+    names = {item["id"]: item["name"] for item in page["objects"]}
+    assert all(names[g] == associated.need().name_of(g) for g in listed)
+    assert page["splats"]["count"] == told.n_splats
+    assert 0.6 < told.n_bytes / plan.path.stat().st_size < 1.5

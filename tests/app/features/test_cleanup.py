@@ -1,0 +1,232 @@
+"""Clean up: a preview that changes nothing, one entry when applied, and cleaning first."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.io.splats.ply import read_ply, write_ply
+from gaga_core.scene.objects import group_indices
+from gaga_core.scene.project import Project
+from gaga_core.scene.scene import State
+from gaga_studio.features import cleanup, export, objects, selection, transform
+from gaga_studio.features.commands import command, run
+from gaga_studio.features.transform import shift
+from gaga_studio.session.document import Document
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import load_settings
+from tests.app.floaters import GROUP, PER, planted
+from tests.app.looks import finish, snapshot
+
+
+@pytest.fixture
+def floating(new_session: Callable[[], Session], tmp_path: Path) -> tuple[Session, np.ndarray]:
+    """A session in which the object with the floaters is selected, and the floaters."""
+    scene, rows = planted()
+    session = new_session()
+    model = tmp_path / "balls.ply"
+    write_ply(model, scene.gaussians)
+    project = Project(model_path=model, scene=scene, path=tmp_path / "balls.gaga", folder=None)
+    session.document = Document(project)
+    selection.select_groups(session, (GROUP,))
+    return session, rows
+
+
+def preview(session: Session) -> None:
+    assert run("object.clean", session)
+    finish(session)
+    assert cleanup.shown(session) is not None, [n.text for n in session.notices]
+
+
+def test_a_preview_is_seen_and_leaves_nothing(floating: tuple[Session, np.ndarray]) -> None:
+    session, rows = floating
+    scene, history = session.need().scene, session.need().history
+    before, cursor = snapshot(scene), history.cursor
+    preview(session)
+    found = cleanup.shown(session)
+    assert found is not None
+    assert np.isin(rows, found.remove).mean() > 0.9
+    assert snapshot(scene) != before, "the preview is in the picture"
+    run("edit.cancel", session)
+    assert cleanup.shown(session) is None
+    assert snapshot(scene) == before
+    assert history.cursor == cursor
+    assert session.selected_groups() == (GROUP,)
+
+
+def test_apply_is_one_entry_that_undo_restores(floating: tuple[Session, np.ndarray]) -> None:
+    session, rows = floating
+    scene, history = session.need().scene, session.need().history
+    before, cursor = snapshot(scene), history.cursor
+    preview(session)
+    found = cleanup.shown(session)
+    assert found is not None
+    assert run("object.clean_apply", session)
+    assert cleanup.shown(session) is None
+    assert history.cursor == cursor + 1
+    assert history.undo_title == f"Clean group {GROUP}"
+    assert (scene.labels[rows] == 0).mean() > 0.9
+    np.testing.assert_array_equal(group_indices(scene, GROUP), found.after)
+    np.testing.assert_array_equal(session.selected_indices(), found.after)
+    assert (scene.placement == 0).all(), "the colors of the preview are gone"
+    session.need().undo()
+    assert snapshot(scene) == before
+    assert not session.unsaved
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda s: selection.select_groups(s, (1,)),
+        Session.undo,
+        objects.hide,
+        lambda s: transform.preview_move(s, shift(np.array([1.0, 0.0, 0.0]))),
+        lambda s: s.save(),
+    ],
+    ids=["select", "undo", "hide", "drag", "save"],
+)
+def test_whatever_is_done_next_ends_the_preview(
+    floating: tuple[Session, np.ndarray], other: Callable[[Session], object]
+) -> None:
+    session, _ = floating
+    preview(session)
+    other(session)
+    assert cleanup.shown(session) is None
+    assert command("object.clean_apply").enabled(session)
+    session.cancel_preview()
+    assert (session.need().scene.placement == 0).all()
+    session.jobs.wait()
+
+
+def test_a_preview_never_becomes_an_entry_by_the_end_of_a_drag(
+    floating: tuple[Session, np.ndarray],
+) -> None:
+    session, _ = floating
+    preview(session)
+    cursor = session.need().history.cursor
+    assert not session.commit_preview()
+    assert session.need().history.cursor == cursor
+    assert cleanup.shown(session) is not None
+
+
+def test_what_changed_meanwhile_is_not_cleaned(floating: tuple[Session, np.ndarray]) -> None:
+    session, _ = floating
+    run("object.clean", session)
+    selection.select_groups(session, (1,))
+    assert session.jobs.wait()
+    assert cleanup.shown(session) is None
+    assert "changed" in session.notices[-1].text
+
+
+def test_a_clean_object_gets_a_sentence_and_no_preview(
+    floating: tuple[Session, np.ndarray],
+) -> None:
+    session, _ = floating
+    preview(session)
+    cleanup.apply(session)
+    for _ in range(3):  # what one pass leaves, if anything
+        run("object.clean", session)
+        finish(session)
+        if not cleanup.apply(session):
+            break
+    assert session.notices[-1].text.startswith("Nothing to clean")
+
+
+def test_it_needs_one_object(floating: tuple[Session, np.ndarray]) -> None:
+    session, _ = floating
+    selection.select_groups(session, (1,), "add")
+    assert "2 objects" in command("object.clean").enabled(session)
+    cleanup.start(session)
+    assert session.jobs.running is None
+    selection.select_none(session)
+    assert "Nothing is selected" in command("object.clean").enabled(session)
+
+
+def test_the_choice_is_kept(floating: tuple[Session, np.ndarray]) -> None:
+    session, _ = floating
+    assert not session.settings.clean_first
+    run("object.clean_first", session)
+    assert load_settings()[0].clean_first
+    run("object.clean_first", session)
+    assert not load_settings()[0].clean_first
+
+
+@pytest.mark.parametrize("act", ["object.isolate", "edit.delete"])
+def test_objects_are_cleaned_first_as_one_entry(
+    floating: tuple[Session, np.ndarray], act: str
+) -> None:
+    session, rows = floating
+    scene, history = session.need().scene, session.need().history
+    before, cursor = snapshot(scene), history.cursor
+    run("object.clean_first", session)
+    run(act, session)
+    finish(session)
+    assert history.cursor == cursor + 1
+    assert (scene.labels[rows] == 0).mean() > 0.9
+    if act == "object.isolate":
+        assert set(np.unique(scene.labels[scene.visible])) == {GROUP}
+        np.testing.assert_array_equal(np.flatnonzero(scene.visible), session.selected_indices())
+    else:
+        assert scene.has(State.DELETED)[rows].all(), "no floater is left in the air"
+        assert len(group_indices(scene, GROUP)) == 0
+    session.need().undo()
+    assert snapshot(scene) == before
+
+
+def test_without_the_choice_nothing_is_cleaned(floating: tuple[Session, np.ndarray]) -> None:
+    session, rows = floating
+    run("object.isolate", session)
+    assert session.jobs.running is None
+    assert session.need().scene.visible[rows].all()
+
+
+def test_a_part_of_an_object_is_left_as_chosen(floating: tuple[Session, np.ndarray]) -> None:
+    session, rows = floating
+    run("object.clean_first", session)
+    session.need().select(rows, "remove")
+    chosen = session.selected_indices()
+    run("edit.delete", session)
+    assert session.jobs.running is None
+    np.testing.assert_array_equal(np.flatnonzero(session.need().scene.has(State.DELETED)), chosen)
+
+
+@pytest.mark.parametrize("what", ["selected", "objects"])
+def test_exports_are_cleaned_and_the_scene_is_not(
+    floating: tuple[Session, np.ndarray], tmp_path: Path, what: str
+) -> None:
+    session, rows = floating
+    scene = session.need().scene
+    run("object.clean_first", session)
+    before = snapshot(scene)
+    high = scene.gaussians.means[rows, 2].min()
+    if what == "selected":
+        target = tmp_path / "ball.ply"
+        export.export(session, "selected", target)
+    else:
+        export.export(session, "objects", tmp_path / "objects")
+        target = tmp_path / "objects" / f"group-{GROUP}.ply"
+    finish(session)
+    written = read_ply(target)
+    assert PER * 0.8 < len(written) < PER
+    assert (written.means[:, 2] >= high).mean() < 0.01
+    assert snapshot(scene) == before
+
+
+def test_a_save_is_without_the_colors_of_the_preview(
+    floating: tuple[Session, np.ndarray], tmp_path: Path
+) -> None:
+    session, _ = floating
+    preview(session)
+    target = tmp_path / "all.ply"
+    export.export(session, "scene", target)
+    finish(session)
+    np.testing.assert_array_equal(read_ply(target).sh, session.need().scene.gaussians.sh)
+
+
+def test_cleaning_is_imported_when_it_runs() -> None:
+    code = "import sys, gaga_studio.studio; print('gaga_core.scene.cleanup' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

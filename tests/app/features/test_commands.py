@@ -1,0 +1,293 @@
+"""The command table: no key twice, no disabled command without a reason, none that fails."""
+
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from PIL import ImageFont
+
+from gaga_core.assets import assets
+from gaga_studio.features import objects, selection
+from gaga_studio.features.commands import COMMANDS, MENUS, command, for_shortcut, run
+from gaga_studio.features.find import association, masks
+from gaga_studio.session.session import Session
+from gaga_studio.session.view import Mode, ToolName, ViewState
+from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.kit import icons
+
+# What can be done with nothing open.
+_ALWAYS = {
+    "object.models",
+    "file.open_folder",
+    "file.open_file",
+    "file.demo",
+    "file.quit",
+    "edit.preferences",
+    "view.panels",
+    "view.info",
+    "view.background",
+    "view.cube",
+    "camera.faster",
+    "camera.slower",
+    "object.clean_first",
+    "object.fill_continue",
+    "object.fill_model",
+    "object.children_go_along",
+    "tool.splats",
+    "tool.visible_only",
+    "tool.smaller_brush",
+    "tool.larger_brush",
+    "tool.snap",
+    "tool.local_axes",
+    "tool.reset_pivot",
+    "help.palette",
+    "help.shortcuts",
+    "help.first_steps",
+    "help.about",
+}
+
+
+def test_ids_titles_and_keys_are_unique() -> None:
+    for names in (
+        [c.id for c in COMMANDS],
+        [c.title for c in COMMANDS],
+        [k for c in COMMANDS for k in (c.shortcut, *c.aliases) if k],
+    ):
+        assert [name for name, n in Counter(names).items() if n > 1] == []
+
+
+def test_keys_are_written_in_one_way() -> None:
+    named = r"F\d|Delete|Backspace|Enter|Escape|Tab|Home|Left|Right"
+    pattern = rf"(Ctrl\+)?(Shift\+)?(Alt\+)?([A-Z0-9/,.[\]]|{named})"
+    for c in COMMANDS:
+        for keys in (c.shortcut, *c.aliases):
+            assert not keys or re.fullmatch(pattern, keys), keys
+
+
+def test_with_nothing_open_every_disabled_command_says_why(
+    new_session: Callable[[], Session],
+) -> None:
+    session = new_session()
+    assert {c.id for c in COMMANDS if not c.enabled(session)} == _ALWAYS
+    for c in COMMANDS:
+        reason = c.enabled(session)
+        assert not reason or re.fullmatch(r"[A-Z].*\.", reason), (c.id, reason)
+
+
+def test_a_disabled_command_does_nothing_but_tell(new_session: Callable[[], Session]) -> None:
+    session = new_session()
+    assert not run("edit.delete", session)
+    assert session.hint == "No scene is open."
+
+
+def test_reasons_follow_the_selection(session: Session) -> None:
+    association.associate(session)
+    assert session.jobs.wait()
+    first, second = session.objects().ids[1:3]
+    assert "Nothing is selected" in command("edit.delete").enabled(session)
+    assert command("object.merge").enabled(session)
+    selection.select_groups(session, (int(first),))
+    assert not command("edit.delete").enabled(session)
+    assert not command("object.rename").enabled(session)
+    assert "two objects" in command("object.merge").enabled(session)
+    selection.select_groups(session, (int(second),), "add")
+    assert "2 objects" in command("object.rename").enabled(session)
+    assert not command("object.merge").enabled(session)
+    assert command("edit.undo").title_now(session).startswith("Undo Select")
+    assert "hidden" in command("object.show_all").enabled(session)
+    objects.hide(session)
+    assert not command("object.show_all").enabled(session)
+
+
+def test_a_film_needs_a_path_or_photos_that_are_here(session: Session) -> None:
+    film, project = command("camera.film"), session.project
+    assert project is not None
+    assert project.folder is not None
+    assert film.enabled(session) == ""
+    project.folder = replace(project.folder, image_paths={})
+    assert "keyframes" in film.enabled(session)
+
+
+def test_while_a_job_runs_what_needs_one_says_so(session: Session) -> None:
+    association.associate(session)
+    assert "running" in command("file.export_scene").enabled(session)
+    assert not command("file.save").enabled(session)
+    assert not command("job.cancel").enabled(session)
+    session.jobs.cancel()
+    assert session.jobs.wait()
+    assert not command("file.save").enabled(session)
+
+
+_NEEDS_MORE = {
+    "view.lod",  # more than two million splats
+    "view.build_lod",
+    "object.make",
+    *(f"camera.bookmark_{key}" for key in range(1, 10)),
+    "camera.play",
+    "file.make_splats",
+    "file.make_splats_as",
+    "camera.clear_path",
+    "camera.save_path",
+    "camera.film",
+    "camera.split_truth",
+    "camera.split_errors",
+    "camera.split_before",
+    "job.cancel",
+    "object.show_all",
+    "object.clean_apply",
+    "object.fill_apply",
+    "object.fill_lighten",
+    "object.find_in_view",
+    "object.index",
+    "object.labels_votes",
+    "object.labels_identities",
+    "view.identity",
+    "view.identity_centres",
+    "object.masks_model",
+    "object.name_all",
+    "object.folder_out",
+    "object.add_views",
+    "object.leave_parent",
+    "select.children",
+    "object.folder_delete",
+    "view.folder_colors",
+    "edit.confirm",
+    "tool.remove_corner",
+    "tool.origin_here",
+    "tool.pivot_here",
+    "object.unlock_all",
+    "object.split",
+    "object.split_here",
+    "object.join_here",
+    "object.split_masks",
+    "object.worst_view",
+    "select.alike",
+    "tool.click_model",
+}
+
+
+def _start_again(session: Session) -> None:
+    """Two objects are selected, as the last entry; everything else is as it was opened."""
+    session.cancel_preview()
+    session.need().go_to(0)
+    session.tool, session.view, session.live = ToolName.PICK, ViewState(), None
+    session.rig.is_flying = False
+    if session.provider != "made":
+        masks.choose(session, "made")
+    for group in session.objects().ids[1:3]:
+        selection.select_groups(session, (int(group),), "add")
+    objects.hide(session)
+    session.undo()
+
+
+# Making the demo takes long: tests/core/demo/test_demo.py does it.
+@pytest.mark.parametrize("menu", MENUS)
+def test_every_command_runs_on_an_open_scene(associated: Session, menu: str) -> None:
+    session = associated
+    ends = {"file.close": 1, "file.quit": 2}
+    for wanted in sorted(MENUS[menu], key=lambda c: ends.get(c.id, 0)):
+        if wanted.id == "file.demo":
+            continue
+        _start_again(session)
+        if wanted.id in {"object.rename", "object.clean"}:
+            selection.select_groups(session, (int(session.objects().ids[1]),))
+        if wanted.enabled(session):
+            assert wanted.id in _NEEDS_MORE, wanted.enabled(session)
+            continue
+        n_notices = len(session.notices)
+        assert run(wanted.id, session), wanted.id
+        assert session.jobs.wait()
+        assert all(n.level != "error" for n in session.notices[n_notices:]), wanted.id
+        if session.document is None:
+            break
+
+
+@pytest.mark.parametrize("state", ["session", "associated"])
+def test_every_disabled_command_has_a_reason_that_is_a_sentence(
+    state: str, request: pytest.FixtureRequest
+) -> None:
+    open_now: Session = request.getfixturevalue(state)
+    reasons = {c.id: c.enabled(open_now) for c in COMMANDS}
+    for id_, reason in reasons.items():
+        assert not reason or (reason[0].isupper() and reason.endswith(".")), (id_, reason)
+    assert sum(map(bool, reasons.values())) > 20
+
+
+def test_icons_are_drawn_by_the_font_and_stand_where_menus_are_short() -> None:
+    font = ImageFont.truetype(str(assets() / "fonts" / "lucide.ttf"), 20)
+    drawn = {name: sign for name, sign in vars(icons).items() if name.isupper() and sign.strip()}
+    assert [n for n, sign in drawn.items() if font.getmask(sign).getbbox() is None] == []
+    short = {*command_buttons.OBJECT_MENU, *command_buttons.SCENE_MENU, *command_buttons.SPLITS}
+    assert short - {"", *command_buttons.ICONS} == set()
+    assert set(command_buttons.ICONS) <= {c.id for c in COMMANDS}
+
+
+def test_shortcuts_find_their_command(associated: Session) -> None:
+    for c in COMMANDS:
+        for keys in (c.shortcut, *c.aliases):
+            assert not keys or for_shortcut(keys, associated) is c
+    assert for_shortcut("Ctrl+Alt+X", associated) is None
+
+
+def test_while_flying_the_fly_keys_are_not_shortcuts(associated: Session) -> None:
+    assert for_shortcut("Shift+D", associated) is command("edit.duplicate")
+    run("view.fly", associated)
+    assert for_shortcut("Shift+D", associated) is None
+    assert for_shortcut("Ctrl+D", associated) is command("select.none")
+    assert for_shortcut("V", associated) is command("view.fly")
+
+
+def test_escape_ends_the_innermost_thing_first(associated: Session) -> None:
+    session = associated
+    selection.select_groups(session, (int(session.objects().ids[1]),))
+    run("tool.move", session)
+    run("view.fly", session)
+    run("edit.cancel", session)
+    assert not session.rig.is_flying
+    assert [c.id for c in MENUS["Tools"] if c.is_on and c.is_on(session)] == ["tool.move"]
+    run("edit.cancel", session)
+    assert session.tool == ToolName.PICK
+    assert session.selected_groups()
+    run("edit.cancel", session)
+    assert not session.selected_groups()
+    assert not run("edit.cancel", session)
+
+
+def test_render_modes(associated: Session) -> None:
+    run("view.groups", associated)
+    assert associated.view.mode is Mode.GROUPS
+    assert command("view.groups").is_on is not None
+    run("object.lift", associated)  # without it there are no encodings to show
+    assert associated.jobs.wait()
+    seen = set()
+    for _ in Mode:
+        run("view.next_mode", associated)
+        seen.add(associated.view.mode)
+    assert seen == set(Mode)
+
+
+@pytest.mark.parametrize(
+    ("id_", "field"),
+    [
+        ("view.frusta", "show_frusta"),
+        ("view.outline", "show_outline"),
+        ("view.panels", "show_panels"),
+        ("view.info", "show_info"),
+        ("view.cube", "show_cube"),
+        ("tool.splats", "takes_splats"),
+        ("tool.visible_only", "visible_only"),
+        ("tool.snap", "snaps"),
+        ("tool.local_axes", "local_axes"),
+    ],
+)
+def test_a_switch_flips_one_field_and_back(session: Session, id_: str, field: str) -> None:
+    switch, before = command(id_), replace(session.view)
+    assert switch.is_on is not None
+    for _ in range(2):
+        was_on = switch.is_on(session)
+        assert run(id_, session)
+        assert switch.is_on(session) is not was_on
+        assert getattr(session.view, field) is not was_on
+        assert replace(session.view, **{field: getattr(before, field)}) == before

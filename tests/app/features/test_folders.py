@@ -1,0 +1,232 @@
+"""Folders in the session: made of a selection, chosen, filled, hidden, locked, colored, listed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaga_core.grouping.levels import Levels
+from gaga_core.scene import edits
+from gaga_core.scene.objects import folder_colors, group_indices
+from gaga_core.scene.scene import State
+from gaga_studio.features import commands, folders, object_list, objects, selection
+from gaga_studio.features.object_list import Lines, ListFilter, ObjectListView
+from gaga_studio.session.notices import Request
+from gaga_studio.session.session import Session
+from tests.app.looks import objects_of, scene_of
+
+
+def _lines(session: Session, *, falls: bool = False) -> Lines:
+    table = session.objects()
+    return object_list.lines(session, table, "name", falls)
+
+
+def _shown(session: Session, *, falls: bool = False) -> list[str]:
+    table, lines = session.objects(), _lines(session, falls=falls)
+    return [
+        "  " * line.depth
+        + (f"[{line.folder}]" if line.kind == "folder" else str(table.ids[line.row]))
+        for line in lines.lines
+    ]
+
+
+def test_the_selection_goes_into_a_new_folder_whose_name_is_asked_for(
+    associated: Session,
+) -> None:
+    scene = scene_of(associated)
+    selection.select_groups(associated, (2, 3))
+    assert commands.run("object.folder", associated)
+    assert associated.take_request() is Request.RENAME
+    assert folders.chosen(associated) == ("Folder",)
+    assert folders.rename(associated, "Folder", "Kitchen")
+    assert folders.chosen(associated) == ("Kitchen",)
+    selection.select_groups(associated, (3,))
+    assert commands.run("object.folder", associated), "inside of the folder of what is selected"
+    assert scene.folders.home == {2: "Kitchen", 3: "Kitchen/Folder"}
+    assert commands.run("object.folder_out", associated), "a chosen folder"
+    assert scene.folders.home == {2: "Kitchen", 3: "Folder"}
+    selection.select_groups(associated, (2,))
+    assert commands.run("object.folder_out", associated)
+    assert commands.command("object.folder_out").enabled(associated)
+    assert scene.folders.home == {3: "Folder"}
+    selection.select_groups(associated, (3,))
+    assert commands.run("object.folder_delete", associated)
+    assert (scene.folders.paths, scene.folders.home) == (("Kitchen",), {})
+    assert associated.unsaved
+    while associated.undo() is not None:
+        pass
+    assert scene.folders.paths == ()
+
+
+def test_a_folder_is_chosen_while_its_objects_are_selected(associated: Session) -> None:
+    folders.put_in(associated, "A", (2, 3))
+    folders.put_in(associated, "A/B", (4,))
+    folders.put_in(associated, "C", (5,))
+    folders.choose(associated, "A")
+    assert associated.selected_groups() == (2, 3, 4)
+    folders.choose(associated, "C", "add")
+    assert folders.chosen(associated) == ("A", "C")
+    folders.choose(associated, "A", "remove")
+    assert folders.chosen(associated) == ("C",)
+    assert associated.selected_groups() == (5,)
+    selection.select_groups(associated, (2,), "add")
+    assert folders.chosen(associated) == ()
+    assert folders.of_selection(associated) == (), "objects of two folders"
+
+
+def test_a_folder_that_goes_elsewhere_stays_chosen_and_closed(associated: Session) -> None:
+    scene = scene_of(associated)
+    folders.put_in(associated, "A/B/C", (2, 3))
+    folders.put_in(associated, "C", (4,))
+    associated.need().feature(ObjectListView).toggle("A/B/C")
+    folders.choose(associated, "A/B/C")
+    for place in ("A/C", "C 2"):  # the same command twice takes the folder out, not its objects
+        assert commands.run("object.folder_out", associated)
+        assert scene.folders.home == {2: place, 3: place, 4: "C"}
+        assert folders.chosen(associated) == (place,)
+        assert place in associated.need().feature(ObjectListView).closed
+
+
+def test_eye_lock_and_solo_of_a_folder_act_on_all_in_it(associated: Session) -> None:
+    scene = scene_of(associated)
+    folders.put_in(associated, "A", (2,))
+    folders.put_in(associated, "A/B", (3,))
+    inside, all_groups = {2, 3}, set(objects_of(associated))
+    objects.set_hidden(associated, "A", True)
+    assert set(np.unique(scene.labels[scene.has(State.HIDDEN)])) == inside
+    objects.set_hidden(associated, "A", False)
+    assert scene.visible.all()
+    objects.set_locked(associated, "A/B", True)
+    assert set(np.unique(scene.labels[scene.has(State.LOCKED)])) == {3}
+    objects.set_locked(associated, "A", False)
+    objects.isolate_item(associated, "A")
+    assert set(np.unique(scene.labels[scene.visible])) == inside
+    sums = folders.sums(associated)
+    assert folders.is_alone(associated.objects(), sums["A"])
+    assert not folders.is_alone(associated.objects(), sums["A/B"])
+    objects.isolate_item(associated, "A")
+    assert all_groups <= set(np.unique(scene.labels[scene.visible]))
+
+
+def test_the_list_has_folders_by_name_before_objects(associated: Session) -> None:
+    n = len(objects_of(associated))
+    folders.put_in(associated, "Shelf 10", (4,))
+    folders.put_in(associated, "Shelf 9/Left", (2, 3))
+    rest = [str(g) for g in objects_of(associated) if g not in (2, 3, 4)]
+    tail = [*rest, *["0"] * int(0 in associated.objects().ids)]
+    assert _shown(associated) == [
+        "[Shelf 9]", "  [Shelf 9/Left]", "    2", "    3", "[Shelf 10]", "  4", *tail,
+    ]  # fmt: skip
+    assert _shown(associated, falls=True)[:2] == ["[Shelf 10]", "  4"]
+    listing = associated.need().feature(ObjectListView)
+    listing.toggle("Shelf 9")
+    assert _shown(associated) == ["[Shelf 9]", "[Shelf 10]", "  4", *tail]
+    folders.rename(associated, "Shelf 9", "Top")
+    assert _shown(associated)[2] == "[Top]", "a closed folder stays closed under its new name"
+    sums = folders.sums(associated)
+    table = associated.objects()
+    of = {int(g): int(count) for g, count in zip(table.ids, table.counts, strict=True)}
+    assert (sums["Top"].n_objects, sums["Top"].n_splats) == (2, of[2] + of[3])
+    assert _lines(associated).n_kept == n
+
+
+def test_lines_are_made_again_only_when_the_list_changes(associated: Session) -> None:
+    before = _lines(associated)
+    selection.select_groups(associated, (2,))
+    assert _lines(associated) is before
+    folders.put_in(associated, "A", (2,))
+    assert _lines(associated) is not before
+
+
+def test_a_filter_lists_what_is_in_all_its_ranges(associated: Session) -> None:
+    folders.put_in(associated, "Full", (2, 3))
+    folders.put_in(associated, "Empty", (4,))
+    listing, table = associated.need().feature(ObjectListView), associated.objects()
+    listing.toggle("Full")
+    found = object_list.measures(associated, table)
+    counts = found["splats"][[table.ids.tolist().index(g) for g in (2, 3)]]
+    whole = object_list.whole_range(table, "splats", found["splats"])
+    assert whole is not None
+    listing.filter = ListFilter().within("splats", (float(min(counts)), float(max(counts))), whole)
+    kept = object_list.kept_rows(associated, table)
+    assert kept is not None
+    wanted = {int(g) for g in table.ids[kept]}
+    assert {2, 3} <= wanted
+    assert wanted == {
+        int(g)
+        for g, n in zip(table.ids, table.counts, strict=True)
+        if g > 0 and min(counts) <= n <= max(counts)
+    }
+    shown = _lines(associated)
+    assert set(shown.shown) == wanted
+    assert shown.n_kept == len(wanted)
+    assert [line.folder for line in shown.lines if line.kind == "folder"] == (
+        ["Full"] if 4 not in wanted else ["Empty", "Full"]
+    ), "open while it is filtered, and folders without a kept object are left out"
+    listing.filter = listing.filter.within("quality", (0.5, 1.0), (0.0, 1.0))
+    assert _lines(associated).n_kept == 0, "nothing is measured"
+    listing.filter = listing.filter.within("quality", (0.0, 1.0), (0.0, 1.0))
+    assert listing.filter.within("splats", whole, whole) == ListFilter(), "all is no filter"
+
+
+def test_confidence_of_groups_is_the_mean_of_their_splats(associated: Session) -> None:
+    scene, table = scene_of(associated), associated.objects()
+    rng = np.random.default_rng(0)
+    scene.confidence = rng.integers(0, 255, scene.n_opened, np.uint8)
+    values = object_list.measures(associated, table)
+    for row in range(len(table)):
+        rows = group_indices(scene, int(table.ids[row]))
+        assert values["confidence"][row] == pytest.approx(scene.confidence[rows].mean() / 255)
+
+
+def test_groups_have_the_colors_of_their_folders(associated: Session) -> None:
+    scene = scene_of(associated)
+    associated.need().do(edits.set_color(scene, 2, (1.0, 0.0, 0.0)))
+    assert commands.command("view.folder_colors").enabled(associated)
+    folders.put_in(associated, "A", (2, 3))
+    folders.put_in(associated, "B", (4,))
+    plain = associated.objects().colors.copy()
+    assert 2 not in associated.muted_colors(), "its own color"
+    assert commands.run("view.folder_colors", associated)
+    table = associated.objects()
+    np.testing.assert_array_equal(table.colors, folder_colors(scene.folders, table.ids))
+    shown = associated.muted_colors()
+    for group in objects_of(associated):
+        np.testing.assert_allclose(shown[group], table.colors[table.row(group)])
+    commands.run("view.folder_colors", associated)
+    np.testing.assert_array_equal(associated.objects().colors, plain)
+
+
+def test_parts_are_listed_under_their_object_and_split_here_makes_them_real(
+    associated: Session,
+) -> None:
+    scene, document = scene_of(associated), associated.need()
+    assert object_list.part_index(associated) is None
+    rows = group_indices(scene, 2)
+    half, quarter = scene.labels.copy(), scene.labels.copy()
+    half[rows[len(rows) // 2 :]] = 100
+    quarter[:] = half
+    quarter[rows[: len(rows) // 4]] = 101
+    levels = Levels(np.stack([scene.labels, half, quarter]), 0)
+    assert scene.bank is not None
+    bank = replace(scene.bank, levels=levels)
+    document.do(edits.set_grouping(scene, scene.labels, bank, title="x"))
+    parts = object_list.part_index(associated)
+    assert parts is not None
+    one, two = parts.parts(2)
+    assert sorted([*one.rows, *two.rows]) == rows.tolist()
+    assert parts.parts(3) == ()
+    whole = max((one, two), key=lambda p: len(parts.parts(p)))
+    assert len(parts.parts(whole)) == 2, "a part has parts, too"
+
+    document.feature(ObjectListView).toggle_parts((2,))
+    lines = _lines(associated)
+    at = lines.groups.index(2)
+    assert [line.kind for line in lines.lines[at : at + 4]] == ["object", "part", "part", "object"]
+    object_list.select_part(associated, two, "thing")
+    assert np.array_equal(associated.selected_indices(), two.rows)
+    assert document.focus == 2
+    before = {tuple(one.rows), tuple(two.rows)}
+    assert commands.run("object.split_here", associated)
+    new = {tuple(group_indices(scene, int(g))) for g in np.unique(scene.labels[rows])}
+    assert new == before

@@ -1,0 +1,121 @@
+"""Identities in the session: trained after the paper's groups, chosen, undone, saved."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.identity.field import load_identity
+from gaga_core.identity.train import FILE as CHECKPOINT
+from gaga_core.scene.scene import Scene
+from gaga_studio.features.commands import command, run
+from gaga_studio.features.find import association
+from gaga_studio.features.find.association import FindOptions, FindState, lift_mode
+from gaga_studio.session.session import Session
+from gaga_studio.session.settings import Settings
+from gaga_studio.session.view import Mode
+
+
+def _quickly(session: Session, iterations: int = 12) -> None:
+    """As the preset paper has it, but for fewer steps."""
+    session.settings = replace(session.settings, identities="preset")
+    lift = session.feature(FindState).options.lift.switched(iterations)
+    session.feature(FindState).options = FindOptions(lift=lift)
+
+
+def _scene(session: Session) -> Scene:
+    assert session.scene is not None
+    return session.scene
+
+
+def test_what_the_presets_ask_for() -> None:
+    assert FindOptions().lift.paper.iterations == 10_000
+    assert lift_mode(Settings(preset="paper")) == "paper"
+    assert lift_mode(Settings(preset="robust")) is None
+    assert lift_mode(Settings(preset="robust", identities="vote")) == "vote"
+    config = FindOptions(threshold=0.3, inlier_factor=2.0, order="coverage").association("paper")
+    assert (config.threshold, config.gate.iqr_factor, config.order) == (0.3, 2.0, "coverage")
+    assert FindOptions().association("paper").depth == "expected"
+
+
+def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Session) -> None:
+    groups_only = association.stage_offer(session)
+    _quickly(session, 10_000)
+    whole = association.stage_offer(session)
+    assert groups_only is not None
+    assert whole is not None
+    assert whole.seconds == groups_only.seconds + 200  # the training is in the estimate
+    _quickly(session)
+    association.associate(session)
+    assert session.jobs.wait(), session.notices
+    scene, document = _scene(session), session.need()
+    assert scene.identities.source == "identities"
+    folder = document.project.folder
+    assert folder is not None
+    stored = load_identity(folder.work / "identity.npz")
+    assert np.array_equal(scene.labels, stored.labels)
+    assert not (folder.work / CHECKPOINT).exists()
+    run("view.identity", session)
+    assert session.view.mode is Mode.IDENTITY
+    assert scene.identities.other is not None
+    votes = scene.identities.other.labels
+    assert not np.array_equal(votes, scene.labels)
+    run("object.labels_votes", session)
+    assert np.array_equal(scene.labels, votes)
+    assert command("object.labels_votes").is_on(session)  # type: ignore[misc]
+    for _ in range(2):  # the choice, then the lift
+        session.undo()
+    assert scene.identities.other is None
+    assert np.array_equal(scene.labels, votes)
+    assert "Lift the groups" in command("view.identity").enabled(session)
+    for _ in range(2):
+        session.redo()
+    association.associate(session, preset="robust")
+    assert session.jobs.wait()
+    assert scene.identities.source == "votes"
+    assert scene.identities.other is None
+
+
+def test_a_choice_of_labels_is_saved(session: Session, scene_folder: Path) -> None:
+    _quickly(session)
+    association.associate(session)
+    assert session.jobs.wait()
+    association.use_labels(session, "votes")
+    before = _scene(session)
+    session.save()
+    assert session.jobs.wait()
+    session.open(scene_folder)
+    assert session.jobs.wait()
+    after = _scene(session)
+    assert after is not before
+    assert after.identities.source == "votes"
+    assert np.array_equal(after.labels, before.labels)
+    association.use_labels(session, "identities")
+    assert before.identities.other is not None
+    assert np.array_equal(after.labels, before.identities.other.labels)
+
+
+def test_cancel_keeps_the_groups_and_a_next_training_goes_on(session: Session) -> None:
+    _quickly(session, 100_000)
+    association.associate(session)
+    while (job := session.jobs.running) is None or "loss" not in job.message:
+        session.jobs.poll()
+    session.jobs.cancel()
+    assert session.jobs.wait()
+    scene, folder = _scene(session), session.need().project.folder
+    assert folder is not None
+    assert scene.labels.max() > 0
+    assert scene.identities.other is None
+    assert (folder.work / CHECKPOINT).is_file()
+    _quickly(session)  # fewer steps than it has: they are done at once
+    association.lift(session)
+    assert session.jobs.wait()
+    assert scene.identities.source == "identities"
+
+
+@pytest.mark.parametrize("name", ["object.lift", "object.labels_identities"])
+def test_without_groups_the_reason_is_said(session: Session, name: str) -> None:
+    assert "Find objects" in command(name).enabled(session) or "Lift" in command(name).enabled(
+        session
+    )

@@ -1,0 +1,223 @@
+"""Masks from the window: made, tried, resumed, imported, chosen, exported; what is said of them."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.io.masks.label_maps import read_labels, write_labels
+from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings
+from gaga_core.segmentation.models.catalogue import KNOWN
+from gaga_core.segmentation.regions import RegionsConfig
+from gaga_studio.features.find import association, masks
+from gaga_studio.features.find.masks import MaskPreview, MaskRequest
+from gaga_studio.session.session import Session
+
+
+@pytest.fixture
+def bare(new_session: Callable[[], Session], scene_folder: Path) -> Session:
+    """The small scene without any masks."""
+    shutil.rmtree(scene_folder / "masks")
+    return _opened(new_session, scene_folder)
+
+
+def _opened(new_session: Callable[[], Session], folder: Path) -> Session:
+    session = new_session()
+    session.open(folder)
+    assert session.jobs.wait()
+    assert session.document is not None, session.notices
+    return session
+
+
+def _root(session: Session) -> Path:
+    assert session.project is not None
+    assert session.project.folder is not None
+    return session.project.folder.root
+
+
+def test_without_masks_the_offer_makes_regions_and_then_finds_objects(bare: Session) -> None:
+    offer = association.stage_offer(bare)
+    assert offer is not None
+    assert offer.command == "object.masks_quick"
+    assert offer.label.startswith("Make masks (now, without a model, about ")
+    assert [command for _, command in offer.more] == ["object.masks_model", "object.masks"]
+    masks.make(bare)
+    assert bare.jobs.wait()
+    assert bare.provider == "regions"
+    assert len(bare.masks) == len(masks.photos_of(bare, "train")) > 0
+    offer = association.stage_offer(bare)
+    assert offer is not None
+    assert offer.command == "object.associate"
+    association.associate(bare)
+    assert bare.jobs.wait()
+    assert bare.document is not None
+    assert bare.document.read.has_groups()
+
+
+def test_a_cancelled_run_keeps_what_is_done_and_goes_on_from_there(bare: Session) -> None:
+    masks.make(bare, MaskRequest(use_depth=False))
+    while bare.jobs.running is not None and bare.jobs.running.fraction < 0.3:
+        bare.jobs.poll()
+    bare.jobs.cancel()
+    assert bare.jobs.wait()
+    n = len(bare.masks)
+    assert 0 < n < len(masks.photos_of(bare, "train"))
+    assert bare.provider == "regions"
+    assert any("goes on there" in notice.text for notice in bare.notices)
+    kept = {p.name: p.stat().st_mtime_ns for p in (_root(bare) / "masks/regions").glob("*.png")}
+    masks.make(bare, MaskRequest(use_depth=False))
+    assert bare.jobs.wait()
+    assert len(bare.masks) == len(masks.photos_of(bare, "train"))
+    after = {p.name: p.stat().st_mtime_ns for p in (_root(bare) / "masks/regions").glob("*.png")}
+    assert {name: after[name] for name in kept} == kept
+
+
+def test_a_preview_leaves_no_masks_and_is_what_the_run_gives(bare: Session) -> None:
+    request = MaskRequest(settings=ProviderSettings(regions=RegionsConfig(detail=2.0)))
+    view = masks.photos_of(bare, "train")[1]
+    found: list[MaskPreview] = []
+    masks.try_one(bare, request, view, found.append)
+    assert bare.jobs.wait()
+    (preview,) = found
+    assert preview.seconds > 0
+    assert preview.n_masks == len(np.unique(preview.labels[preview.labels > 0]))
+    assert not (_root(bare) / "masks").exists()
+    assert bare.provider == ""
+    masks.make(bare, request)
+    assert bare.jobs.wait()
+    path = _root(bare) / "masks/regions" / f"{Path(view).stem}.png"
+    np.testing.assert_array_equal(read_labels(path), preview.labels)
+
+
+def test_where_masks_cannot_be_made_it_says_why(
+    new_session: Callable[[], Session], scene_folder: Path, tmp_path: Path
+) -> None:
+    session = new_session()
+    assert masks.no_photos(session) == "No scene is open."
+    lone = tmp_path / "lone.ply"
+    shutil.copyfile(scene_folder / "point_cloud.ply", lone)
+    assert "no" in masks.no_photos(_opened(new_session, lone))
+    shutil.rmtree(scene_folder / "images")
+    shutil.rmtree(scene_folder / "masks")
+    session = _opened(new_session, scene_folder)
+    assert "Put them back" in masks.no_photos(session)
+    offer = association.stage_offer(session)
+    assert offer is not None
+    assert not offer.command
+    masks.make(session)
+    assert session.jobs.running is None
+    assert "Put them back" in session.notices[-1].text
+
+
+# --- who can make them
+
+
+def test_models_that_are_not_here_say_what_to_put_where(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("GAGA_MODELS", str(tmp_path / "models"))
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "hub"))
+    entries = masks.providers()
+    assert entries[0].name == "regions"
+    assert {entry.name for entry in entries} >= {model.name for model in KNOWN}
+    missing = [entry for entry in entries if not entry.is_available]
+    assert len(missing) == len(KNOWN)
+    assert not masks.has_model(entries)
+    for entry in missing:
+        assert str(tmp_path / "models") in entry.reason
+        assert str(entry.megabytes) in entry.reason
+        assert entry.licence in entry.reason
+    assert str(tmp_path / "models") in masks.first_steps()
+
+
+def test_every_slider_is_a_setting_that_takes_all_of_its_range(tmp_path: Path) -> None:
+    for family, sliders in masks.SLIDERS.items():
+        entry = _entry(tmp_path, family)
+        assert masks.settings_family(entry) == family
+        settings = ProviderSettings()
+        for slider in sliders:
+            before = masks.value_of(settings, slider, entry)
+            assert slider.low <= before <= slider.high
+            for value in (slider.low, slider.high):
+                settings = masks.with_value(settings, slider, entry, value)
+                assert masks.value_of(settings, slider, entry) == pytest.approx(value)
+            outside = masks.with_value(settings, slider, entry, slider.high * 2 + 1)
+            assert masks.value_of(outside, slider, entry) == slider.high
+
+
+def _entry(folder: Path, family: str) -> ProviderEntry:
+    if family == "regions":
+        return ProviderEntry("regions", "", True, "", "regions")
+    if not family:
+        return ProviderEntry("sam-base", "", False, "gone", "known")
+    place = folder / family
+    place.mkdir()
+    kind = "sam2" if family == "sam" else "mask2former"
+    (place / "config.json").write_text(f'{{"model_type": "{kind}"}}', encoding="utf-8")
+    (place / "model.safetensors").write_bytes(b"")
+    return masks.entry_of(place)
+
+
+# --- masks of other programs, several folders
+
+
+def test_an_import_says_what_it_saw_and_asks_before(bare: Session, tmp_path: Path) -> None:
+    source = tmp_path / "theirs"
+    source.mkdir()
+    for camera in bare.cameras:
+        labels = np.zeros((camera.height, camera.width), np.int32)
+        labels[: camera.height // 2] = 7
+        write_labels(source / f"{Path(camera.name).stem}.png", labels)
+    masks.import_from(bare, source)
+    assert bare.jobs.wait()
+    question = bare.pending_question
+    assert question is not None
+    assert question.choices == ("Import", "Cancel")
+    bare.answer("Cancel")
+    assert masks.mask_folders(bare) == ()
+    for answer, provider in (("Import", "theirs"), ("Import as theirs 2", "theirs 2")):
+        masks.import_from(bare, source)
+        assert bare.jobs.wait()
+        assert bare.pending_question is not None
+        assert answer in bare.pending_question.choices
+        bare.answer(answer)
+        assert bare.jobs.wait()
+        assert bare.provider == provider
+        assert len(bare.masks) == len(bare.cameras)
+    assert masks.mask_folders(bare) == ("theirs", "theirs 2")
+    assert masks.choose(bare, "theirs")
+    assert bare.provider == "theirs"
+
+
+def test_what_is_no_mask_is_said_and_nothing_is_asked(bare: Session, tmp_path: Path) -> None:
+    (tmp_path / "notes").mkdir()
+    masks.import_from(bare, tmp_path / "notes")
+    assert bare.jobs.wait()
+    assert bare.pending_question is None
+    assert bare.notices[-1].level == "error"
+
+
+def test_a_mask_folder_that_is_gone_is_no_choice(session: Session) -> None:
+    shutil.rmtree(_root(session) / "masks" / "made")
+    before = session.masks
+    assert not masks.choose(session, "made")
+    assert "any more" in session.notices[-1].text
+    assert session.masks is before
+
+
+@pytest.mark.parametrize("form", ["png", "dataset", "coco"])
+def test_masks_are_exported_in_every_form(
+    associated: Session, tmp_path: Path, form: masks.MaskForm
+) -> None:
+    out = tmp_path / "out"
+    masks.export(associated, form, out)
+    assert associated.jobs.wait()
+    assert associated.notices[-1].level == "info", associated.notices
+    n = len(associated.cameras)
+    if form == "coco":
+        assert (out / "instances.json").is_file()
+    else:
+        folder = out if form == "png" else out / "labels"
+        assert len(list(folder.glob("*.png"))) == n

@@ -1,0 +1,146 @@
+"""Edits of the selection beyond moving and coloring, as a person meets them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.edit_script import run_script
+from gaga_core.export.export import export_scene_stage
+from gaga_core.progress import run_stage
+from gaga_core.scene.project import open_path_stage
+from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.selection.algebra import world_means
+from gaga_core.scene.selection.by_value import shown_colors
+from gaga_core.scene.tint import Grade
+from gaga_studio.features import export, files, measure, objects, selection, transform
+from gaga_studio.features.commands import command, run
+from gaga_studio.session.session import Session
+
+
+def _scene(session: Session) -> Scene:
+    assert session.scene is not None
+    return session.scene
+
+
+def _object(session: Session) -> int:
+    """Select an object; its id."""
+    table = session.objects()
+    group = int(table.ids[1 + table.counts[1:].argmax()])
+    selection.select_groups(session, (group,))
+    return group
+
+
+def test_growing_and_shrinking_change_the_selection_both_ways(associated: Session) -> None:
+    _object(associated)
+    chosen = set(associated.selected_indices().tolist())
+    assert run("select.grow", associated)
+    grown = set(associated.selected_indices().tolist())
+    assert chosen < grown
+    assert run("select.shrink", associated)
+    assert set(associated.selected_indices().tolist()) < grown
+    associated.undo()
+    associated.undo()
+    assert set(associated.selected_indices().tolist()) == chosen
+
+
+def test_separating_makes_an_object_and_undo_takes_it_back(associated: Session) -> None:
+    group = _object(associated)
+    half = associated.selected_indices()[::2]
+    associated.need().select(half)
+    n = len(associated.objects())
+    assert run("object.separate", associated)
+    assert len(associated.objects()) == n + 1
+    new = associated.selected_groups()
+    assert len(new) == 1
+    assert new[0] != group
+    assert objects.assign(associated, group)
+    assert len(associated.objects()) == n
+
+
+def test_an_object_in_one_piece_says_so(associated: Session) -> None:
+    _object(associated)
+    objects.split(associated)
+    selection.select_none(associated)
+    reason = command("object.split").enabled(associated)
+    assert reason.startswith("Nothing is selected")
+
+
+def test_locked_splats_cannot_be_selected_until_unlocked(associated: Session) -> None:
+    group = _object(associated)
+    assert run("object.lock", associated)
+    selection.select_groups(associated, (group,))
+    assert len(associated.selected_indices()) == 0
+    assert run("object.unlock_all", associated)
+    assert not _scene(associated).has(State.LOCKED).any()
+    assert command("object.unlock_all").enabled(associated) == "Nothing is locked."
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_mirroring_twice_is_where_it_was(associated: Session, axis: int) -> None:
+    _object(associated)
+    before = world_means(_scene(associated))
+    assert run(f"edit.mirror_{'xyz'[axis]}", associated)
+    chosen = associated.selected_indices()
+    assert np.abs(world_means(_scene(associated)) - before)[chosen, axis].max() > 0.01
+    assert run(f"edit.mirror_{'xyz'[axis]}", associated)
+    assert np.allclose(world_means(_scene(associated)), before, atol=1e-4)
+
+
+def test_a_grade_is_previewed_and_one_entry(associated: Session) -> None:
+    _object(associated)
+    chosen = associated.selected_indices()
+    before = shown_colors(_scene(associated))
+    n = len(associated.need().history.entries())
+    for saturation in (0.7, 0.3, 0.0):
+        transform.preview_grade(associated, Grade(saturation=saturation))
+    assert np.ptp(shown_colors(_scene(associated))[chosen], axis=1).max() < 1e-5
+    associated.cancel_preview()
+    assert np.array_equal(shown_colors(_scene(associated)), before)
+    assert transform.grade(associated, Grade(saturation=0.0))
+    assert len(associated.need().history.entries()) == n + 1
+
+
+def test_three_points_lay_the_scene_on_the_ground(associated: Session) -> None:
+    scene = _scene(associated)
+    points = world_means(scene)[[3, 200, 500]].astype(np.float64)
+    assert measure.align(associated, points)
+    laid = world_means(_scene(associated))[[3, 200, 500]]
+    assert np.abs(laid @ associated.rig.up).max() < 1e-4
+
+
+def test_kept_selections_come_back_by_name(associated: Session) -> None:
+    _object(associated)
+    chosen = associated.selected_indices().tolist()
+    assert run("select.keep", associated)
+    assert run("select.none", associated)
+    assert selection.select_named(associated, "set 1")
+    assert associated.selected_indices().tolist() == chosen
+    assert selection.keep_selection(associated, "mine")
+    assert selection.forget_named(associated, "set 1")
+    assert list(_scene(associated).named_selections) == ["mine"]
+    assert not selection.select_named(associated, "set 1")
+    assert "no selection named" in associated.notices[-1].text
+
+
+def test_a_recorded_session_replays_to_the_same_file(associated: Session, tmp_path: Path) -> None:
+    session = associated
+    path = session.need().project.model_path
+    _object(session)
+    run("edit.mirror_x", session)
+    transform.duplicate(session)
+    transform.grade(session, Grade(temperature=0.5, opacity=0.8))
+    run("select.grow", session)
+    run("object.separate", session)
+    session.undo()
+    objects.delete(session)
+    script, live, again = tmp_path / "edits.json", tmp_path / "live.ply", tmp_path / "again.ply"
+    assert files.save_script(session, script)
+    export.export(session, "scene", live)
+    assert session.jobs.wait()
+    session.tick(0.1)
+    scene = run_stage(open_path_stage(path)).scene
+    run_script(scene, json.loads(script.read_text()))
+    run_stage(export_scene_stage(scene, again))
+    assert again.read_bytes() == live.read_bytes()

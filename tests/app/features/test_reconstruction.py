@@ -1,0 +1,214 @@
+"""From photos to splats in a session: offered, shown while trained, cancelled, gone on with."""
+
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.pipeline.reconstruct import ReconstructConfig, look_at_photos, reconstruct_scene
+from gaga_core.placing import ladder
+from gaga_core.placing.checks import Verdict
+from gaga_core.progress import Progress, Stage, run_stage
+from gaga_studio.features import reconstruction
+from gaga_studio.features.commands import command, run
+from gaga_studio.features.find import association
+from gaga_studio.features.reconstruction import ReconstructionPlan
+from gaga_studio.session.notices import Level
+from gaga_studio.session.session import Session
+from gaga_studio.session.training_preview import TrainingPreview, TrainingUpdate, smoothed
+from tests.core.reconstruct.photo_scenes import write_photos
+from tests.scenes import objects_scene
+
+TINY = ReconstructConfig(iterations=30, max_side=96)
+LONG = replace(TINY, iterations=20_000)
+
+
+@pytest.fixture(scope="module")
+def placed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene folder of six photos of a room with their places, and no splats."""
+    scene = tmp_path_factory.mktemp("placed") / "room"
+    write_photos(scene / "images", 6)
+    run_stage(reconstruct_scene(None, scene, replace(TINY, only="sfm")))
+    return scene
+
+
+@pytest.fixture
+def room(placed: Path, tmp_path: Path) -> Path:
+    """A copy that a test may write to."""
+    shutil.copytree(placed, tmp_path / "room")
+    return tmp_path / "room"
+
+
+def opened(session: Session, path: Path) -> None:
+    session.open(path)
+    assert session.jobs.wait(300)
+
+
+def started(session: Session, config: ReconstructConfig) -> None:
+    """Start, and wait until splats are shown."""
+    found = session.photos
+    assert found is not None
+    reconstruction.make(session, ReconstructionPlan(config, found.scene))
+    end = time.monotonic() + 300
+    while session.shown is None:
+        session.tick(0.02)
+        time.sleep(0.01)
+        assert time.monotonic() < end, session.notices
+
+
+def test_photos_alone_become_an_open_scene(
+    new_session: Callable[[], Session], tmp_path: Path
+) -> None:
+    write_photos(tmp_path / "shots", 6)
+    session = new_session()
+    opened(session, tmp_path / "shots")
+    found = session.photos
+    assert found is not None
+    assert session.document is None
+    assert (found.n_photos, found.is_placed, found.scene) == (6, False, tmp_path / "shots-scene")
+    made = command("file.make_splats")
+    assert not made.enabled(session)
+    assert made.title_now(session) == "Make splats from 6 photos"
+    assert found.seconds(TINY) < found.seconds(ReconstructConfig())
+    reconstruction.make(session, ReconstructionPlan(TINY, found.scene))
+    assert made.enabled(session) == "Make splats from 6 photos is still running."
+    assert session.jobs.wait(300)
+    assert session.scene is not None, session.notices
+    assert session.project is not None
+    assert session.project.folder is not None
+    assert session.project.folder.root == found.scene
+    assert session.photos is None
+    assert session.training is None
+    assert len(session.cameras) == 6
+    assert any("held out" in notice.text for notice in session.notices)
+    offer = association.stage_offer(session)
+    assert offer is not None
+    assert "no masks" in offer.reason
+    opened(session, tmp_path / "shots")  # again: what was made of them
+    assert session.scene is not None
+
+
+def test_splats_are_shown_while_they_train_and_a_cancelled_training_goes_on(
+    new_session: Callable[[], Session], room: Path
+) -> None:
+    session = new_session()
+    opened(session, room)
+    started(session, LONG)
+    training = session.training
+    assert training is not None
+    assert session.shown is training.scene
+    assert session.cameras == training.cameras
+    np.testing.assert_allclose(session.rig.eye, session.cameras[0].position, atol=1e-6)
+    assert session.document is None
+    for name in ("edit.delete", "file.save", "object.associate", "file.export_scene"):
+        assert not run(name, session)
+    session.jobs.cancel()
+    assert session.jobs.wait(300)
+    assert session.shown is None
+    found = session.photos
+    assert found is not None
+    assert found.going_on == replace(LONG, only="all")
+    assert 0 < found.iteration < LONG.train().iterations
+    assert command("file.make_splats").title_now(session) == "Continue training"
+    assert "stopped at" in reconstruction.found_text(found)
+    assert not (room / "point_cloud.ply").exists()
+    second = new_session()  # the next start of the program goes on there
+    opened(second, room)
+    assert second.photos == found
+    assert run("file.make_splats", second)
+    end = time.monotonic() + 300
+    while second.training is None or second.training.update is None:
+        second.tick(0.02)
+        assert time.monotonic() < end
+    assert second.training.update.iteration >= found.iteration
+    second.jobs.cancel()
+    assert second.jobs.wait(300)
+
+
+def test_a_wrong_model_is_a_question_and_can_be_used_anyway(
+    new_session: Callable[[], Session], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_photos(tmp_path / "room" / "images", 6)
+    wrong = (Verdict("focal", "error", "The focal length ran away. Give it with --focal."),)
+    monkeypatch.setattr(ladder, "check_model", lambda *_: wrong)
+    session = new_session()
+    opened(session, tmp_path / "room")
+    found = session.photos
+    assert found is not None
+    one_attempt = replace(TINY, place_minutes=0.001)
+    reconstruction.make(session, ReconstructionPlan(one_attempt, found.scene))
+    assert session.jobs.wait(300)
+    question = session.pending_question
+    assert question is not None
+    assert "focal length ran away" in question.text
+    assert "--accept-wrong" not in question.text
+    assert session.photos is not None
+    session.answer("Use it anyway")
+    assert session.jobs.wait(300)
+    assert session.scene is not None, session.notices
+    assert any("ran away" in n.text and n.level is Level.WARNING for n in session.notices)
+
+
+def test_errors_are_one_sentence_and_the_photos_stay_open(
+    new_session: Callable[[], Session], room: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, **__: object) -> Stage[None]:
+        yield Progress("Place photos", 0, 1)
+        raise GagaError("No photo overlaps another.")
+
+    monkeypatch.setattr("gaga_core.pipeline.reconstruct.reconstruct_scene", fails)
+    session = new_session()
+    opened(session, room)
+    assert run("file.make_splats", session)
+    assert session.jobs.wait(300)
+    assert session.notices[-1].level is Level.ERROR
+    assert session.photos is not None
+    assert session.training is None
+    assert not (room / "point_cloud.ply").exists()
+
+
+def test_a_newer_copy_replaces_the_splats_in_the_same_scene() -> None:
+    small, large = (objects_scene(2, n, n_cameras=2).gaussians for n in (20, 30))
+    camera = objects_scene(2, 20, n_cameras=2).cameras[0]
+    training = TrainingPreview("room", 100)
+    assert training.take(TrainingUpdate((camera,), gaussians=small))
+    scene = training.scene
+    assert scene is not None
+    before = scene.revision.splats
+    assert not training.take(TrainingUpdate((camera,), gaussians=small))
+    assert scene.revision.splats == before
+    assert not training.take(TrainingUpdate((camera,), gaussians=large))
+    assert training.scene is scene
+    assert scene.revision.splats == before + 1
+    assert scene.revision.rows_kept_since(before) == 0
+    assert len(scene.labels) == len(scene.state) == len(scene.source) == len(large)
+
+
+def test_a_curve_of_losses_keeps_their_mean() -> None:
+    losses = np.random.default_rng(0).uniform(0, 1, 1000)
+    curve = smoothed(losses, 100)
+    assert len(curve) == 100
+    assert np.mean([y for _, y in curve]) == pytest.approx(losses.mean())
+    assert curve[-1][0] == 1000
+    assert smoothed([]) == []
+    assert smoothed([3.0]) == [(1.0, 3.0)]
+
+
+def test_what_a_path_means(tmp_path: Path) -> None:
+    write_photos(tmp_path / "plain", 3)
+    write_photos(tmp_path / "room" / "images", 3)
+    for path, photos, scene in (
+        (tmp_path / "plain", tmp_path / "plain", tmp_path / "plain-scene"),
+        (tmp_path / "room", None, tmp_path / "room"),
+        (tmp_path / "room" / "images", None, tmp_path / "room"),
+    ):
+        found = look_at_photos(path)
+        assert found is not None
+        assert (found.photos, found.scene) == (photos, scene)
+        assert (found.n_photos, found.size) == (3, (320, 240))
+    assert look_at_photos(tmp_path) is None

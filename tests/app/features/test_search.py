@@ -1,0 +1,268 @@
+"""The search of the open scene: typed words, an index, a detector, names; what is said of them."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import FloatArray, UInt8Array
+from gaga_core.pipeline.search import train_views
+from gaga_core.query.detector import Boxes, DetectConfig, as_boxes
+from gaga_core.scene.edits.objects import name_groups
+from gaga_studio.features import object_list, objects, selection, transform
+from gaga_studio.features.find import search as search_actions
+from gaga_studio.features.find.search import SearchState
+from gaga_studio.features.object_list import ListFilter, ObjectListView
+from gaga_studio.session.session import Session
+
+_SIZE = (640, 480)
+_WORDS = {"ruby": (1.0, 0.0, 0.0), "leaf": (0.0, 1.0, 0.0), "sky": (0.0, 0.0, 1.0)}
+
+
+class _Mean:
+    """An embedder of crops by their mean hue, and of words by the color that they name."""
+
+    fingerprint = "mean color"
+
+    def pictures(self, pictures: "list[UInt8Array]") -> FloatArray:
+        return _hues([np.asarray(p, np.float32).reshape(-1, 3).mean(axis=0) for p in pictures])
+
+    def texts(self, texts: "list[str]") -> FloatArray:
+        named = _WORDS.items()
+        return _hues([next((rgb for w, rgb in named if w in t), (0, 0, 0)) for t in texts])
+
+
+class _Whole:
+    """A detector that finds the left half of every picture."""
+
+    def detect(self, picture: UInt8Array, phrase: str, config: DetectConfig) -> Boxes:
+        height, width = picture.shape[:2]
+        return as_boxes([[0, 0, width / 2, height]], [0.9], (height, width))
+
+
+def _hues(colors: "Sequence[FloatArray | tuple[float, ...]]") -> FloatArray:
+    """Unit vectors (n, 3) of what is not gray in colors."""
+    rows = np.array(colors, np.float32)
+    rows -= rows.mean(axis=1, keepdims=True)
+    length = np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-6)
+    result: FloatArray = (rows / length).astype(np.float32)
+    return result
+
+
+def _ask(session: Session, text: str) -> tuple[int, ...]:
+    """Type, and wait until everything that runs in parallel is done."""
+    search_actions.type_text(session, text, _SIZE)
+    search = session.need().feature(SearchState)
+    end = time.monotonic() + 60
+    search_actions.tick(session)
+    while time.monotonic() < end:
+        session.tick(0.01)
+        search_actions.tick(session)
+        key = search.key(session.need().scene, train_views(session.need().project))
+        is_measured = search.measured is not None and search.measured.key == key
+        if is_measured and not search.is_looking_up and session.jobs.quiet is None:
+            break
+        time.sleep(0.01)
+    search_actions.tick(session)
+    return tuple(hit.group for hit in search.hits)
+
+
+@pytest.fixture
+def embedder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> _Mean:
+    """A model in its place, whose weights are never read."""
+    made = _Mean()
+    monkeypatch.setattr(search_actions, "embedder_folder", lambda: tmp_path)
+    monkeypatch.setattr(search_actions, "load_embedder", lambda folder: made)
+    return made
+
+
+def test_words_find_objects_without_any_model(associated: Session) -> None:
+    table = associated.objects()
+    groups = _ask(associated, "the largest")
+    assert groups
+    search = associated.need().feature(SearchState)
+    assert search.sentence
+    assert len(search.meant) == 1
+    by_name = _ask(associated, f"group {table.ids[2]}")
+    assert by_name[0] == table.ids[2]
+    objects.rename(associated, int(table.ids[2]), "blue teapot")
+    assert _ask(associated, "teapot") == (int(table.ids[2]),)
+    assert _ask(associated, "eapo") == (int(table.ids[2]),), "a part of a name, too"
+    assert _ask(associated, "") == ()
+
+
+def test_the_filter_of_the_list_leaves_out_answers_and_says_how_many(associated: Session) -> None:
+    table, document = associated.objects(), associated.need()
+    ids = [int(group) for group in table.ids if group > 0]
+    document.do(name_groups(document.scene, dict.fromkeys(ids[:3], "mug")))
+    assert set(_ask(associated, "mug")) == set(ids[:3])
+    counts = {int(g): float(n) for g, n in zip(table.ids, table.counts, strict=True)}
+    chosen = counts[ids[1]]
+    fit = {group for group in ids[:3] if counts[group] == chosen}
+    document.feature(ObjectListView).filter = ListFilter({"splats": (chosen, chosen)})
+    assert set(_ask(associated, "mug")) == fit
+    assert document.feature(SearchState).n_left_out == 3 - len(fit) > 0
+    assert search_actions.take_all(associated)
+    assert set(associated.selected_groups()) == fit, "Enter takes what is shown"
+    document.feature(ObjectListView).filter = ListFilter({"splats": (0.0, 0.0)})
+    assert _ask(associated, "mug") == ()
+    assert document.feature(SearchState).n_left_out == 3
+    document.feature(ObjectListView).filter = ListFilter()
+    search_actions.tick(associated, object_list.kept_groups)
+    assert set(document.feature(SearchState).meant) == set(ids[:3]), "all again, without typing"
+    assert document.feature(SearchState).n_left_out == 0
+
+
+def test_enter_selects_the_best_and_arrows_move(associated: Session) -> None:
+    groups = _ask(associated, "objects")
+    groups = groups or _ask(associated, "group")
+    assert len(groups) > 2
+    before = associated.rig.pose
+    assert search_actions.take_hit(associated)
+    assert associated.selected_groups() == (groups[0],)
+    assert associated.rig.is_moving or associated.rig.pose != before
+    search = associated.need().feature(SearchState)
+    search.move(-1)
+    assert search.at == 0
+    search.move(1)
+    assert search_actions.take_hit(associated, flies=False)
+    assert associated.selected_groups() == (groups[1],)
+    search.move(1000)
+    assert search.at == len(groups) - 1
+
+
+def test_shift_enter_adds_all_that_fit_and_no_other(associated: Session) -> None:
+    ids = [int(group) for group in associated.objects().ids if group > 0]
+    associated.need().do(name_groups(associated.need().scene, dict.fromkeys(ids[:3], "mug")))
+    selection.select_groups(associated, (ids[4],))
+    _ask(associated, "mug")
+    assert set(associated.need().feature(SearchState).meant) == set(ids[:3])
+    assert search_actions.take_all(associated)
+    assert set(associated.selected_groups()) == {*ids[:3], ids[4]}
+    _ask(associated, "zebra")
+    assert not search_actions.take_all(associated)
+
+
+def test_selecting_measures_nothing_again_but_editing_does(associated: Session) -> None:
+    groups = _ask(associated, "the largest")
+    search, scene = associated.need().feature(SearchState), associated.need().scene
+    cameras = train_views(associated.need().project)
+    key, found = search.key(scene, cameras), search.measured
+    selection.select_groups(associated, (groups[0],))
+    assert search.key(scene, cameras) == key
+    _ask(associated, "the smallest")
+    assert search.measured is found
+    objects.delete(associated)
+    assert search.key(scene, cameras) != key
+    assert groups[0] not in _ask(associated, "the largest")
+    associated.undo()
+    assert _ask(associated, "the largest") == groups
+
+
+def test_a_search_ends_with_its_scene(associated: Session, scene_folder: Path) -> None:
+    _ask(associated, "the largest")
+    associated.open(scene_folder)
+    assert associated.jobs.wait()
+    assert associated.need().feature(SearchState).text == ""
+
+
+def test_without_a_model_every_step_says_where_to_put_one(
+    associated: Session, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("GAGA_MODELS", str(tmp_path / "models"))
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "hub"))
+    for reason in (
+        search_actions.no_embedder(),
+        search_actions.no_detector(),
+        search_actions.no_index(associated),
+    ):
+        assert str(tmp_path / "models") in reason
+        assert "MB" in reason
+    assert "without" in search_actions.index_state(associated)
+    assert str(tmp_path / "models") in search_actions.index_state(associated)
+
+
+def test_an_index_finds_any_noun_and_says_what_it_no_longer_knows(
+    associated: Session, embedder: _Mean
+) -> None:
+    search_actions.index(associated)
+    assert associated.jobs.wait()
+    assert associated.notices[-1].level == "info", associated.notices
+    best = _ask(associated, "leaf")[0]
+    found = associated.need().feature(SearchState).measured
+    assert found is not None
+    rgb = found.facts.rgb
+    greens = rgb[:, 1] - np.maximum(rgb[:, 0], rgb[:, 2])
+    assert found.facts.row(best) in np.argsort(-greens)[:2]
+    assert "knows all" in search_actions.index_state(associated)
+    selection.select_groups(associated, (best,))
+    transform.move(associated, np.array([[1.0, 0, 0, 0.3], [0, 1, 0, 0], [0, 0, 1, 0]]))
+    _ask(associated, "leaf")
+    assert search_actions.index_state(associated).startswith("1 has changed")
+    search_actions.index(associated)
+    assert associated.jobs.wait()
+    _ask(associated, "leaf")
+    assert "knows all" in search_actions.index_state(associated)
+
+
+def test_a_cancelled_index_leaves_the_former_one(associated: Session, embedder: _Mean) -> None:
+    search_actions.index(associated)
+    associated.jobs.cancel()
+    assert associated.jobs.wait()
+    assert search_actions.no_index(associated)
+
+
+def test_objects_are_named_in_one_edit(associated: Session, embedder: _Mean) -> None:
+    search_actions.index(associated)
+    assert associated.jobs.wait()
+    history = associated.history
+    assert history is not None
+    before, names = history.cursor, dict(associated.need().scene.names)
+    search_actions.name_all(associated)
+    assert associated.jobs.wait()
+    assert history.cursor - before in (0, 1)
+    if history.cursor > before:
+        associated.need().undo()
+    assert associated.need().scene.names == names
+
+
+def test_naming_many_is_one_edit_that_reverts(associated: Session) -> None:
+    document = associated.need()
+    ids = [int(group) for group in associated.objects().ids if group > 0]
+    assert document.do(name_groups(document.scene, {ids[0]: "mug", ids[1]: " big  bowl "}))
+    assert document.scene.names == {ids[0]: "mug", ids[1]: "big bowl"}
+    assert associated.undo() == "Name objects"
+    assert document.scene.names == {}
+    assert name_groups(document.scene, {}) is None
+
+
+def test_a_detector_answers_for_this_view_until_something_else_is_typed(
+    associated: Session, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    _ask(associated, "thing")
+    search = associated.need().feature(SearchState)
+    search.detector = _Whole()
+    monkeypatch.setattr(search_actions, "detector_folder", lambda: tmp_path)
+    assert search_actions.no_question(associated) == ""
+    search_actions.find_here(associated, _SIZE)
+    assert associated.jobs.wait()
+    search_actions.tick(associated, object_list.kept_groups)
+    assert search.in_view == "thing"
+    assert "thing" in search.sentence
+    _ask(associated, "the largest")
+    assert search.in_view == ""
+    assert len(search.meant) == 1
+
+
+def test_a_failing_model_is_said_once(associated: Session, embedder: _Mean) -> None:
+    search_actions.index(associated)
+    assert associated.jobs.wait()
+    _ask(associated, "ruby")
+    search = associated.need().feature(SearchState)
+    search.know(("leaf",), "The model cannot be read.")
+    assert search.problem
+    assert not search.is_looking_up
+    _ask(associated, "sky")
+    assert not search.problem

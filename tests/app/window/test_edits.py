@@ -1,0 +1,308 @@
+"""Delete and fill in the window: where the colors of the hole come from, and why not."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import DoubleArray, UInt8Array
+from gaga_core.io.splats.ply import write_ply
+from gaga_core.io.splats.splat_files import write_splats
+from gaga_core.scene import edits
+from gaga_core.scene.bake import bake
+from gaga_core.scene.frame import scale_of
+from gaga_core.scene.orientation import degrees_of
+from gaga_core.scene.project import Project, save_project
+from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.selection.algebra import world_means
+from gaga_studio.features import cleanup, fill, measure
+from gaga_studio.session.settings import Settings
+from gaga_studio.session.view import Mode, ToolName
+from gaga_studio.tools.base import ViewportPoint
+from gaga_studio.tools.pick import surface_point
+from tests.app.floaters import GROUP, planted
+from tests.app.looks import snapshot
+from tests.app.window.driver import KEY, Driver, drive
+from tests.core.scene.fill import models
+from tests.core.scene.fill.tables import BOX, table_with_box
+from tests.scenes import objects_scene
+
+pytestmark = pytest.mark.window
+_SURROUNDINGS, _MODEL = "Inspector/###object.fill_continue", "Inspector/###object.fill_model"
+
+
+def test_a_model_is_chosen_in_the_preview_and_left_again(display: str, tmp_path: Path) -> None:
+    table = table_with_box()
+    write_ply(tmp_path / "table.ply", table.gaussians)
+    scene = Scene.of(table.gaussians, table.labels)
+    saved = save_project(Project(scene, tmp_path / "table.ply"), tmp_path / "table.gaga")
+    red = models.saved(models.Red(), tmp_path / "red.pt")
+
+    def walk(d: Driver) -> None:
+        session = d.session
+        d.select(BOX)
+        d.menu("Object/Delete and fill")
+        d.settle()
+        plain = d.pixels().astype(np.int32)
+        d.click(_MODEL)
+        d.answer_path(red)
+        d.settle()
+        found = fill.shown(session)
+        assert found is not None
+        assert found.model == "red.pt"
+        painted = d.pixels().astype(np.int32)
+        redder = (painted - plain)[:, :, 0] - (painted - plain)[:, :, 1]
+        assert (redder > 60).sum() > 200, "the preview shows it"
+        d.click(_SURROUNDINGS)
+        d.settle()
+        assert session.settings.inpainting_model == ""
+        assert np.abs(d.pixels().astype(np.int32) - plain).mean() < 0.5
+
+        with models.no_torch():
+            d.click(_MODEL)
+            assert d.studio.ui.files.dialog is None, "it is off without PyTorch"
+
+    drive(walk, path=saved, size=(1100, 700))
+
+
+# --- Clean up in the window: button, picture, Apply, and the keys.
+
+
+def reddish(picture: UInt8Array) -> int:
+    red, green, blue = np.moveaxis(picture.astype(np.int32), -1, 0)
+    return int(((red > 110) & (red > green + 40) & (red > blue + 40)).sum())
+
+
+def test_clean_up_and_apply(display: str, tmp_path: Path) -> None:
+    scene, floaters = planted()
+    model = tmp_path / "balls.ply"
+    write_ply(model, scene.gaussians)
+    saved = save_project(Project(scene, model), tmp_path / "balls.gaga")
+
+    def walk(d: Driver) -> None:
+        session, document = d.session, d.session.need()
+        d.select(GROUP)
+        d.on_main(lambda: setattr(session.view, "mode", Mode.DEPTH))
+        before, plain = snapshot(document.scene), d.pixels()
+
+        d.click("Inspector/###Clean up")
+        d.settle()
+        assert cleanup.shown(session) is not None
+        seen = d.pixels()
+        assert reddish(seen) > 100
+        assert seen.std(axis=2).mean() < 0.3 * plain.std(axis=2).mean(), "the rest is gray"
+        d.on_main(lambda: setattr(session.view, "mode", Mode.COLOR))
+        np.testing.assert_array_equal(seen, d.pixels(), "it looks the same in every render mode")
+        assert not d.exists("Inspector/###Hide")
+        d.keys(KEY.escape)
+        assert not d.exists("Inspector/###Apply")
+        assert snapshot(document.scene) == before
+        assert session.selected_groups() == (GROUP,)
+
+        d.click("Inspector/###Clean up")
+        d.settle()
+        d.click("Inspector/###Cancel")
+        assert snapshot(document.scene) == before
+
+        d.click("Inspector/###Clean up")
+        d.settle()
+        d.click("Inspector/###Apply")
+        d.settle()
+        assert (document.scene.labels[floaters] == 0).mean() > 0.9
+        cleaned = snapshot(document.scene)
+        d.keys(KEY.mod_ctrl, KEY.z)
+        assert snapshot(document.scene) == before
+
+        d.click("Inspector/###Clean up")
+        d.settle()
+        d.keys(KEY.enter)
+        assert snapshot(document.scene) == cleaned
+        d.keys(KEY.mod_ctrl, KEY.z)
+
+        name = document.name_of(GROUP)
+        d.click("Inspector/###Clean first")
+        d.click("Inspector/###Delete")
+        d.settle()
+        assert document.scene.has(State.DELETED)[floaters].all()
+        assert document.history.undo_title == f"Delete {name}"
+
+    drive(walk, path=saved)
+
+
+# --- The tool Measure in the window: click, read, set the scale, undo; at several sizes.
+
+_PICTURES = os.environ.get("GAGA_TEST_PICTURES")  # a folder: pictures are taken, at more sizes
+_SIZES = [(800, 500), (1440, 900), (2560, 1440)]
+
+
+@pytest.mark.parametrize("size", _SIZES if _PICTURES else _SIZES[:1], ids=str)
+def test_a_length_is_clicked_and_made_a_metre(
+    display: str, tmp_path: Path, size: tuple[int, int]
+) -> None:
+    write_splats(tmp_path / "balls.ply", objects_scene().gaussians)
+
+    def walk(d: Driver) -> None:
+        session = d.session
+        session.notices = ()
+        d.menu("Tools/###Measure lengths, angles and heights")
+        width, height = d.size
+        spots = [
+            (u, v)
+            for u in np.linspace(0.4, 0.6, 9) * width
+            for v in np.linspace(0.35, 0.8, 10) * height
+            if surface_point(session, ViewportPoint(float(u), float(v), width, height)) is not None
+        ]
+        first, second, third = spots[0], spots[-1], spots[len(spots) // 2]
+        for n, spot in enumerate((first, second, third), 1):
+            d.click_picture(*spot)
+            assert len(measure.clicked(session).points) == n
+        d.settle()
+        if _PICTURES:
+            d.capture(Path(_PICTURES) / f"measure_{size[0]}.png")
+        d.keys(KEY.backspace)
+        assert len(measure.clicked(session).points) == 2
+        d.type_into("**/##Known length", "2.5")
+        d.click("**/###Set scale")
+        d.settle()
+        assert session.need().history.undo_title == "Set scale"
+        assert measure.reading(session).lengths == pytest.approx((2.5,), rel=1e-4)
+        assert session.need().scene.frame.is_metric
+        if _PICTURES:
+            d.capture(Path(_PICTURES) / f"measure_metres_{size[0]}.png")
+        d.keys(KEY.mod_ctrl, KEY.z)
+        d.settle()
+        assert scale_of(session.need().world) == pytest.approx(1.0)
+        d.keys(KEY.escape)
+        assert session.tool is ToolName.PICK
+
+    drive(walk, path=tmp_path / "balls.ply", size=size)
+
+
+# --- Align to ground in the window: three clicks, an orbit between them, a click on nothing.
+
+_TILT = np.radians(20.0)
+
+
+def test_three_clicks_lay_the_scene_level(display: str, tmp_path: Path) -> None:
+    made = Scene.of(objects_scene().gaussians)
+    c, s = np.cos(_TILT), np.sin(_TILT)
+    tilted = np.array([[1, 0, 0, 0], [0, c, -s, 0], [0, s, c, 1.0]])
+    edit = edits.transform(made, np.arange(len(made)), tilted)
+    assert edit is not None
+    edit.apply(made)
+    write_splats(tmp_path / "slope.ply", bake(made))
+    floor = np.flatnonzero(objects_scene().gaussians.means[:, 2] < -0.299)
+
+    def ground(d: Driver) -> DoubleArray:
+        return world_means(d.scene)[floor].astype(np.float64)
+
+    def click_ground(d: Driver, inside: tuple[float, float], n: int) -> None:
+        """On the bare floor near this share of the picture, with nothing of the window there."""
+        pixels, _ = d.session.rig.camera(*d.size).project(ground(d))
+        wanted = np.array(inside) * d.size
+        for u, v in pixels[np.argsort(np.linalg.norm(pixels - wanted, axis=1))]:
+            found = d.session.pick(float(u), float(v), *d.size)
+            if found is not None and found.splat in floor:
+                break
+        d.click_picture(float(u), float(v))
+        assert len(measure.clicked(d.session).points) == n
+
+    def walk(d: Driver) -> None:
+        session = d.session
+        session.rig.look_from((0, -1, 1))
+        session.notices = ()
+        d.settle()
+        plain = d.pixels()
+        d.keys(KEY.b)
+        d.menu("Tools/###Align to ground by three points")
+        click_ground(d, (0.3, 0.45), 1)
+        d.drag_picture((d.size[0] / 2, d.size[1] / 2), (40, 0))
+        d.settle()
+        assert len(measure.clicked(session).points) == 1
+        empty = [(20, v) for v in range(70, 300) if session.pick(20, v, *d.size) is None]
+        d.click_picture(*empty[0])
+        assert "no surface" in session.hint
+        click_ground(d, (0.7, 0.45), 2)
+        d.keys(KEY.backspace)
+        assert len(measure.clicked(session).points) == 1
+        click_ground(d, (0.7, 0.45), 2)
+        assert not session.unsaved
+        click_ground(d, (0.5, 0.75), 0)
+        d.settle()
+        assert session.tool is ToolName.BRUSH
+        history = session.need().history
+        assert history.undo_title == "Align to ground"
+        laid = ground(d)
+        normal = np.linalg.svd(laid - laid.mean(axis=0))[2][2]
+        assert np.linalg.norm(np.cross(normal, session.rig.up)) < 0.06
+        assert np.abs(laid @ session.rig.up).max() < 0.1
+        seen = (d.pixels() != np.array([28, 28, 31])).any(axis=2).mean()
+        assert seen > 0.5 * (plain != np.array([28, 28, 31])).any(axis=2).mean()
+        d.keys(KEY.mod_ctrl, KEY.z)
+        d.settle()
+        assert not session.unsaved
+        seen = (d.pixels() != np.array([28, 28, 31])).any(axis=2).mean()
+        assert seen > 0.5 * (plain != np.array([28, 28, 31])).any(axis=2).mean()
+        d.menu("Tools/###Align to ground by three points")
+        d.keys(KEY.escape)
+        assert session.tool is ToolName.BRUSH
+
+    drive(walk, path=tmp_path / "slope.ply")
+
+
+# --- Numbers of the Inspector: absolute position, rotation and scale, own axes, reset, boxes.
+
+_SCALED = [((800, 500), 1.0), ((1440, 900), 1.0), ((2560, 1440), 2.0)]
+
+
+@pytest.mark.parametrize(("size", "scale"), _SCALED if _PICTURES else _SCALED[:1], ids=str)
+def test_numbers_are_typed_read_again_and_reset(
+    display: str, grouped_scene: Path, size: tuple[int, int], scale: float
+) -> None:
+    def walk(d: Driver) -> None:
+        session = d.session
+        document = session.need()
+        group = int(session.objects().ids[-1])
+        d.select(group)
+        d.focus("Inspector")
+        d.settle()
+        splats = session.selected_indices()
+        start = world_means(document.scene, splats)
+        n = document.history.cursor
+        for field, typed in (("Rotation Z", "30"), ("Scale X", "2"), ("Position Y", "0.25")):
+            d.type_into(f"Inspector/Properties/##{field}", typed)
+            d.settle()
+        assert document.history.cursor == n + 3, "one edit for each number"
+        pose = document.selected_pose()
+        assert pose is not None
+        np.testing.assert_allclose(degrees_of(pose, local=False), [0, 0, 30], atol=1e-4)
+        np.testing.assert_allclose(pose.scale, 2.0, rtol=1e-6)
+        assert pose.centre[1] == pytest.approx(0.25, abs=2e-3)
+        d.click("Inspector/Each axis")
+        d.click("Inspector/Own axes")
+        d.type_into("Inspector/Properties/##Scale Z", "1")
+        d.settle()
+        pose = document.selected_pose()
+        assert pose is not None
+        np.testing.assert_allclose(pose.scale, [2, 2, 1], rtol=1e-6)
+        sizes, box = document.selected_sizes(local=True), document.selected_oriented_box()
+        assert sizes is not None
+        assert box is not None
+        assert np.prod(box.size) < 1.02 * np.prod(sizes)
+        d.click("Inspector/Box")
+        d.settle()
+        assert session.view.show_box
+        if _PICTURES:
+            d.capture(Path(_PICTURES) / f"placement_{size[0]}.png")
+        d.click("Inspector/###Reset placement")
+        d.settle()
+        np.testing.assert_array_equal(world_means(document.scene, splats), start)
+        for _ in range(5):
+            d.keys(KEY.mod_ctrl, KEY.z)
+        d.settle()
+        assert document.history.cursor == n
+        np.testing.assert_array_equal(world_means(document.scene, splats), start)
+
+    settings = Settings(first_steps_done=True, ui_scale=scale)
+    drive(walk, path=grouped_scene, size=size, settings=settings)
