@@ -23,7 +23,7 @@ from gaga_core.scene.edits.wire import ColumnEntry, IntsEntry, SetEntry
 from gaga_core.scene.export_manifest import Manifest
 from gaga_core.scene.index_set import IndexSet, PackedInts
 from gaga_core.scene.lod.tree import LodFile
-from gaga_core.scene.project import ProjectFile
+from gaga_core.scene.project_file import ProjectFile
 from gaga_core.segmentation.models.download import ModelLock
 from gaga_studio.features.autosave import RecoveryNote
 from gaga_studio.session.settings import Settings

@@ -32,7 +32,8 @@ from gaga_core.scene.camera_path import (
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.export_manifest import Manifest, ManifestEntry
 from gaga_core.scene.lod.build import build_lod_stage
-from gaga_core.scene.project import ProjectFile, open_path_stage, save_project
+from gaga_core.scene.project import open_path_stage, save_project
+from gaga_core.scene.project_file import ProjectFile
 from gaga_core.scene.scene import State
 from gaga_core.segmentation.choose import provider_named
 from gaga_core.segmentation.models.catalogue import known_model

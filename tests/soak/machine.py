@@ -24,7 +24,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.scene import edits
-from gaga_core.scene.project import saved_scene, scene_arrays
+from gaga_core.scene.project_file import saved_scene, scene_arrays
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import autosave, commands, files, folders, objects, selection, transform
 from gaga_studio.session.session import Session
