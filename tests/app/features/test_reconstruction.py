@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
+from gaga_core.io.images import write_rgb
 from gaga_core.pipeline.reconstruct import ReconstructConfig, look_at_photos, reconstruct_scene
 from gaga_core.placing import ladder
 from gaga_core.placing.checks import Verdict
@@ -212,3 +213,20 @@ def test_what_a_path_means(tmp_path: Path) -> None:
         assert (found.photos, found.scene) == (photos, scene)
         assert (found.n_photos, found.size) == (3, (320, 240))
     assert look_at_photos(tmp_path) is None
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_too_few_photos_say_what_is_missing(
+    new_session: Callable[[], Session], tmp_path: Path, n: int
+) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for i in range(n):
+        write_rgb(folder / f"{i}.png", np.full((32, 48, 3), 0.2 * i, np.float32))
+    session = new_session()
+    session.open(folder)
+    assert session.jobs.wait()
+    assert session.photos is not None
+    plural = "" if n == 1 else "s"
+    assert reconstruction.title(session) == f"Make splats from {n} photo{plural}"
+    assert ("it takes at least 3" in reconstruction.why_not(session)) == (n < 3)
