@@ -15,7 +15,7 @@ _WINDOW = """
 import glfw
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.viewport import Viewport
-from gaga_studio.session.view_state import ViewState
+from gaga_studio.session.view import ViewState
 from gaga_core.scene.scene import Scene
 from tests.scenes import objects_scene
 assert glfw.init()

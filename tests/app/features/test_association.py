@@ -11,8 +11,7 @@ from gaga_core.identity.field import load_identity
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.scene.scene import Scene
-from gaga_studio.features import commands, folders
-from gaga_studio.features import objects as objects_actions
+from gaga_studio.features import commands, folders, objects
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.find.association import FindOptions, FindState, lift_mode
@@ -155,10 +154,10 @@ def test_masks_that_came_later_join_and_corrections_stay(
     assert commands.command("object.add_views").enabled(session) == ""
     assert memory_bank.new_views(session) == late
     ids = [int(g) for g in session.objects().ids if g > 0]
-    assert objects_actions.rename(session, ids[0], "kettle")
+    assert objects.rename(session, ids[0], "kettle")
     assert folders.put_in(session, "Kitchen", (ids[0],))
     assert folders.put_under(session, ids[0], (ids[1],))
-    assert objects_actions.set_color(session, ids[1], (1, 0, 0))
+    assert objects.set_color(session, ids[1], (1, 0, 0))
     decision = session.decisions(ids[2])[-1]
     assert memory_bank.move_mask(session, decision, ids[3])
     finish(session)
