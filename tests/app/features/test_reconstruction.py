@@ -21,7 +21,7 @@ from gaga_studio.features.find import association
 from gaga_studio.features.reconstruction import ReconstructionPlan
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
-from gaga_studio.session.training_preview import TrainingPreview, TrainingUpdate, smoothed
+from gaga_studio.session.view import TrainingPreview, TrainingUpdate, smoothed
 from tests.core.reconstruct.photo_scenes import write_photos
 from tests.scenes import objects_scene
 
