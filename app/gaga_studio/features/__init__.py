@@ -1,1 +1,1 @@
-"""What commands do to a session: one module a topic of the menus."""
+"""What commands do to a session: one module a subject of the menus, with its state."""

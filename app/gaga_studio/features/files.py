@@ -1,4 +1,5 @@
-"""Associate, export, add splats, save a script.
+"""Open, save, add splats, save a script.
+
 
 Long work runs as a job; its result arrives as an edit or a notice.
 """

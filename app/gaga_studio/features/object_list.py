@@ -154,7 +154,7 @@ class ObjectListView:
     closed_groups: frozenset[int] = frozenset()  # objects, of those that others lie under
     open_parts: frozenset[PartKey] = frozenset()  # objects and parts whose parts are shown
     filter: ListFilter = field(default_factory=ListFilter)
-    chosen: tuple[str, ...] = ()  # folders that were clicked, see `actions.folders.chosen`
+    chosen: tuple[str, ...] = ()  # folders that were clicked, see `folders.chosen`
     chosen_with: object = None  # the selection that this made
 
     def toggle(self, folder: str) -> None:

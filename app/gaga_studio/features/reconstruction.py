@@ -10,7 +10,7 @@ from gaga_core.progress import Progress, Stage, mapped
 from gaga_studio.features.base import Command, ask, busy
 from gaga_studio.session.notices import Level, Request, UserQuestion, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.training_preview import TrainingPreview, TrainingUpdate
+from gaga_studio.session.view import TrainingPreview, TrainingUpdate
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.reconstruct import PhotoFind, Reconstruction

@@ -38,8 +38,13 @@ from gaga_studio.session.notices import (
     unsaved_question,
 )
 from gaga_studio.session.settings import Settings, load_settings, save_settings
-from gaga_studio.session.training_preview import TrainingPreview
-from gaga_studio.session.view import ImageSource, RenderRequests, ToolName, ViewState
+from gaga_studio.session.view import (
+    ImageSource,
+    RenderRequests,
+    ToolName,
+    TrainingPreview,
+    ViewState,
+)
 from gaga_studio.system import paths
 
 if TYPE_CHECKING:

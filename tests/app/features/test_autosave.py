@@ -9,13 +9,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.io.splats.ply import write_ply
+from gaga_core.scene.project import save_project, saved_scene
 from gaga_studio.features import autosave as autosave_actions
-from gaga_studio.features import objects, selection, transform
-from gaga_studio.features.autosave import Autosave, left_over, offer
+from gaga_studio.features import files, objects, selection, transform
+from gaga_studio.features.autosave import (
+    FILE,
+    Autosave,
+    copy_history,
+    left_over,
+    offer,
+    read_history,
+    write_history,
+)
 from gaga_studio.features.find import memory_bank
 from gaga_studio.session import level_of_detail
 from gaga_studio.session.session import Session
-from tests.app.looks import finish, snapshot
+from tests.app.looks import finish, objects_of, scene_of, snapshot
+from tests.scenes import random_gaussians
 
 
 @pytest.fixture(autouse=True)
@@ -24,7 +35,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "home"
 
 
-def _edit(session: Session) -> None:
+def _edit_and_wait(session: Session) -> None:
     group = int(session.objects().ids[1])
     selection.select_groups(session, (group,))
     objects.delete(session)
@@ -66,7 +77,7 @@ def test_edits_of_a_crashed_program_come_back_unsaved(
     place = associated.need().project.path
     assert place is not None
     before = {p.name: p.read_bytes() for p in place.glob("*.json")}
-    _edit(associated)
+    _edit_and_wait(associated)
     state = associated.need().scene.state.copy()
     _saved(associated)
     assert left_over()[0] == ()  # its program runs
@@ -104,7 +115,7 @@ def test_the_level_of_detail_of_a_crashed_program_is_used_again(
     finish(associated)
     level_of_detail.build(associated)
     finish(associated)
-    _edit(associated)
+    _edit_and_wait(associated)
     _saved(associated)
     _crash()
     fresh = new_session()
@@ -117,7 +128,7 @@ def test_the_level_of_detail_of_a_crashed_program_is_used_again(
 def test_what_was_recovered_stays_until_it_is_written_again(
     associated: Session, new_session: Callable[[], Session]
 ) -> None:
-    _edit(associated)
+    _edit_and_wait(associated)
     _saved(associated)
     for _ in range(2):  # the program that recovered crashes too
         _crash()
@@ -137,7 +148,7 @@ def test_what_was_recovered_stays_until_it_is_written_again(
 def test_later_keeps_and_discard_removes(
     associated: Session, new_session: Callable[[], Session]
 ) -> None:
-    _edit(associated)
+    _edit_and_wait(associated)
     _saved(associated)
     _crash()
     fresh = new_session()
@@ -151,7 +162,7 @@ def test_later_keeps_and_discard_removes(
 
 
 def test_saving_and_ending_in_order_leave_nothing(associated: Session) -> None:
-    _edit(associated)
+    _edit_and_wait(associated)
     autosave = _saved(associated)
     assert list(autosave_actions.root().iterdir())
     associated.save()
@@ -159,14 +170,14 @@ def test_saving_and_ending_in_order_leave_nothing(associated: Session) -> None:
     autosave.tick(associated)
     autosave.wait()
     assert list(autosave_actions.root().iterdir()) == []
-    _edit(associated)
+    _edit_and_wait(associated)
     again = _saved(associated)
     again.finish()
     assert list(autosave_actions.root().iterdir()) == []
 
 
 def test_the_same_state_is_written_once_and_a_drag_never(associated: Session) -> None:
-    _edit(associated)
+    _edit_and_wait(associated)
     autosave = _saved(associated)
     note = next(autosave_actions.root().glob("*/recovery.json"))
     first = note.stat().st_mtime_ns
@@ -187,7 +198,7 @@ def test_a_disk_that_says_no_is_a_notice(
     blocked = tmp_path / "blocked"
     blocked.write_text("a file where a folder must be")
     monkeypatch.setenv("GAGA_HOME", str(blocked))
-    _edit(associated)
+    _edit_and_wait(associated)
     _saved(associated)
     assert "could not be kept safe" in associated.notices[-1].text
 
@@ -222,7 +233,7 @@ def test_a_damaged_note_is_set_aside_and_told(
 def test_what_was_measured_of_the_objects_comes_back(
     associated: Session, new_session: Callable[[], Session]
 ) -> None:
-    _edit(associated)
+    _edit_and_wait(associated)
     assert memory_bank.measure_quality(associated)
     finish(associated)
     before, is_now = memory_bank.shown_quality(associated)
@@ -241,8 +252,8 @@ def test_what_was_measured_of_the_objects_comes_back(
 
 
 def test_undo_and_redo_come_back(associated: Session, new_session: Callable[[], Session]) -> None:
-    _edit(associated)
-    _edit(associated)
+    _edit_and_wait(associated)
+    _edit_and_wait(associated)
     associated.undo()
     document = associated.need()
     entries, script = document.history.entries(), document.history.recorded()
@@ -268,7 +279,7 @@ def test_undo_and_redo_come_back(associated: Session, new_session: Callable[[], 
 def test_a_recovery_record_of_an_older_version_is_read(
     associated: Session, new_session: Callable[[], Session]
 ) -> None:
-    _edit(associated)
+    _edit_and_wait(associated)
     _saved(associated)
     next(autosave_actions.root().glob("*/history.npz")).unlink()
     _crash()
@@ -286,7 +297,7 @@ def test_a_model_that_was_gone_is_kept_with_what_is_saved_after_recovery(
     """The autosave holds the only copy of the splats, and is removed after the save."""
     associated.save()
     finish(associated)
-    _edit(associated)
+    _edit_and_wait(associated)
     associated.need().project.model_path.unlink()
     _saved(associated)
     state = associated.need().scene.state.copy()
@@ -308,3 +319,63 @@ def test_a_model_that_was_gone_is_kept_with_what_is_saved_after_recovery(
     again.open(place)
     finish(again)
     assert np.array_equal(again.need().scene.state, state)
+
+
+def _written(session: Session, folder: Path) -> str:
+    """Save the project of a session and its history into a folder; the name of the scene file."""
+    save_project(session.need().project, folder)
+    write_history(folder, copy_history(session.need()), saved_scene(folder))
+    return saved_scene(folder)
+
+
+def _edit_at_random(session: Session) -> None:
+    selection.select_groups(session, (objects_of(session)[0],))
+    objects.delete(session)
+    objects.rename(session, objects_of(session)[-1], "mug")
+    session.undo()
+
+
+def test_a_file_of_splats_that_is_gone_takes_only_its_entry_and_older_ones(
+    associated: Session, tmp_path: Path
+) -> None:
+    more = tmp_path / "more.ply"
+    write_ply(more, random_gaussians(30))
+    _edit_at_random(associated)
+    files.add_splats(associated, more)
+    finish(associated)
+    transform.move(associated, np.c_[np.eye(3), [1.0, 0, 0]])
+    name = _written(associated, tmp_path / "kept")
+    whole = read_history(tmp_path / "kept", name, scene_of(associated))
+    assert whole is not None
+    more.unlink()
+    rest = read_history(tmp_path / "kept", name, scene_of(associated))
+    assert rest is not None
+    assert [edit.title for edit in rest.record.edits] == [whole.record.edits[-1].title]
+    assert rest.record.cursor == 1
+    assert len(rest.contents) == 2
+    recorded = associated.need().history.recorded()
+    assert [*rest.record.forgotten] == recorded[:-1]
+
+
+@pytest.mark.parametrize("damage", ["bytes", "other scene", "other history", "none"])
+def test_a_history_that_does_not_lead_to_the_scene_is_left_out(
+    associated: Session, tmp_path: Path, damage: str
+) -> None:
+    _edit_at_random(associated)
+    name, folder = _written(associated, tmp_path / "kept"), tmp_path / "kept"
+    scene, before = scene_of(associated), snapshot(scene_of(associated))
+    assert read_history(folder, name, scene) is not None
+    assert snapshot(scene) == before
+    if damage == "bytes":
+        content = bytearray((folder / FILE).read_bytes())
+        content[len(content) // 2] ^= 1
+        (folder / FILE).write_bytes(content)
+    elif damage == "other scene":
+        name = "scene-000000000000.npz"
+    elif damage == "other history":
+        copied = copy_history(associated.need())
+        associated.redo()  # the cursor is another one
+        write_history(folder, copied, name)
+    else:
+        (folder / FILE).unlink()
+    assert read_history(folder, name, scene_of(associated)) is None

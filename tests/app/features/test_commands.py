@@ -10,11 +10,23 @@ from PIL import ImageFont
 
 from gaga_core.io.files import assets
 from gaga_studio.features import objects, selection
-from gaga_studio.features.commands import COMMANDS, MENUS, command, for_shortcut, run
+from gaga_studio.features.blender_keys import BLENDER
+from gaga_studio.features.commands import (
+    COMMANDS,
+    MENUS,
+    PROFILES,
+    command,
+    for_shortcut,
+    keys_of,
+    run,
+    shortcut_of,
+)
 from gaga_studio.features.find import association, masks
 from gaga_studio.session.session import Session
-from gaga_studio.session.view import Mode, ToolName, ViewState
+from gaga_studio.session.settings import Settings, hex_color, load_settings
+from gaga_studio.session.view import Mode, SplatLook, ToolName, ViewState
 from gaga_studio.ui.chrome import command_buttons
+from gaga_studio.ui.dialogs.preferences import all_keys
 from gaga_studio.ui.kit import icons
 
 # What can be done with nothing open.
@@ -291,3 +303,93 @@ def test_a_switch_flips_one_field_and_back(session: Session, id_: str, field: st
         assert switch.is_on(session) is not was_on
         assert getattr(session.view, field) is not was_on
         assert replace(session.view, **{field: getattr(before, field)}) == before
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_no_key_means_two_things(profile: str) -> None:
+    taken: dict[str, str] = {}
+    for id_, listed in PROFILES[profile].items():
+        for keys in listed:
+            assert keys not in taken, (keys, id_, taken[keys])
+            taken[keys] = id_
+
+
+def test_profiles_name_commands_that_exist_and_keys_that_the_window_knows() -> None:
+    ids = {c.id for c in COMMANDS}
+    assert set(BLENDER) <= ids
+    assert all(set(table) == ids for table in PROFILES.values())
+    assert {"G", "X", ".", "[", "Home"} <= set(all_keys())
+
+
+def test_the_same_key_follows_the_profile(new_session: Callable[[], Session]) -> None:
+    session = new_session()
+    chosen = for_shortcut("R", session)
+    assert chosen is not None
+    assert chosen.id == "tool.rect"
+    session.settings = replace(session.settings, keys="blender")
+    chosen = for_shortcut("R", session)
+    assert chosen is not None
+    assert chosen.id == "tool.rotate"
+    assert shortcut_of(command("edit.delete"), session) == "X"
+    assert keys_of(command("tool.polygon"), session) == ()
+    session.rig.is_flying = True
+    assert for_shortcut("S", session) is None  # flies back
+    session.rig.is_flying = False
+    session.settings = replace(session.settings, keys="unknown")
+    assert shortcut_of(command("tool.rect"), session) == "R"
+
+
+def test_modes_without_anything_to_show_are_left_out(session: Session) -> None:
+    """Not associated: no groups, no mask, no confidence."""
+    assert "Find objects" in command("view.confidence").enabled(session)
+    seen = []
+    for _ in range(8):
+        run("view.next_mode", session)
+        seen.append(session.view.mode)
+    assert seen[:4] == [Mode.DEPTH, Mode.CENTRES, Mode.RINGS, Mode.COLOR]
+    assert seen[4:] == seen[:4]
+
+
+def test_from_a_mode_that_lost_its_subject_the_next_one_is_taken(session: Session) -> None:
+    session.view.mode = Mode.MASK
+    run("view.next_mode", session)
+    assert session.view.mode is Mode.COLOR
+    session.view.mode = Mode.GROUPS
+    run("view.next_mode", session)
+    assert session.view.mode is Mode.DEPTH
+
+
+def test_the_look_follows_the_file_unless_it_is_chosen(associated: Session) -> None:
+    scene = associated.scene
+    assert scene is not None
+    assert not associated.view.is_antialiased(scene)
+    scene.gaussians = replace(scene.gaussians, comments=("SplatRenderMode: mip",))
+    assert associated.view.is_antialiased(scene)
+    run("view.look_classic", associated)
+    assert associated.view.look is SplatLook.CLASSIC
+    assert not associated.view.is_antialiased(scene)
+    run("view.look_auto", associated)
+    assert associated.view.is_antialiased(scene)
+
+
+def test_a_background_is_used_and_remembered(associated: Session) -> None:
+    seen = set()
+    for _ in range(4):
+        run("view.background", associated)
+        assert associated.view.background == associated.settings.background_color
+        seen.add(associated.view.background)
+    assert len(seen) == 4
+    assert {(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)} < seen
+    run("view.background", associated)
+    again, _ = load_settings()
+    assert again.background_color == associated.view.background
+
+
+@pytest.mark.parametrize("color", ["#1c1c1f", "#000000", "#ffffff", "#0a80fe"])
+def test_colors_as_html_writes_them(color: str) -> None:
+    assert hex_color(Settings(background=color).background_color) == color
+
+
+@pytest.mark.parametrize("color", ["", "red", "#12", "#1234567", "#gggggg"])
+def test_a_color_that_is_none_is_black(color: str) -> None:
+    assert Settings(background=color).background_color == (0.0, 0.0, 0.0)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
+from gaga_core.io.images import write_rgb
 from gaga_core.pipeline.reconstruct import look_at_photos, reconstruct_scene
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing import ladder
@@ -21,7 +22,7 @@ from gaga_studio.features.find import association
 from gaga_studio.features.reconstruction import ReconstructionPlan
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
-from gaga_studio.session.training_preview import TrainingPreview, TrainingUpdate, smoothed
+from gaga_studio.session.view import TrainingPreview, TrainingUpdate, smoothed
 from tests.core.reconstruct.photo_scenes import write_photos
 from tests.scenes import objects_scene
 
@@ -213,3 +214,20 @@ def test_what_a_path_means(tmp_path: Path) -> None:
         assert (found.photos, found.scene) == (photos, scene)
         assert (found.n_photos, found.size) == (3, (320, 240))
     assert look_at_photos(tmp_path) is None
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_too_few_photos_say_what_is_missing(
+    new_session: Callable[[], Session], tmp_path: Path, n: int
+) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for i in range(n):
+        write_rgb(folder / f"{i}.png", np.full((32, 48, 3), 0.2 * i, np.float32))
+    session = new_session()
+    session.open(folder)
+    assert session.jobs.wait()
+    assert session.photos is not None
+    plural = "" if n == 1 else "s"
+    assert reconstruction.title(session) == f"Make splats from {n} photo{plural}"
+    assert ("it takes at least 3" in reconstruction.why_not(session)) == (n < 3)

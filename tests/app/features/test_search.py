@@ -56,16 +56,16 @@ def _ask(session: Session, text: str) -> tuple[int, ...]:
     search_actions.type_text(session, text, _SIZE)
     search = session.need().feature(SearchState)
     end = time.monotonic() + 60
-    search_actions.tick(session)
+    search_actions.tick(session, object_list.kept_groups)
     while time.monotonic() < end:
         session.tick(0.01)
-        search_actions.tick(session)
+        search_actions.tick(session, object_list.kept_groups)
         key = search.key(session.need().scene, train_views(session.need().project))
         is_measured = search.measured is not None and search.measured.key == key
         if is_measured and not search.is_looking_up and session.jobs.quiet is None:
             break
         time.sleep(0.01)
-    search_actions.tick(session)
+    search_actions.tick(session, object_list.kept_groups)
     return tuple(hit.group for hit in search.hits)
 
 

@@ -29,8 +29,7 @@ from gaga_core.segmentation.models.weights import family_of, models_folder, weig
 from gaga_core.segmentation.regions import NAME as REGIONS
 from gaga_core.segmentation.settings import GeneratorConfig
 from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_scene, no_views
-from gaga_studio.features.find import association as associate
-from gaga_studio.features.find import association as identities
+from gaga_studio.features.find import association
 from gaga_studio.features.find.association import FindState, duration_text
 from gaga_studio.features.find.memory_bank import KnownViews
 from gaga_studio.session import stages
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class ModelsState:
-    """State of the sheet; `actions.models` changes it."""
+    """What the sheet of models shows: the known models here, terms that wait for an answer."""
 
     entries: tuple[ModelStatus, ...] = ()  # as last looked at; empty = look when it is shown
     offered: Listing | None = None  # its licence and size are shown, the user has not answered
@@ -516,7 +515,7 @@ def make_live(session: Session, request: MaskRequest) -> None:
         return
     found: list[Association] = []  # newest last; the worker adds, nothing is changed
     ended: list[SegmentReport] = []
-    progress, end_of_live = associate.watch_bank(session)
+    progress, end_of_live = association.watch_bank(session)
     stage = _stage(document.project, request, _config(session), found)
 
     def done(report: SegmentReport) -> None:
@@ -530,12 +529,12 @@ def make_live(session: Session, request: MaskRequest) -> None:
         if not ended:
             keep_partial(session, request.provider)
         if found:
-            n = associate.take_groups(document, found[-1])
+            n = association.take_groups(document, found[-1])
             n_views = len(found[-1].mask_groups)
             session.notify(Level.INFO, f"Found {n} objects in {n_views} photos.")
             for note in found[-1].notes:
                 session.notify(Level.WARNING, note)
-            identities.lift_after_finding(session, found[-1].bank.preset)
+            association.lift_after_finding(session, found[-1].bank.preset)
 
     session.jobs.start(LIVE_TITLE, stage, progress, done, end)
 
@@ -589,7 +588,7 @@ def _objects(
     assert folder is not None  # `_stage` looked
     known = [camera.name for camera in folder.cameras]
     text = f"objects in {len(views)} photos"
-    stage = associate.associate_project_stage(
+    stage = association.associate_project_stage(
         project, mask_folder(done.folder, views, known), config
     )
     newest = yield from mapped(stage, lambda _: replace(step, payload=None, message=text))

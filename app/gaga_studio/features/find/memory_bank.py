@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Timeline:
-    """Step by step through the views of a bank; see `actions.bank_timeline`."""
+    """The replay of the bank, step by step through its views."""
 
     growth: BankGrowth | None = None
     bank: MemoryBank | None = None  # that ``growth`` is of

@@ -15,7 +15,7 @@ from gaga_studio.features.find import association
 from gaga_studio.features.reconstruction import ReconstructionPlan
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
-from gaga_studio.session.training_preview import TrainingPreview, smoothed
+from gaga_studio.session.view import TrainingPreview, smoothed
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.chrome.status import duration
 from gaga_studio.ui.kit import icons, theme, widgets

@@ -1,4 +1,4 @@
-"""The camera's path in the window: keyframes, preview, films and pictures."""
+"""The camera: bookmarks, the view cube, its path with keyframes, films and pictures."""
 
 import threading
 from collections.abc import Callable
@@ -9,16 +9,204 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gaga_core.arrays import UInt8Array
+from gaga_core.arrays import DoubleArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline.film import FilmConfig, Split
+from gaga_studio.features import camera as bookmarks
 from gaga_studio.features import camera as camera_path
-from gaga_studio.features import export
+from gaga_studio.features import export, split_view
 from gaga_studio.features.commands import run
+from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.session import Session
-from gaga_studio.session.view import Mode, RenderRequests, ViewState
+from gaga_studio.session.view import Mode, PhotoCompareMode, RenderRequests, ViewState
+from gaga_studio.ui.viewport import view_cube
+
+_POINTS = np.array([[0.2, 0.1, 0.0], [-0.3, 0.2, 0.1], [0.0, -0.2, 0.3]])
+
+
+def _seen(session: Session) -> DoubleArray:
+    pixels, _ = session.rig.camera(800, 600).project(session.rig.radius * _POINTS)
+    return pixels
+
+
+def _land(session: Session) -> None:
+    while session.rig.is_moving:
+        session.tick(0.1)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_bookmark_shows_the_same_again(session: Session, flat: bool) -> None:
+    session.rig.camera(800, 600)
+    session.rig.orbit(80, -40)
+    session.rig.set_orthographic(flat)
+    before, was_unsaved = _seen(session), session.unsaved
+    bookmarks.add_bookmark(session, "door")
+    assert session.unsaved
+    assert not was_unsaved
+    session.rig.set_orthographic(not flat)
+    session.rig.orbit(200, 100)
+    session.rig.zoom(3)
+    assert np.abs(_seen(session) - before).max() > 5
+    bookmarks.recall_bookmark(session, 0)
+    _land(session)
+    np.testing.assert_allclose(_seen(session), before, atol=1e-3)
+    assert session.rig.pose.is_orthographic is flat
+
+
+def test_keys_set_and_recall(session: Session) -> None:
+    assert "No bookmark" in _hint_of(session, "camera.bookmark_4")
+    run("camera.set_bookmark_4", session)
+    here = _seen(session)
+    session.rig.orbit(90, 0)
+    run("camera.set_bookmark_5", session)
+    run("camera.bookmark_4", session)
+    _land(session)
+    np.testing.assert_allclose(_seen(session), here, atol=1e-3)
+    session.rig.zoom(2)
+    there = _seen(session)
+    run("camera.set_bookmark_4", session)  # moves the one that is there
+    assert [mark.key for mark in bookmarks.bookmarks(session)] == [4, 5]
+    session.rig.orbit(10, 0)
+    run("camera.bookmark_4", session)
+    _land(session)
+    np.testing.assert_allclose(_seen(session), there, atol=1e-3)
+
+
+def _hint_of(session: Session, command_id: str) -> str:
+    assert not run(command_id, session)
+    return session.hint
+
+
+def test_the_list_is_edited_and_saved_with_the_project(
+    session: Session, new_session: Callable[[], Session], scene_folder: Path
+) -> None:
+    for name in ("a", "b", "c"):
+        bookmarks.add_bookmark(session, name)
+    bookmarks.move_bookmark(session, 2, -1)
+    bookmarks.move_bookmark(session, 0, -1)
+    bookmarks.rename_bookmark(session, 0, "  front door ")
+    bookmarks.rename_bookmark(session, 1, " ")
+    bookmarks.remove_bookmark(session, 2)
+    bookmarks.add_bookmark(session)
+    assert [mark.name for mark in bookmarks.bookmarks(session)] == ["front door", "c", "View 3"]
+    session.save()
+    assert session.jobs.wait()
+    assert not session.unsaved
+    again = new_session()
+    again.open(scene_folder)
+    assert again.jobs.wait()
+    assert bookmarks.bookmarks(again) == bookmarks.bookmarks(session)
+    assert not again.unsaved
+
+
+def test_a_mark_made_while_saving_is_unsaved(session: Session) -> None:
+    bookmarks.add_bookmark(session)
+    session.save()
+    bookmarks.add_bookmark(session)
+    assert session.jobs.wait()
+    assert session.unsaved
+
+
+def test_orthographic_shows_near_and_far_alike_and_the_pivot_as_before() -> None:
+    rig = CameraRig()
+    rig.frame_scene(np.full(3, -1.0), np.full(3, 1.0))
+    right, forward = rig.sideways, rig.camera(800, 600).forward
+    ends = np.stack([-0.3 * right, 0.3 * right])
+
+    def length(depth: float) -> float:
+        pixels, _ = rig.camera(800, 600).project(rig.pivot + ends + depth * forward)
+        return float(np.linalg.norm(pixels[1] - pixels[0]))
+
+    before = length(0.0)
+    assert length(-1) / length(1) > 1.5
+    rig.set_orthographic(True)
+    assert length(0.0) == pytest.approx(before, rel=1e-9)
+    assert length(-1) / length(1) == pytest.approx(1.0, abs=0.01)
+    zoomed = length(0.0)
+    rig.zoom(2)
+    assert length(0.0) > 1.2 * zoomed
+
+
+@pytest.mark.parametrize("axis", ["front", "back", "left", "right", "top", "bottom"])
+def test_the_cube_s_faces_are_the_axis_views(axis: str) -> None:
+    side = {name.lower(): normal for name, normal in view_cube._SIDES}[axis]
+    by_name, by_cube = CameraRig(), CameraRig()
+    for rig in (by_name, by_cube):
+        rig.frame_scene(np.full(3, -1.0), np.full(3, 1.0))
+    by_cube.look_along("front")
+    by_cube.update(1)
+    by_name.look_along(axis)
+    by_cube.look_from(side)
+    by_name.update(1)
+    by_cube.update(1)
+    a, b = (rig.camera(800, 600).cam_from_world for rig in (by_name, by_cube))
+    np.testing.assert_allclose(a, b, atol=1e-9)
+    # From there the middle of the cube's picture is this face.
+    assert view_cube.hit(by_cube.cube, 0, 0) == side
+    assert view_cube.name_of(side) == axis
+
+
+def test_a_click_on_the_cube_hits_what_looks_at_the_eye() -> None:
+    rig = CameraRig()
+    rig.frame_scene(np.full(3, -1.0), np.full(3, 1.0))
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        side = (0, 0, 0)
+        while side == (0, 0, 0):
+            x, y, z = (int(v) for v in rng.integers(-1, 2, 3))
+            side = (x, y, z)
+        rig.look_from(side)
+        rig.update(1)
+        assert view_cube.hit(rig.cube, 0, 0) == side  # a corner is in the middle, too
+        rig.orbit(float(rng.uniform(-300, 300)), float(rng.uniform(-100, 100)))
+        u, v = rng.uniform(-2, 2, 2)
+        found = view_cube.hit(rig.cube, float(u), float(v))
+        if found is not None:
+            assert (rig.cube @ np.array(found))[2] < 0.7
+        assert view_cube.hit(rig.cube, 1.9, 1.9) is None
+
+
+def test_the_photo_lies_exactly_over_the_picture(session: Session) -> None:
+    run("camera.swipe", session)
+    assert session.view.compare is PhotoCompareMode.SWIPE
+    _land(session)
+    photo = split_view.compared_photo(session)
+    assert photo is not None
+    view = session.rig.camera(900, 400)
+    place = split_view.place_photo(photo, view)
+    for u, v in ((0, 0), (photo.width, 0), (photo.width / 3, photo.height)):
+        pixels, _ = view.project(photo.unproject(u, v, 2.0)[None])
+        x = place.x + u / photo.width * place.width
+        y = place.y + v / photo.height * place.height
+        np.testing.assert_allclose(pixels[0], [x, y], atol=1e-6)
+    session.rig.orbit(20, 0)
+    assert split_view.compared_photo(session) is None
+    run("camera.swipe", session)
+    assert session.view.compare.value == "off"
+    run("camera.hold_photo", session)
+    assert session.view.holds_photo
+    assert split_view.compared_photo(session) is not None
+
+
+def test_the_difference_of_a_picture_with_itself_is_nothing(
+    session: Session, tmp_path: Path
+) -> None:
+    from gaga_core.io.images import write_rgb
+    from gaga_core.raster import choose
+
+    assert session.scene is not None
+    camera = session.cameras[0]
+    image = choose().render(session.scene.gaussians, camera).image
+    write_rgb(tmp_path / "same.png", image)
+    _, mean = split_view.difference(session.scene, camera, tmp_path / "same.png", side=4096)
+    assert mean < 0.5 / 255
+    write_rgb(tmp_path / "other.png", np.clip(image, 0, 1) * 0.5 + 0.5)
+    heat, mean = split_view.difference(session.scene, camera, tmp_path / "other.png", side=4096)
+    assert mean == pytest.approx(float(0.5 - 0.5 * np.clip(image, 0, 1).mean()), abs=1 / 255)
+    assert heat.shape == (camera.height, camera.width, 3)
+
 
 _SMALL = FilmConfig(video=VideoConfig(64, 48, fps=5))
 

@@ -1,0 +1,351 @@
+"""The memory bank: moved masks, split objects, quality, the replay, the splats of a mask."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaga_core.grouping.memory_bank import Decision
+from gaga_studio.features import objects, selection, transform
+from gaga_studio.features.commands import command, run
+from gaga_studio.features.find import masks, memory_bank
+from gaga_studio.features.find.memory_bank import Timeline
+from gaga_studio.features.selection import Uncertain
+from gaga_studio.session.session import Session
+from gaga_studio.session.view import Mode
+
+
+def _decision(session: Session, group: int, place: int = -1) -> Decision:
+    return session.decisions(group)[place]
+
+
+def _labels(session: Session) -> np.ndarray:
+    assert session.scene is not None
+    return session.scene.labels
+
+
+def test_a_moved_mask_is_one_edit_that_undo_takes_back(associated: Session) -> None:
+    session = associated
+    before, bank = _labels(session).copy(), session.scene.bank  # type: ignore[union-attr]
+    assert objects.rename(session, 2, "mug")
+    cursor = session.history.cursor  # type: ignore[union-attr]
+    moved = _decision(session, 3)
+    live = []
+    assert memory_bank.move_mask(session, moved, 2)
+    while session.jobs.running is not None:
+        session.jobs.poll()
+        if session.live is not None:
+            live.append(session.live.view)
+    assert live
+    assert live[-1] >= moved.view
+    now = next(d for d in session.decisions(2) if (d.view, d.mask) == (moved.view, moved.mask))
+    assert now.by_hand
+    assert session.live is None
+    assert session.history.cursor == cursor + 1  # type: ignore[union-attr]
+    assert session.history.undo_title == (  # type: ignore[union-attr]
+        f"Move mask {moved.mask} of {moved.view} to mug"
+    )
+    assert session.document.name_of(2) == "mug"  # type: ignore[union-attr]
+    assert not np.array_equal(_labels(session), before)
+    session.undo()
+    assert np.array_equal(_labels(session), before)
+    assert session.scene.bank is bank  # type: ignore[union-attr]
+
+
+def test_cancelled_a_repair_leaves_everything(associated: Session) -> None:
+    session = associated
+    before, bank = _labels(session), session.scene.bank  # type: ignore[union-attr]
+    assert memory_bank.move_mask(session, _decision(session, 3), memory_bank.NEW)
+    session.jobs.cancel()
+    assert session.jobs.wait()
+    assert session.live is None
+    assert _labels(session) is before
+    assert session.scene.bank is bank  # type: ignore[union-attr]
+
+
+def test_objects_that_change_meanwhile_win(associated: Session) -> None:
+    session = associated
+    assert memory_bank.move_mask(session, _decision(session, 3), memory_bank.NEW)
+    selection.select_groups(session, (4,))
+    assert objects.assign(session, 5)
+    changed = _labels(session)
+    assert session.jobs.wait()
+    assert _labels(session) is changed
+    assert "changed while this ran" in session.notices[-1].text
+
+
+def test_copies_in_objects_of_their_own_stay_there(associated: Session) -> None:
+    session = associated
+    selection.select_groups(session, (3,))
+    assert transform.duplicate(session)
+    n, copy = len(session.scene), int(_labels(session).max())  # type: ignore[arg-type]
+    assert memory_bank.move_mask(session, _decision(session, 3, 0), memory_bank.NEW)
+    assert session.jobs.wait()
+    assert len(_labels(session)) == n
+    assert (_labels(session) == copy).sum() == n - session.scene.source.max() - 1  # type: ignore[union-attr]
+    assert (_labels(session)[: n - (_labels(session) == copy).sum()] != copy).all()
+
+
+def test_a_saved_bank_is_repaired_by_its_preset_whatever_the_order_of_its_views(
+    associated: Session,
+) -> None:
+    session, scene = associated, associated.scene
+    assert scene is not None
+    assert scene.bank is not None
+    views = [decision.view for decision in scene.bank.log]
+    assert views == sorted(views)
+    scene.bank = replace(scene.bank, preset="robust")
+    session.save()
+    assert session.jobs.wait()
+    session.open(session.project.path)  # type: ignore[union-attr,arg-type]
+    assert session.jobs.wait()
+    document = session.need()
+    assert memory_bank.evidence_of(session, document).config.preset == "robust"
+    assert document.read.overlap_is_of_points()
+
+
+def test_two_objects_in_one_are_told_apart_by_their_masks(associated: Session) -> None:
+    session = associated
+    truth = _labels(session).copy()
+    selection.select_groups(session, (2,))
+    assert objects.assign(session, 3)  # whole objects: their masks go along
+    assert len(session.decisions(2)) == 0
+    n_masks = len(session.decisions(3))
+    selection.select_groups(session, (3,))
+    assert run("object.split_masks", session)
+    assert session.jobs.wait()
+    assert "is two now" in session.notices[-1].text
+    new = int(_labels(session).max())
+    assert new > truth.max()
+    part = _labels(session) == new
+    wanted = truth == np.bincount(truth[part]).argmax()
+    assert (part == wanted).mean() > 0.97
+    assert len(session.decisions(new)) + len(session.decisions(3)) == n_masks
+    session.undo()
+    assert (_labels(session) != new).all()
+
+
+def test_quality_is_kept_for_each_state_of_the_groups(associated: Session) -> None:
+    session = associated
+    assert memory_bank.shown_quality(session) == (None, False)
+    assert memory_bank.quality_column(session, session.objects()).tolist() == [-1.0] * len(
+        session.objects()
+    )
+    assert run("object.quality", session)
+    assert session.jobs.wait()
+    found, is_now = memory_bank.shown_quality(session)
+    assert found is not None
+    assert is_now
+    assert (memory_bank.quality_column(session, session.objects())[1:] > 0.6).all()
+    selection.select_groups(session, (2,))
+    assert run("object.worst_view", session)
+    worst = found.groups[2].views[0].view
+    assert session.cameras[session.active_view or 0].name == worst
+    assert objects.assign(session, 3)
+    assert memory_bank.shown_quality(session) == (found, False)
+    session.undo()
+    assert memory_bank.shown_quality(session) == (found, True)
+
+
+def test_uncertain_splats_of_the_selected_object(associated: Session) -> None:
+    session = associated
+    document = session.need()
+    selection.select_groups(session, (2,))
+    document.feature(Uncertain).threshold = 0.9
+    assert run("object.uncertain", session)
+    column = session.scene.confidence_of()  # type: ignore[union-attr]
+    assert column is not None
+    chosen = session.selected_indices()
+    assert (_labels(session)[chosen] == 2).all()
+    assert (column[chosen] < 0.9 * 255).all()
+    assert len(chosen) == ((_labels(session) == 2) & (column < 0.9 * 255)).sum()
+
+
+def test_a_group_color_is_an_edit(associated: Session) -> None:
+    session = associated
+    first = session.objects().colors[2].copy()
+    group = int(session.objects().ids[2])
+    assert objects.set_color(session, group, (0.2, 0.4, 0.6))
+    np.testing.assert_allclose(session.objects().colors[2], [0.2, 0.4, 0.6])
+    assert session.unsaved
+    session.undo()
+    np.testing.assert_array_equal(session.objects().colors[2], first)
+
+
+def _opened(session: Session) -> Session:
+    assert run("view.timeline", session)
+    assert session.jobs.wait()
+    assert session.document is not None
+    assert session.document.feature(Timeline).is_open, session.notices
+    return session
+
+
+def test_a_replay_goes_from_nothing_to_the_saved_groups(associated: Session) -> None:
+    before = associated.scene.labels.copy()  # type: ignore[union-attr]
+    session = _opened(associated)
+    timeline, cursor = memory_bank.timeline_of(session), session.history.cursor  # type: ignore[union-attr]
+    growth = timeline.growth
+    assert growth is not None
+    assert timeline.is_playing
+    assert session.view.mode is Mode.GROUPS
+    seen = []
+    while timeline.is_playing:
+        shown = memory_bank.timeline_labels(session)
+        seen.append(0 if shown is None else int((shown > 0).sum()))
+        assert shown is None or shown is memory_bank.timeline_labels(
+            session
+        )  # sent to the card once
+        view = memory_bank.view_of_step(session)
+        if view:
+            assert session.cameras[session.active_view].name == view  # type: ignore[index]
+            bank = memory_bank.bank_at(session)
+            assert bank is not None
+            assert bank.log[-1].view == view
+        memory_bank.tick_timeline(session, 10.0)
+    assert seen[0] == 0
+    assert seen[: growth.last_step] == sorted(seen[: growth.last_step])
+    assert timeline.step == growth.last_step
+    assert memory_bank.timeline_labels(session) is None  # the scene's own
+    assert np.array_equal(growth.labels_at(timeline.step), before)
+    memory_bank.close_timeline(session)
+    assert session.view.mode is Mode.COLOR
+    assert session.history.cursor == cursor
+    assert not session.unsaved
+    assert np.array_equal(session.scene.labels, before)
+
+
+def test_a_camera_that_does_not_follow_stays(associated: Session) -> None:
+    session = _opened(associated)
+    memory_bank.set_follows(session, False)
+    session.active_view = None
+    memory_bank.go_to_step(session, 3)
+    assert session.active_view is None
+    memory_bank.go_to_step(session, 999)
+    assert memory_bank.timeline_of(session).step == 8
+    memory_bank.toggle_timeline_playing(session)
+    memory_bank.toggle_timeline_playing(session)
+    assert memory_bank.timeline_of(session).step == 0  # from the start again
+    memory_bank.set_follows(session, True)
+    memory_bank.go_to_step(session, 1)
+    assert session.active_view is not None
+
+
+def test_a_replay_ends_with_its_bank_and_survives_copies(associated: Session) -> None:
+    session = _opened(associated)
+    memory_bank.go_to_step(session, 4)
+    selection.select_groups(session, (3,))
+    assert run("edit.duplicate", session)
+    shown = memory_bank.timeline_labels(session)
+    assert shown is not None
+    assert len(shown) == len(session.scene)  # type: ignore[arg-type]
+    bank = session.scene.bank  # type: ignore[union-attr]
+    assert objects.rename(session, 2, "mug")
+    memory_bank.tick_timeline(session, 0.0)
+    assert memory_bank.timeline_of(session).is_open
+    session.scene.bank = None  # type: ignore[union-attr]  # as an undone association does
+    memory_bank.tick_timeline(session, 0.0)
+    assert not memory_bank.timeline_of(session).is_open
+    assert "Find objects" in command("view.timeline").enabled(session)
+    session.scene.bank = bank  # type: ignore[union-attr]
+    assert run("view.timeline", session)  # at once: the growth is known
+    assert memory_bank.timeline_of(session).is_open
+
+
+def test_a_replay_ends_with_its_scene(associated: Session) -> None:
+    session = _opened(associated)
+    session.take(session.need().project)
+    assert not memory_bank.timeline_of(session).is_open
+    assert session.view.mode is Mode.COLOR
+
+
+def _mask(session: Session) -> Decision:
+    """A mask of the object 3, its view read."""
+    decision = session.decisions(3)[-1]
+    while memory_bank.mask_overlaps(session, decision) is None:
+        session.jobs.poll()
+    return decision
+
+
+def test_overlaps_of_a_mask_are_looked_up_in_a_quiet_job(associated: Session) -> None:
+    decision = associated.decisions(3)[-1]
+    assert memory_bank.mask_overlaps(associated, decision) is None
+    decision = _mask(associated)
+    found = memory_bank.mask_overlaps(associated, decision)
+    assert found is not None
+    assert memory_bank.mask_overlaps(associated, decision) is found  # counted once, not every frame
+    assert next(iter(found)) == 3
+    assert list(found.values()) == sorted(found.values(), reverse=True)
+    assert 0.5 < found[3] <= 1
+    assert sum(found.values()) == pytest.approx(1)
+    behind = memory_bank.mask_overlaps(associated, decision, has_gate=False)
+    assert behind is not None
+    assert len(behind) >= len(found)
+    assert behind[3] < found[3]  # the floor is behind every ball
+
+
+def test_lit_splats_are_those_of_the_mask_and_the_gate_is_a_switch(associated: Session) -> None:
+    session = associated
+    decision = _mask(session)
+    splats = memory_bank.mask_splats_of(session, decision)
+    assert splats is not None
+    gated = memory_bank.mask_tint(session, decision)
+    assert gated is not None
+    assert np.array_equal((gated == memory_bank.IN_GATE).all(axis=1), splats.gated)
+    assert not (gated == memory_bank.CUT_OFF).all(axis=1).any()
+    assert memory_bank.mask_tint(session, decision) is gated  # nothing is sent to the card again
+    run("view.mask_gate", session)
+    free = memory_bank.mask_tint(session, decision)
+    assert free is not None
+    assert np.array_equal((free == memory_bank.IN_GATE).all(axis=1), splats.gated)
+    cut = (free == memory_bank.CUT_OFF).all(axis=1)
+    assert np.array_equal(cut, splats.behind & ~splats.gated)
+    assert cut.any()
+    assert memory_bank.mask_tint(session, None) is None
+    run("view.lights_masks", session)
+    assert memory_bank.mask_tint(session, decision) is None
+
+
+def test_copies_are_lit_with_their_originals(associated: Session) -> None:
+    session = associated
+    decision = _mask(session)
+    before = memory_bank.mask_tint(session, decision)
+    selection.select_groups(session, (3,))
+    assert run("edit.duplicate", session)
+    scene = session.scene
+    assert scene is not None
+    after = memory_bank.mask_tint(session, decision)
+    assert before is not None
+    assert after is not None
+    assert len(after) == len(scene) > len(before)
+    assert np.array_equal(after, before[scene.source])
+
+
+def test_a_view_that_cannot_be_read_is_tried_once(associated: Session) -> None:
+    session = associated
+    decision = session.decisions(3)[-1]
+    assert session.project is not None
+    assert session.project.folder is not None
+    (folder,) = session.project.folder.mask_folders.values()
+    for path in folder.glob(f"**/{decision.view}*"):
+        path.write_bytes(b"no picture")
+    end = time.monotonic() + 30
+    while (
+        found := memory_bank.mask_overlaps(session, decision)
+    ) is None and time.monotonic() < end:
+        session.jobs.poll()
+        time.sleep(0.01)
+    assert found == {}
+    assert memory_bank.mask_tint(session, decision) is None
+    assert session.jobs.quiet is None, "it fails again in every frame"
+
+
+def test_masks_that_were_made_again_are_read_again(associated: Session) -> None:
+    session, document = associated, associated.need()
+    decision = _mask(session)
+    kept = memory_bank.evidence_of(session, document)
+    assert memory_bank.mask_splats_of(session, decision) is not None
+    assert masks.choose(session, session.provider)  # as a job that has made masks does
+    assert memory_bank.evidence_of(session, document) is not kept
+    assert memory_bank.mask_splats_of(session, decision) is None  # until its view is read again
+    assert memory_bank.mask_overlaps(session, _mask(session))
