@@ -334,9 +334,7 @@ def _make_row(session: Session, dialog: MaskDialog, entry: ProviderEntry | None)
     if widgets.button("Make", Face(text, icons.RUN, primary=True), why_not=why_not):
         imgui.close_current_popup()
         masks.make(session, dialog.request)
-    imgui.same_line()
-    if widgets.button("Close"):
-        imgui.close_current_popup()
+    _close()
 
 
 def _duration(session: Session, dialog: MaskDialog, n: int) -> str:
@@ -466,8 +464,7 @@ def _identities(session: Session) -> None:
 
 def _find_row(session: Session) -> None:
     imgui.dummy(ImVec2(0, em(0.2)))
-    job = session.jobs.running
-    busy = "" if job is None else f"{job.title} is still running."
+    busy = _busy(session)
     no_masks = "" if len(session.masks) else "This scene has no masks. Use Make masks."
     mode = lift_mode(session.settings)
     then = " and train" if mode == "paper" else ""
@@ -490,6 +487,17 @@ def _find_row(session: Session) -> None:
     if widgets.button("Reset", why_not=same, hint="Take every switch from the preset"):
         session.find_options = FindOptions()
         session.change_settings(replace(session.settings, identities="preset"))
+    _close()
+
+
+def _busy(session: Session) -> str:
+    """Why nothing can be started now."""
+    job = session.jobs.running
+    return "" if job is None else f"{job.title} is still running."
+
+
+def _close() -> None:
+    """The last button of a row."""
     imgui.same_line()
     if widgets.button("Close"):
         imgui.close_current_popup()
@@ -527,13 +535,10 @@ def draw_add_views(session: Session) -> None:
     for sentence in add_views.consequences(session):
         widgets.dim(f"•  {sentence}", wrap=True)
     imgui.dummy(ImVec2(0, em(0.2)))
-    job = session.jobs.running
-    busy = "" if job is None else f"{job.title} is still running."
+    busy = _busy(session)
     face = Face("Add", icons.RUN, primary=True)
     if widgets.button("Add views", face, why_not=busy or add_views.why_not(session)):
         imgui.close_current_popup()
         add_views.start(session)
-    imgui.same_line()
-    if widgets.button("Close"):
-        imgui.close_current_popup()
+    _close()
     imgui.end_popup()
