@@ -39,7 +39,7 @@ def _see(studio: Studio) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize(("in_a_frame", "frame_s"), [(1, 0.03), (6, 0.2), (len(SCRIPT), 1.5)])
+@pytest.mark.parametrize(("in_a_frame", "frame_s"), [(1, 0.005), (6, 0.2), (len(SCRIPT), 1.5)])
 def test_a_typed_script_gives_the_same_result_at_any_frame_rate(
     display: str, grouped_copy: Path, in_a_frame: int, frame_s: float
 ) -> None:

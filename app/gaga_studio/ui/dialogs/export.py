@@ -1,5 +1,6 @@
 """The sheet that exports: the scene, the selection, every object or the cameras; one for all."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,11 +20,9 @@ from gaga_studio.ui.dialogs.files import FileDialog, FilePicker, PathKind
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.modal import answer, begin_modal, body_height
 from gaga_studio.ui.kit.theme import em
-from gaga_studio.ui.kit.widgets import Face
+from gaga_studio.ui.kit.widgets import Face, T
 
-# --- The forms of cameras in the sheet that exports.
-
-FORMS: tuple[tuple[CameraForm, str, str, str], ...] = (
+_CAMERA_FORMS: tuple[tuple[CameraForm, str, str, str], ...] = (
     (
         CameraForm.CAMERAS_JSON,
         "",
@@ -43,15 +42,6 @@ FORMS: tuple[tuple[CameraForm, str, str, str], ...] = (
         "A folder with cameras, images and points as text: most trainings start from these.",
     ),
 )
-
-
-def _draw_cameras(form: CameraForm, indent: float) -> CameraForm:
-    """The row that chooses a form, and what it is for; ``indent`` pixels from the left."""
-    widgets.field_name("Form", indent)
-    chosen = widgets.segmented("Camera form", FORMS, form, why_not={})
-    widgets.under_fields(indent)
-    widgets.dim(next(hint for one, _, _, hint in FORMS if one is chosen), wrap=True)
-    return chosen
 
 
 # --- What an export changes on the way, in the sheet that exports: color, count, placement, crop.
@@ -267,7 +257,7 @@ def _what_and_form(session: Session, sheet: ExportSheet) -> None:
         sheet.what = what
         _propose(session, sheet)
     if sheet.what == "cameras":
-        cameras = _draw_cameras(sheet.cameras, em(NAMES))
+        cameras = _form("Camera form", _CAMERA_FORMS, sheet.cameras)
         if cameras is not sheet.cameras:
             sheet.cameras = cameras
             _propose(session, sheet)
@@ -276,25 +266,20 @@ def _what_and_form(session: Session, sheet: ExportSheet) -> None:
         widgets.field_name("As", em(NAMES))
         sheet.solid = widgets.segmented("As", _SOLIDS, sheet.solid, why_not={})
         if sheet.solid is not None:
-            widgets.field_name("Form", em(NAMES))
-            sheet.mesh_file = widgets.segmented("File", _FILES, sheet.mesh_file, why_not={})
-            widgets.under_fields(em(NAMES))
-            widgets.dim(next(hint for f, _, _, hint in _FILES if f is sheet.mesh_file), wrap=True)
+            sheet.mesh_file = _form("File", _FILES, sheet.mesh_file)
             return
+    former, sheet.form = sheet.form, _form("Form", _FORMS, sheet.form)
+    if sheet.what != "objects" and sheet.path.endswith(former.suffix):
+        sheet.path = sheet.path.removesuffix(former.suffix) + sheet.form.suffix
+
+
+def _form(name: str, forms: Sequence[tuple[T, str, str, str]], current: T) -> T:
+    """The row that chooses a form, and what the form is for."""
     widgets.field_name("Form", em(NAMES))
-    form = widgets.segmented("Form", _FORMS, sheet.form, why_not={})
-    if form is not sheet.form:
-        sheet.path = _with_suffix(sheet, form)
-        sheet.form = form
+    chosen = widgets.segmented(name, forms, current, why_not={})
     widgets.under_fields(em(NAMES))
-    widgets.dim(next(hint for form, _, _, hint in _FORMS if form is sheet.form), wrap=True)
-
-
-def _with_suffix(sheet: ExportSheet, form: SplatFormat) -> str:
-    """The typed path with the suffix of another form."""
-    if sheet.what == "objects" or not sheet.path.endswith(sheet.form.suffix):
-        return sheet.path
-    return sheet.path.removesuffix(sheet.form.suffix) + form.suffix
+    widgets.dim(next(hint for form, _, _, hint in forms if form is chosen), wrap=True)
+    return chosen
 
 
 def _place(sheet: ExportSheet, files: FilePicker) -> None:

@@ -338,9 +338,7 @@ def _make_row(session: Session, dialog: MaskDialog, entry: ProviderEntry | None)
     if widgets.button("Make", Face(text, icons.RUN, primary=True), why_not=why_not):
         imgui.close_current_popup()
         masks.make(session, dialog.request)
-    imgui.same_line()
-    if widgets.button("Close"):
-        imgui.close_current_popup()
+    _close()
 
 
 def _duration(session: Session, dialog: MaskDialog, n: int) -> str:
@@ -473,8 +471,7 @@ def _identities(session: Session) -> None:
 
 def _find_row(session: Session) -> None:
     imgui.dummy(ImVec2(0, em(0.2)))
-    job = session.jobs.running
-    busy = "" if job is None else f"{job.title} is still running."
+    busy = _busy(session)
     no_masks = "" if len(session.masks) else "This scene has no masks. Use Make masks."
     mode = lift_mode(session.settings)
     then = " and train" if mode == "paper" else ""
@@ -497,6 +494,17 @@ def _find_row(session: Session) -> None:
     if widgets.button("Reset", why_not=same, hint="Take every switch from the preset"):
         session.feature(FindState).options = FindOptions()
         session.change_settings(replace(session.settings, identities="preset"))
+    _close()
+
+
+def _busy(session: Session) -> str:
+    """Why nothing can be started now."""
+    job = session.jobs.running
+    return "" if job is None else f"{job.title} is still running."
+
+
+def _close() -> None:
+    """The last button of a row."""
     imgui.same_line()
     if widgets.button("Close"):
         imgui.close_current_popup()
@@ -534,13 +542,10 @@ def draw_add_views(session: Session) -> None:
     for sentence in memory_bank.consequences_of_adding(session):
         widgets.dim(f"•  {sentence}", wrap=True)
     imgui.dummy(ImVec2(0, em(0.2)))
-    job = session.jobs.running
-    busy = "" if job is None else f"{job.title} is still running."
+    busy = _busy(session)
     face = Face("Add", icons.RUN, primary=True)
     if widgets.button("Add views", face, why_not=busy or memory_bank.why_no_new_views(session)):
         imgui.close_current_popup()
         memory_bank.add_views(session)
-    imgui.same_line()
-    if widgets.button("Close"):
-        imgui.close_current_popup()
+    _close()
     imgui.end_popup()

@@ -6,7 +6,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio.features import commands, folders, object_list, objects
+from gaga_studio.features import commands, folders, object_list
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.object_list import Line, Lines, ObjectListView
 from gaga_studio.session.document import Document
@@ -17,42 +17,11 @@ from gaga_studio.ui.kit.object_menu import FOLDER_DRAG, OBJECT_DRAG
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
-from gaga_studio.ui.panels import rows as row_parts
+from gaga_studio.ui.panels import rows as row_kinds
 from gaga_studio.ui.panels import search
 from gaga_studio.ui.panels.rows import FolderRow, ObjectRow, PartRow, Rows, RowState
 from gaga_studio.ui.panels.search import SearchBoxState
 from gaga_studio.ui.viewport.mask_evidence import MaskMenuState
-
-# --- The slider above the object list: how fine the objects are that no model made.
-
-
-@dataclass
-class DetailState:
-    """The level that is being dragged to; None at rest."""
-
-    dragged: int | None = None
-
-
-def _detail_slider(session: Session, state: DetailState) -> None:
-    """Draw the slider where the groups of the scene have levels."""
-    levels = object_list.levels_of(session)
-    if levels is None:
-        state.dragged = None
-        return
-    shown = levels.chosen if state.dragged is None else state.dragged
-    widgets.field_name("Detail", em(4))
-    moved, level = imgui.slider_int(
-        "##Detail", shown, 0, len(levels.labels) - 1, "", imgui.SliderFlags_.always_clamp
-    )
-    ended = imgui.is_item_deactivated()
-    widgets.tooltip("Left: things together. Right: small pieces. Ctrl+Z takes a change back.")
-    if moved and level != state.dragged:
-        state.dragged = level
-        objects.preview_level(session, level)
-    if ended and state.dragged is not None:
-        chosen, state.dragged = state.dragged, None
-        objects.choose_level(session, chosen)
-
 
 _TABLE_FLAGS = (
     imgui.TableFlags_.sortable
@@ -70,7 +39,7 @@ class ObjectListState:
 
     rows: RowState = field(default_factory=RowState)
     search: SearchBoxState = field(default_factory=SearchBoxState)
-    detail: DetailState = field(default_factory=DetailState)
+    level: int | None = None  # of detail that is being dragged to
     sort: tuple[SortKey, bool] = ("id", False)  # and whether descending
     was_row_hovered: bool = False
     scroll_to: int | str | None = None  # group or folder to scroll to
@@ -87,7 +56,7 @@ def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: P
     if not (table.ids > 0).any():
         _nothing_yet(session)
         return
-    _detail_slider(session, state.detail)
+    _detail_slider(session, state)
     state.rows.hovered = state.search.hovered = 0
     if not search.draw(session, state.search, area, session.document, table):
         _list(session, session.document, state, masks, table)
@@ -114,6 +83,27 @@ def _nothing_yet(session: Session) -> None:
             commands.run(offer.command, session)
 
 
+def _detail_slider(session: Session, state: ObjectListState) -> None:
+    """Draw the slider where the groups of the scene have levels."""
+    levels = object_list.levels_of(session)
+    if levels is None:
+        state.level = None
+        return
+    shown = levels.chosen if state.level is None else state.level
+    widgets.field_name("Detail", em(4))
+    moved, level = imgui.slider_int(
+        "##Detail", shown, 0, len(levels.labels) - 1, "", imgui.SliderFlags_.always_clamp
+    )
+    ended = imgui.is_item_deactivated()
+    widgets.tooltip("Left: things together. Right: small pieces. Ctrl+Z takes a change back.")
+    if moved and level != state.level:
+        state.level = level
+        objects.preview_level(session, level)
+    if ended and state.level is not None:
+        chosen, state.level = state.level, None
+        objects.choose_level(session, chosen)
+
+
 def _list(
     session: Session,
     document: Document,
@@ -123,20 +113,20 @@ def _list(
 ) -> None:
     measured = memory_bank.quality_column(session, table)
     lines = object_list.lines(session, table, *state.sort)
-    height = row_parts.height(imgui.get_content_region_avail().y)
+    height = row_kinds.height(imgui.get_content_region_avail().y)
     parts = object_list.part_index(session)
     order = document.scene.folders
     has_arrows = parts is not None or bool(order.paths or order.parent)
     is_measured = bool((measured >= 0).any())
-    columns = row_parts.columns_for(is_measured, height, lines.depth, has_arrows)
+    columns = row_kinds.columns_for(is_measured, height, lines.depth, has_arrows)
     size = ImVec2(0, -_foot_height(session))
     imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(theme.scaled(3), theme.scaled(1)))
     is_open = imgui.begin_table("Table", columns.shown + 1, _TABLE_FLAGS, size)
     imgui.pop_style_var()
     if not is_open:
         return
-    row_parts.set_up(columns)
-    state.sort = row_parts.sorting()
+    row_kinds.set_up(columns)
+    state.sort = row_kinds.sorting()
     _follow_selection(session, document, state, lines, height)
     rows = Rows(session, document, state.rows, masks, table, measured, lines.shown, columns, parts)
     _draw_lines(rows, lines)
@@ -173,7 +163,7 @@ def _background_row(session: Session, n: int, high: float) -> None:
     widgets.tooltip("Walls, floors, tables and other large flat things; click to show or hide them")
     icon = icons.FOLDED if folds else icons.UNFOLDED
     text = f"{icon}  Background and supports ({n:,})"
-    row_parts.last_row().text(em(0.1), (high - em(1)) / 2, theme.u32(theme.DIM), text)
+    row_kinds.last_row().text(em(0.1), (high - em(1)) / 2, theme.u32(theme.DIM), text)
 
 
 def _highlight(session: Session, state: ObjectListState) -> None:
@@ -259,7 +249,7 @@ def _foot(session: Session, table: ObjectTable) -> None:
     if _is_dragging(session):
         label = "Drop here: in no folder, under nothing"
         widgets.button("Drop here: in no folder", Face(label, icons.FOLDER_OUT, width=-1))
-        row_parts.drop_target(session, "")
+        row_kinds.drop_target(session, "")
         return
     if search.foot(session, table):
         return

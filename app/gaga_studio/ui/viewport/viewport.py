@@ -62,17 +62,20 @@ class FlyKeys:
         return frozenset(self._held)
 
 
+@dataclass
+class PictureState:
+    """What lies over the picture of a scene."""
+
+    evidence: EvidenceState = field(default_factory=EvidenceState)
+    is_offer_closed: bool = False  # of the next stage
+    measure: MeasureState = field(default_factory=MeasureState)
+    compared: dict[str, float] = field(default_factory=dict)  # errors of photos, 0..1, by key
+
+
 # --- The one stage that the open scene lacks next, as one button on the picture.
 
 
-@dataclass
-class OfferState:
-    """Whether the offer was put away."""
-
-    is_closed: bool = False
-
-
-def _draw_next_stage(session: Session, state: OfferState, area: PictureArea) -> None:
+def _draw_next_stage(session: Session, state: PictureState, area: PictureArea) -> None:
     """A card at the foot of the picture; nothing when nothing is missing or it was closed.
 
     What lacks a button to run is said until objects are made by hand.
@@ -80,7 +83,7 @@ def _draw_next_stage(session: Session, state: OfferState, area: PictureArea) -> 
     offer = association.stage_offer(session)
     area.offer_top = float("inf")
     document = session.document
-    if offer is None or document is None or state.is_closed:
+    if offer is None or document is None or state.is_offer_closed:
         return
     if cleanup.shown(session) is not None or fill.shown(session) is not None:
         return  # it would cover a preview that is to be looked at
@@ -95,7 +98,7 @@ def _draw_next_stage(session: Session, state: OfferState, area: PictureArea) -> 
     area.offer_top = imgui.get_item_rect_min().y
 
 
-def _content(session: Session, state: OfferState, width: float) -> None:
+def _content(session: Session, state: PictureState, width: float) -> None:
     offer = association.stage_offer(session)
     if offer is None:
         return
@@ -119,7 +122,7 @@ def _content(session: Session, state: OfferState, width: float) -> None:
     imgui.pop_text_wrap_pos()
     imgui.same_line(width - em(2.3))
     if widgets.icon_button("Not now", icons.CLOSE):
-        state.is_closed = True
+        state.is_offer_closed = True
     if is_wide and buttons:
         imgui.same_line(width - em(2.6) - used)
     for at, (command, name, face) in enumerate(buttons):
@@ -269,16 +272,6 @@ _BADGES = {
 }
 _TAP_S = 0.05  # flight of a key that has just gone down: a slow frame before it was not its own
 Render = Callable[[Camera], int]  # OpenGL name of the finished picture; 0 where there is none
-
-
-@dataclass
-class PictureState:
-    """What lies over the picture of a scene."""
-
-    evidence: EvidenceState = field(default_factory=EvidenceState)
-    offer: OfferState = field(default_factory=OfferState)
-    measure: MeasureState = field(default_factory=MeasureState)
-    compared: dict[str, float] = field(default_factory=dict)  # errors of photos, 0..1, by key
 
 
 @dataclass
@@ -434,7 +427,7 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
     area.head_bottom = toolbar.draw_card(session, area, top)
     overlays.draw_card(session, state.measure, corner, size)
     area.chip_bottom = _way_out_of_isolation(session, corner, size)
-    _draw_next_stage(session, state.offer, area)
+    _draw_next_stage(session, state, area)
     training.draw_live(session, corner, size)
     mask_evidence.draw(session, state.evidence, area)
 
