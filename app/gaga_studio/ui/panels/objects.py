@@ -6,7 +6,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
-from gaga_studio.features import commands, folders, object_list
+from gaga_studio.features import commands, folders, object_list, objects
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.object_list import Line, Lines, ObjectListView
 from gaga_studio.session.document import Document
