@@ -1,6 +1,6 @@
 """The commands that start from photos: ``gaga reconstruct`` and ``gaga run``."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,9 +11,7 @@ from gaga_core.cli.output import (
     AsJson,
     Backend,
     Groups,
-    GroupSwitches,
     Identities,
-    IdentitySwitches,
     Model,
     options,
 )
@@ -34,6 +32,8 @@ class RunCommand:
         options(ReconstructConfig, "quality", "iterations", "max_side", *_PLACING),
     ]
     engine: Annotated[EngineConfig, options(EngineConfig, "workers", "address")]
+    groups: Groups
+    identities: Identities
     to: Path | None = None
     """Scene folder to make of photos or a video; default: next to them, as NAME-scene."""
     masks: Path | None = None
@@ -45,10 +45,8 @@ class RunCommand:
     """robust (default): groups by the consensus of all views, identities by vote. paper: the
     published method to the letter: association of section 3.2, identities trained for 10,000 steps,
     labels by their classifier. When given, groups of the other preset are made again."""
-    groups: Groups = field(default_factory=GroupSwitches)
     lift: Literal["vote", "refine", "paper"] | None = None
     """How groups become identities (see gaga lift); default: as the preset has it."""
-    identities: Identities = field(default_factory=IdentitySwitches)
     executor: Literal["none", "local", "dask"] = "none"
     """Who runs many scenes: processes here, or workers of dask."""
     json: AsJson = False
@@ -60,15 +58,16 @@ class RunCommand:
 
         if self.masks is not None and self.masks_from:
             raise GagaError("--masks and --masks-from exclude each other. Leave one out.")
-        config = RunConfig(
-            reconstruct=self.reconstruct,
-            masks=self.masks,
-            masks_from=self.masks_from,
-            associate=self.groups.config(self.preset or "robust"),
-            keeps_groups=self.preset is None,
-            mode=self.lift,
-            lift=self.identities.config(),
-        )
+        with out.possible():
+            config = RunConfig(
+                reconstruct=self.reconstruct,
+                masks=self.masks,
+                masks_from=self.masks_from,
+                associate=self.groups.config(self.preset or "robust"),
+                keeps_groups=self.preset is None,
+                mode=self.lift,
+                lift=self.identities.config(),
+            )
         if self.executor == "none":
             return self._run_one(config)
         if self.model is not None or self.to is not None:

@@ -1,6 +1,6 @@
 """Commands over a scene folder: the stages of the method, and their scores."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,9 +11,7 @@ from gaga_core.cli.output import (
     AsJson,
     Backend,
     Groups,
-    GroupSwitches,
     Identities,
-    IdentitySwitches,
     Masks,
     Model,
 )
@@ -26,11 +24,11 @@ class AssociateCommand:
 
     scene: Positional[Path]
     """Scene folder (images/, sparse/0/, masks/, point_cloud.ply)."""
+    groups: Groups
     masks: Masks = None
     model: Model = None
     preset: Literal["robust", "paper"] = "robust"
     """robust: groups by the consensus of all views. paper: the published method to the letter."""
-    groups: Groups = field(default_factory=GroupSwitches)
     add: bool = False
     """Only views that took no part yet: their masks join the groups that there are, or open new
     ones, as the preset of these groups has it. What was decided stays."""
@@ -45,7 +43,8 @@ class AssociateCommand:
 
         folder = open_scene_folder(self.scene, model=self.model)
         preset = associate.saved_preset(folder) if self.add else self.preset
-        config = self.groups.config(preset)
+        with out.possible():
+            config = self.groups.config(preset)
         stage = associate.associate_scene(
             folder, self.masks, config, rasterizer=choose(self.backend), adds=self.add
         )
@@ -62,11 +61,11 @@ class LiftCommand:
 
     scene: Positional[Path]
     """Scene folder whose masks are associated."""
+    identities: Identities
     mode: Literal["vote", "refine", "paper"] | None = None
     """vote: votes and least squares, no training. refine: a few steps on top. paper: from zeros,
     10,000 steps. Default: paper where the preset paper made the groups, else vote. After paper of
     the preset paper the scene's labels are those of the classifier."""
-    identities: Identities = field(default_factory=IdentitySwitches)
     backend: Backend = "auto"
     json: AsJson = False
 
@@ -77,7 +76,8 @@ class LiftCommand:
         from gaga_core.raster import choose
 
         folder = open_scene_folder(self.scene)
-        config = self.identities.config()
+        with out.possible():
+            config = self.identities.config()
         report = out.follow(lift_scene(folder, self.mode, config, rasterizer=choose(self.backend)))
         if (folder.work / "project.json").is_file():
             out.say("The saved project of this scene keeps its own labels until you lift there.")
@@ -219,6 +219,7 @@ class CompareCommand:
     """Scene folder with masks."""
     gt: Path
     """Folder of true label maps."""
+    identities: Identities
     masks: Masks = None
     seeds: tuple[int, ...] = (0,)
     """Draws of the training views for the sparse rows."""
@@ -234,7 +235,6 @@ class CompareCommand:
     """Score identities of the rows that have a memory bank, in this mode (see gaga lift); none:
     their groups. preset: paper for preset paper (10,000 steps a row), vote for robust. Default:
     preset; none where rows are ablations, which change the association alone."""
-    identities: Identities = field(default_factory=IdentitySwitches)
     lifting_iterations: int = 10_000
     """Training steps of the row "lifting" (linear assignment as Panoptic Lifting does it)."""
     video_model: str | None = None
@@ -258,10 +258,12 @@ class CompareCommand:
         if bool(self.variants) + self.ablations + self.thresholds > 1:
             text = "--variants, --ablations and --thresholds each say which rows. Choose one."
             raise GagaError(text)
+        with out.possible():
+            identities = self.identities.config()
         config = CompareConfig(
             seeds=self.seeds,
             lift=self.lift,
-            identities=self.identities.config(),
+            identities=identities,
             lifting_iterations=self.lifting_iterations,
             video_model=None if self.video_model is None else folder_of(self.video_model, KNOWN),
         )

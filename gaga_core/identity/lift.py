@@ -50,26 +50,6 @@ class LiftConfig:
         if self.pseudo not in ("masks", "bank"):
             raise ValueError(f"pseudo: {self.pseudo!r} is neither 'masks' nor 'bank'")
 
-    def switched(
-        self,
-        iterations: int | None = None,
-        pseudo: Pseudo | None = None,
-        train_void: bool | None = None,
-    ) -> "LiftConfig":
-        """The same with the switches that are given; None changes nothing.
-
-        ``iterations`` are those of mode "paper". ``train_void``: pixels that no mask covers are
-        trained as class 0 (else left out), in "paper" and "refine". Raises ``ValueError`` when out
-        of range.
-        """
-        paper, refine = self.paper, self.refine
-        if iterations is not None:
-            paper = replace(paper, iterations=iterations)
-        if train_void is not None:
-            paper = replace(paper, rows=replace(paper.rows, train_void=train_void))
-            refine = replace(refine, rows=replace(refine.rows, train_void=train_void))
-        return replace(self, paper=paper, refine=refine, pseudo=pseudo or self.pseudo)
-
 
 @dataclass(frozen=True, eq=False)
 class LiftTask:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Literal, get_args
 from gaga_core.settings import check_limits, setting
 
 if TYPE_CHECKING:
+    from gaga_core.grouping.associate import AssociateConfig
+    from gaga_core.identity.lift import LiftConfig
     from gaga_core.placing.ladder import LadderConfig
     from gaga_core.placing.sfm import SfmConfig
     from gaga_core.training.settings import TrainConfig
@@ -117,6 +119,65 @@ class SegmentConfig:
 
     def __post_init__(self) -> None:
         check_limits(self)
+
+
+@dataclass(frozen=True)
+class GroupSettings:
+    """Settings of the association; those that are not given are the preset's."""
+
+    detail: float | None = None
+    """Of groups made from regions: 0 things together .. 0.5 whole objects (default) .. 1 small
+    pieces."""
+    threshold: float | None = setting(None, "Overlap threshold", least=0.01, most=1.0)
+    """Least overlap of a mask with a group to join it, in (0, 1]; default: 0.1, as published."""
+    inlier_factor: float | None = setting(None, "Inlier factor f", least=0.0, most=4.0)
+    """f of the depth gate: pixels within f IQRs of the mask's depths count; default: 1."""
+    depth: Literal["expected", "median", "none"] | None = setting(None, "Depth of a pixel")
+    """Of a pixel; none: all Gaussians behind a mask. Default: expected (paper), median (robust)."""
+    order: Literal["name", "coverage"] | None = setting(None, "Order of the views")
+    """Of the views; coverage: widest first. Default: name (paper), coverage (robust)."""
+
+    def config(self, preset: str) -> "AssociateConfig":
+        """The settings of ``preset`` with those that were given.
+
+        ``ValueError`` when they exclude each other, ``GagaError`` when the preset has no detail.
+        """
+        from gaga_core.grouping.associate import AssociateConfig
+
+        config = AssociateConfig.of(preset).at_detail(self.detail)
+        names = ("threshold", "depth", "order")
+        given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        if self.inlier_factor is not None:
+            given["gate"] = replace(config.gate, iqr_factor=self.inlier_factor)
+        return replace(config, **given)
+
+
+@dataclass(frozen=True)
+class IdentitySettings:
+    """Settings of identity encodings (section 3.3)."""
+
+    lift_iterations: int | None = setting(None, "Training steps", least=2, most=100_000)
+    """Training steps of identities from zeros (paper); default: 10,000, as published."""
+    pseudo: Literal["masks", "bank"] | None = setting(None, "Pseudo labels")
+    """Labels that identities are trained on: masks with their groups' ids (figure 2 and published
+    code, the default), or the bank's groups splatted into the views (text of section 3.3)."""
+    void: Literal["ignore", "train"] | None = setting(None, "Pixels without a mask")
+    """Pixels that no mask covers: ignore them (the default), or train them as class 0, as the
+    published code does."""
+
+    def config(self) -> "LiftConfig":
+        """Settings of a lift with those that were given; ``ValueError`` when out of range."""
+        from gaga_core.identity.lift import LiftConfig
+
+        config = LiftConfig()
+        paper, refine = config.paper, config.refine
+        if self.lift_iterations is not None:
+            paper = replace(paper, iterations=self.lift_iterations)
+        if self.void is not None:
+            rows = replace(paper.rows, train_void=self.void == "train")
+            paper = replace(paper, rows=rows)
+            refine = replace(refine, rows=replace(refine.rows, train_void=rows.train_void))
+        return replace(config, paper=paper, refine=refine, pseudo=self.pseudo or config.pseudo)
 
 
 Engine = Literal["local", "dask"]

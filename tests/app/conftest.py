@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.identity.lift import LiftConfig
+from gaga_core.pipeline.settings import IdentitySettings
 from gaga_studio.features.find import association
-from gaga_studio.features.find.association import FindOptions, FindState
+from gaga_studio.features.find.association import FindState
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from tests.app.folders import write_scene
@@ -39,7 +39,7 @@ def new_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cal
 
     def make() -> Session:
         made.append(Session(Settings(preset="paper", identities="none")))
-        made[-1].feature(FindState).options = FindOptions(lift=LiftConfig().switched(iterations=12))
+        made[-1].feature(FindState).identities = IdentitySettings(12)
         return made[-1]
 
     yield make

@@ -277,7 +277,7 @@ def associate_other(session: Session) -> bool:
         if is_same() and bank is not None:
             document.feature(OtherGroups).found = bank, found.labels
 
-    config = session.feature(FindState).options.association(preset)
+    config = session.feature(FindState).association(preset)
     stage = association.associate_project_stage(document.settled(), session.masks, config)
     return session.jobs.start(_job_title(preset), stage, on_done=done)
 

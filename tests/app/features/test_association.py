@@ -10,11 +10,12 @@ import pytest
 from gaga_core.identity.field import load_identity
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import commands, folders, objects
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association, memory_bank
-from gaga_studio.features.find.association import FindOptions, FindState, lift_mode
+from gaga_studio.features.find.association import FindState, lift_mode
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode
@@ -24,8 +25,7 @@ from tests.app.looks import finish, scene_of, snapshot
 def _quickly(session: Session, iterations: int = 12) -> None:
     """As the preset paper has it, but for fewer steps."""
     session.settings = replace(session.settings, identities="preset")
-    lift = session.feature(FindState).options.lift.switched(iterations)
-    session.feature(FindState).options = FindOptions(lift=lift)
+    session.feature(FindState).identities = IdentitySettings(iterations)
 
 
 def _scene(session: Session) -> Scene:
@@ -34,13 +34,12 @@ def _scene(session: Session) -> Scene:
 
 
 def test_what_the_presets_ask_for() -> None:
-    assert FindOptions().lift.paper.iterations == 10_000
     assert lift_mode(Settings(preset="paper")) == "paper"
     assert lift_mode(Settings(preset="robust")) is None
     assert lift_mode(Settings(preset="robust", identities="vote")) == "vote"
-    config = FindOptions(threshold=0.3, inlier_factor=2.0, order="coverage").association("paper")
+    config = GroupSettings(threshold=0.3, inlier_factor=2.0, order="coverage").config("paper")
     assert (config.threshold, config.gate.iqr_factor, config.order) == (0.3, 2.0, "coverage")
-    assert FindOptions().association("paper").depth == "expected"
+    assert GroupSettings().config("paper").depth == "expected"
 
 
 def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Session) -> None:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from gaga_core.pipeline.reconstruct import reconstruct_scene
-from gaga_core.pipeline.settings import ReconstructConfig
+from gaga_core.pipeline.settings import GroupSettings, IdentitySettings, ReconstructConfig
 from gaga_core.progress import run_stage
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_studio.features.commands import command
-from gaga_studio.features.find.association import FindOptions, FindState
+from gaga_studio.features.find.association import FindState
 from gaga_studio.features.find.click_object import ClickState
 from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.features.find.search import SearchState
@@ -158,14 +158,15 @@ def test_objects_are_found_as_published(
 
     def walk(d: Driver) -> None:
         session = d.session
-        few = FindOptions(threshold=0.2, lift=session.feature(FindState).options.lift.switched(12))
-        session.feature(FindState).options = replace(few)
+        state = session.feature(FindState)
+        state.groups, state.identities = GroupSettings(threshold=0.2), IdentitySettings(12)
+        few = replace(state)
         d.menu("Find/###Find objects with settings…")
         d.click("Find objects/Preset/###Paper")
         assert session.settings.preset == "paper"
         d.click("Find objects/**/Memory bank (section 3.2)")
         d.click("Find objects/**/Identity encodings (section 3.3)")
-        assert session.feature(FindState).options == few  # what is shown is not changed
+        assert state == few  # what is shown is not changed
         d.click("Find objects/###Find")
         d.settle()
         assert command("object.labels_identities").is_on(session)  # type: ignore[misc]

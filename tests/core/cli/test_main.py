@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 from gaga_core.cli.main import AnyCommand, main
-from gaga_core.cli.output import IdentitySwitches, follow, say_what_a_project_keeps
+from gaga_core.cli.output import follow, say_what_a_project_keeps
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.ply import read_ply
+from gaga_core.pipeline.settings import IdentitySettings
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
@@ -95,7 +96,7 @@ def test_settings_of_the_association_are_switches(tmp_path: Path, capsys: Captur
 
 def test_preset_paper_is_the_whole_method(tmp_path: Path, capsys: Capture) -> None:
     """Association of 3.2, identities trained from zeros, labels by their classifier."""
-    assert IdentitySwitches().config().paper.iterations == 10_000
+    assert IdentitySettings().config().paper.iterations == 10_000
     root = tmp_path / "scene"
     write_scene(root)
     few = ("--lift-iterations", "20", "--void", "train", "--pseudo", "bank")

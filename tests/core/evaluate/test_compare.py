@@ -36,10 +36,10 @@ from gaga_core.evaluate.compare import (
 )
 from gaga_core.evaluate.published import iou_drop, sparse_views
 from gaga_core.grouping.associate import AssociateConfig
-from gaga_core.identity.lift import LiftConfig
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.masks.label_maps import read_labels, write_labels
 from gaga_core.masks import MaskSet
+from gaga_core.pipeline.settings import IdentitySettings
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.core.grouping.true_masks import permuted, true_map
@@ -303,7 +303,7 @@ def test_published_figures_stand_next_to_the_same_variant(root: Path) -> None:
 
 
 def test_rows_with_a_bank_can_be_lifted(root: Path) -> None:
-    identities = LiftConfig().switched(iterations=300)
+    identities = IdentitySettings(300).config()
     rows: dict[str, list[VariantRow]] = {}
     for lift in ("none", None):
         config = CompareConfig(("paper", "robust", "none"), (), lift=lift, identities=identities)

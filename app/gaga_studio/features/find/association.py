@@ -1,8 +1,7 @@
 """Find objects: associate masks with settings, identities, and the stage that comes next."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from gaga_core.identity.lift import Mode as LiftMode
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.io.folder.scene_folder import SceneFolder, select_views
 from gaga_core.masks import MaskSet
+from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
@@ -35,30 +35,17 @@ from gaga_studio.session.view import Mode
 # --- settings
 
 
-@dataclass(frozen=True)
-class FindOptions:
-    """Switches of this run of the program; None is what the preset has."""
+@dataclass
+class FindState:
+    """Feature of a session: how objects are found until the program ends."""
 
-    threshold: float | None = None  # least overlap of a mask with a group that it joins, (0, 1]
-    inlier_factor: float | None = None  # f of the depth gate
-    depth: Literal["expected", "median", "none"] | None = None  # none: all Gaussians behind a mask
-    order: Literal["name", "coverage"] | None = None  # of the views
-    lift: LiftConfig = field(default_factory=LiftConfig)
+    groups: GroupSettings = field(default_factory=GroupSettings)
+    identities: IdentitySettings = field(default_factory=IdentitySettings)
 
     def association(self, preset: str) -> AssociateConfig:
         """Settings of an association by ``preset``; ``GagaError`` when they exclude each other."""
-        config = AssociateConfig.of(preset)
         try:
-            gate = config.gate
-            if self.inlier_factor is not None:
-                gate = replace(gate, iqr_factor=self.inlier_factor)
-            return replace(
-                config,
-                gate=gate,
-                threshold=self.threshold or config.threshold,
-                depth=self.depth or config.depth,
-                order=self.order or config.order,
-            )
+            return self.groups.config(preset)
         except ValueError as error:
             raise GagaError(f"These settings do not go together ({error}).") from error
 
@@ -73,13 +60,6 @@ def lift_mode(settings: Settings, preset: str = "") -> LiftMode | None:
     if settings.identities == "preset":
         return "paper" if (preset or settings.preset) == "paper" else None
     return modes.get(settings.identities)
-
-
-@dataclass
-class FindState:
-    """Feature of a session: how objects are found until the program ends."""
-
-    options: FindOptions = field(default_factory=FindOptions)
 
 
 # --- identities
@@ -101,7 +81,7 @@ def lift(session: Session, mode: LiftMode | None = None) -> None:
     bank = document.settled().scene.bank
     preset = bank.preset if bank is not None else "paper"
     mode = mode or lift_mode(session.settings, preset) or mode_of_preset(preset)
-    options = session.feature(FindState).options.lift
+    options = session.feature(FindState).identities.config()
     stage = lift_project_stage(document.project, session.masks, mode, options)
     used = (mode, preset) == ("paper", "paper")
 
@@ -152,7 +132,7 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
     With the settings of `FindState`; then identities, where the preset has them.
     """
     document, preset = session.need(), preset or session.settings.preset
-    config = session.feature(FindState).options.association(preset)
+    config = session.feature(FindState).association(preset)
     found = stages.masks_of(document.project, provider or session.provider)
     session.provider, session.masks = found
     stage = associate_project_stage(document.project, session.masks, config)
@@ -425,5 +405,5 @@ def stage_offer(session: Session) -> StageOffer | None:
     if document is None or session.jobs.running or document.read.has_groups():
         return None
     trains = lift_mode(session.settings) == "paper"
-    training = training_seconds(session.feature(FindState).options.lift) if trains else 0.0
+    training = training_seconds(session.feature(FindState).identities.config()) if trains else 0.0
     return offer_of(document.project, len(session.masks), session.settings.preset, training)

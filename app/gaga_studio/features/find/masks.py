@@ -540,7 +540,7 @@ def make_live(session: Session, request: MaskRequest) -> None:
 
 
 def _config(session: Session) -> AssociateConfig:
-    return session.feature(FindState).options.association(session.settings.preset)
+    return session.feature(FindState).association(session.settings.preset)
 
 
 def _stage(

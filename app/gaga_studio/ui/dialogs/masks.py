@@ -1,20 +1,24 @@
 """The sheets that make masks, find objects from them, and add new photos and masks."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
+from gaga_core.identity.lift import LiftConfig
+from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.segmentation.choose import ProviderEntry
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_core.segmentation.models.weights import models_folder
+from gaga_core.settings import setting_of
 from gaga_studio.features.find import association, masks, memory_bank
 from gaga_studio.features.find.association import (
-    FindOptions,
     FindState,
     duration_text,
     lift_mode,
@@ -391,8 +395,8 @@ _IDENTITIES = {
 _DEPTHS = {"expected": "Expected", "median": "Median", "none": "None: all behind the mask"}
 _ORDERS = {"name": "By name", "coverage": "Widest views first"}
 _PSEUDO = {"masks": "Masks with their groups", "bank": "The splatted bank"}
-_VOID = {False: "Left out", True: "Trained as no group"}
-_MOST_ITERATIONS = 100_000
+_VOID = {"ignore": "Left out", "train": "Trained as no group"}
+C = TypeVar("C", GroupSettings, IdentitySettings)
 
 
 def draw_find_objects(session: Session) -> None:
@@ -424,58 +428,50 @@ def _association(session: Session) -> None:
     """Switches of section 3.2 of the paper; what they show at first is what the preset has."""
     if not widgets.section("Memory bank (section 3.2)"):
         return
-    options, preset = (
-        session.feature(FindState).options,
-        AssociateConfig.of(session.settings.preset),
-    )
-    threshold = options.threshold or preset.threshold
-    changed, threshold = _number("Overlap threshold", threshold, 0.01, 1.0)
+    state, preset = session.feature(FindState), AssociateConfig.of(session.settings.preset)
+    groups = state.groups
+    threshold = groups.threshold or preset.threshold
+    changed, threshold = _number(groups, "threshold", threshold)
     widgets.tooltip("Least share of a mask's splats in a group that it joins; published: 0.1")
     if changed:
-        options = replace(options, threshold=threshold)
-    f = preset.gate.iqr_factor if options.inlier_factor is None else options.inlier_factor
-    changed, f = _number("Inlier factor f", f, 0.0, 4.0)
+        groups = replace(groups, threshold=threshold)
+    f = preset.gate.iqr_factor if groups.inlier_factor is None else groups.inlier_factor
+    changed, f = _number(groups, "inlier_factor", f)
     widgets.tooltip("Depths up to Q3 + f times the IQR of a mask's depths count; published: 1")
     if changed:
-        options = replace(options, inlier_factor=f)
-    for name, label, named in (
-        ("depth", "Depth of a pixel", _DEPTHS),
-        ("order", "Order of the views", _ORDERS),
-    ):
-        now = getattr(options, name) or getattr(preset, name)
-        chosen = widgets.choice(label, named, now, em(_NAMES))
-        if chosen != now:
-            options = replace(options, **{name: chosen})
-    session.feature(FindState).options = options
+        groups = replace(groups, inlier_factor=f)
+    groups = _choice(groups, "depth", _DEPTHS, groups.depth or preset.depth)
+    state.groups = _choice(groups, "order", _ORDERS, groups.order or preset.order)
 
 
 def _identities(session: Session) -> None:
     """Switches of section 3.3."""
     if not widgets.section("Identity encodings (section 3.3)"):
         return
-    settings, options = session.settings, session.feature(FindState).options
+    settings, state = session.settings, session.feature(FindState)
     chosen = widgets.choice("Identities", _IDENTITIES, settings.identities, em(_NAMES))
     if chosen != settings.identities:
         session.change_settings(replace(settings, identities=chosen))
-    lift, paper = options.lift, options.lift.paper
-    widgets.field_name("Training steps", em(_NAMES))
-    changed, n = imgui.input_int("##Training steps", paper.iterations, 1000)
+    identities, lift = state.identities, state.identities.config()
+    steps = setting_of(identities, "lift_iterations")
+    widgets.field_name(steps.title, em(_NAMES))
+    changed, n = imgui.input_int(f"##{steps.title}", lift.paper.iterations, 1000)
     widgets.tooltip("Of identities that are trained from zeros; published: 10,000")
-    n = min(max(n, 2), _MOST_ITERATIONS)
+    if changed:
+        identities = replace(identities, lift_iterations=int(steps.clamped(n)))
     hint = "What identities are trained on: figure 2 and the published code, or the text"
-    pseudo = widgets.choice("Pseudo labels", _PSEUDO, lift.pseudo, em(_NAMES), hint=hint)
-    void = widgets.choice("Pixels without a mask", _VOID, paper.rows.train_void, em(_NAMES))
-    switched = lift.switched(n if changed else None, train_void=void)
-    session.feature(FindState).options = replace(options, lift=replace(switched, pseudo=pseudo))  # type: ignore[arg-type]
+    identities = _choice(identities, "pseudo", _PSEUDO, lift.pseudo, hint)
+    void = "train" if lift.paper.rows.train_void else "ignore"
+    state.identities = _choice(identities, "void", _VOID, void)
 
 
 def _find_row(session: Session) -> None:
     imgui.dummy(ImVec2(0, em(0.2)))
-    busy = _busy(session)
+    busy, state = _busy(session), session.feature(FindState)
     no_masks = "" if len(session.masks) else "This scene has no masks. Use Make masks."
     mode = lift_mode(session.settings)
     then = " and train" if mode == "paper" else ""
-    hint = training_text(session.feature(FindState).options.lift) if then else ""
+    hint = training_text(state.identities.config()) if then else ""
     face = Face(f"Find objects{then}", icons.RUN, primary=True)
     if widgets.button("Find", face, why_not=busy or no_masks, hint=hint):
         imgui.close_current_popup()
@@ -488,11 +484,11 @@ def _find_row(session: Session) -> None:
         imgui.close_current_popup()
         association.lift(session)
     imgui.same_line()
-    as_preset = session.feature(FindState).options == FindOptions()
+    as_preset = state.groups == GroupSettings() and state.identities.config() == LiftConfig()
     as_preset &= session.settings.identities == Settings().identities
     same = "All is as the preset has it." if as_preset else ""
     if widgets.button("Reset", why_not=same, hint="Take every switch from the preset"):
-        session.feature(FindState).options = FindOptions()
+        state.groups, state.identities = GroupSettings(), IdentitySettings()
         session.change_settings(replace(session.settings, identities="preset"))
     _close()
 
@@ -510,10 +506,20 @@ def _close() -> None:
         imgui.close_current_popup()
 
 
-def _number(text: str, value: float, low: float, high: float) -> tuple[bool, float]:
-    widgets.field_name(text, em(_NAMES))
+def _number(config: GroupSettings, name: str, value: float) -> tuple[bool, float]:
+    about = setting_of(config, name)
+    assert about.least is not None
+    assert about.most is not None
+    widgets.field_name(about.title, em(_NAMES))
     flags = imgui.SliderFlags_.always_clamp
-    return imgui.slider_float(f"##{text}", value, low, high, "%.2f", flags)
+    return imgui.slider_float(f"##{about.title}", value, about.least, about.most, "%.2f", flags)
+
+
+def _choice(config: C, name: str, named: Mapping[str, str], now: str, hint: str = "") -> C:
+    """Draw the field ``name`` of ``config``, which is ``now``; return it with what was chosen."""
+    title = setting_of(config, name).title
+    chosen = widgets.choice(title, named, now, em(_NAMES), hint=hint)
+    return config if chosen == now else replace(config, **{name: chosen})  # type: ignore[arg-type]
 
 
 # --- The sheet Add new photos and masks: what joins, and what happens to what a person did.

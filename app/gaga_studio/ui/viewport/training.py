@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 # --- The placement of photos: its settings, and a picture of what is placed and what links it.
 
-_MOST_MINUTES, _MOST_FPS, _MOST_SCENES = 10_000.0, 60.0, 9
 NAMES = 10.5  # width of the names of fields, ems
 _NAMED = 6  # photos without a place that are listed
 _FAINT, _STRONG = 0.10, 0.75  # opacity of a weak and of a strong link
