@@ -3,19 +3,20 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from gaga_core.cli import output as out
-from gaga_core.cli.output import AnyScene, AsJson, SwitchError
+from gaga_core.cli.output import AnyScene, AsJson, SwitchError, options, possible
 from gaga_core.errors import GagaError
+from gaga_core.export.options import ExportOptions
 
 if TYPE_CHECKING:
     from gaga_core.export.export import MeshExport
-    from gaga_core.export.options import ExportOptions
     from gaga_core.identity.field import IdentityField
     from gaga_core.io.splats.splat_files import SplatFormat
     from gaga_core.scene.project import Project
 
+_CHANGES = ("sh_degree", "crop", "centre", "ground", "scale", "decimate")
 _SPLATS = ("scene", "objects")
 _WORLD = (*_SPLATS, "cameras")  # what lies in the world of the exported splats
 GOES_WITH = {  # --what that a switch changes something of
@@ -42,6 +43,7 @@ class ExportCommand:
     """Export a scene with its edits: the whole, or one file per object, or the group maps."""
 
     scene: AnyScene
+    options: Annotated[ExportOptions, options(ExportOptions, *_CHANGES)]
     out: Path
     """A .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html for --what scene; for cameras a
     .json as 3DGS trainings write it, transforms.json (nerfstudio), or a folder (COLMAP); a folder
@@ -74,19 +76,6 @@ class ExportCommand:
     """Only objects of this folder of the object list, "Kitchen", and of those in it (objects)."""
     groups: bool = False
     """Add a column with the group id of each Gaussian (scene)."""
-    sh_degree: int | None = None
-    """Highest degree of view-dependent color to keep, 0 to 4; default: all (scene, objects)."""
-    crop: tuple[float, float, float, float, float, float] | None = None
-    """Leave out what is outside a box: lowest x, y, z and highest, scene units (scene, objects)."""
-    centre: bool = False
-    """Move the middle of what is written to the origin (scene, objects)."""
-    ground: bool = False
-    """Move its lowest point to height 0 (scene, objects)."""
-    scale: float = 1.0
-    """Units of the files per scene unit (scene, objects)."""
-    decimate: float = 1.0
-    """Share of the splats to keep, 0.25 for a quarter: neighbours that are alike are merged. What
-    that loses is told in dB: pictures of before against pictures of after (scene, objects)."""
     identity: bool = False
     """Add the identity encodings of gaga lift as obj_dc_0..15, and write classifier.pth next to
     the files: what Gaussian Grouping and Gaga load (scene, objects; .ply)."""
@@ -94,6 +83,7 @@ class ExportCommand:
 
     def run(self) -> int:
         """Write plain 3DGS files that other tools open."""
+        from gaga_core.export.page import content_of
         from gaga_core.identity.classifier_io import CLASSIFIER_FILE, write_classifier
         from gaga_core.io.splats.splat_files import SplatFormat, form_of
 
@@ -105,7 +95,7 @@ class ExportCommand:
         project = out.open_project(self.scene)
         if self.what == "masks":
             return self._masks(project)
-        options = self._options(project)
+        options = replace(self.options, up=up_of(project), page=content_of(project))
         if self.what == "cameras":
             from gaga_core.export.cameras import export_cameras
 
@@ -126,13 +116,16 @@ class ExportCommand:
 
     def _check(self) -> None:
         """Raise ``SwitchError`` for switches that do not go together."""
-        for field in fields(self):
-            goes_with = GOES_WITH.get(field.name, (self.what,))
-            if self.what not in goes_with and getattr(self, field.name) != field.default:
-                switch = f"--{field.name.replace('_', '-')}"
-                right = " or ".join(f"--what {what}" for what in goes_with)
+        defaults = {
+            field.name: field.default for of in (self, self.options) for field in fields(of)
+        }
+        given = vars(self.options) | vars(self)
+        for name, right in GOES_WITH.items():
+            if self.what not in right and given[name] != defaults[name]:
+                switch = f"--{name.replace('_', '-')}"
+                other = " or ".join(f"--what {what}" for what in right)
                 raise SwitchError(
-                    f"{switch} goes with {right}, not with {self.what}. Leave it out."
+                    f"{switch} goes with {other}, not with {self.what}. Leave it out."
                 )
         if self.with_children and not self.only:
             raise SwitchError("--with-children goes with --only: say which objects.")
@@ -164,12 +157,10 @@ class ExportCommand:
             return None
         if self.what != "objects":
             raise GagaError(f"A {self.form} is made of an object: add --what objects.")
-        if self.decimate != 1.0:
+        if self.options.decimate != 1.0:
             raise GagaError("--decimate is for splats: choose --voxels for the size of a mesh.")
-        try:
+        with possible():
             config = MeshConfig(self.voxels)
-        except ValueError as error:
-            raise GagaError(f"That cannot be: {error}.") from error
         return MeshExport(MeshForm(self.form), MeshFile(self.mesh_file), config)
 
     def _objects(
@@ -208,25 +199,6 @@ class ExportCommand:
             return only or None
         inside = scene.folders.groups(existing(scene, self.folder))
         return [group for group in inside if not only or group in only]
-
-    def _options(self, project: "Project") -> "ExportOptions":
-        """The switches as options."""
-        from gaga_core.export.options import ExportOptions, box_of
-        from gaga_core.export.page import content_of
-
-        try:
-            return ExportOptions(
-                sh_degree=self.sh_degree,
-                crop=box_of(self.crop) if self.crop is not None else None,
-                centre=self.centre,
-                ground=self.ground,
-                up=up_of(project),
-                scale=self.scale,
-                page=content_of(project),
-                keep=self.decimate,
-            )
-        except ValueError as error:
-            raise GagaError(f"That cannot be: {error}.") from error
 
     def _masks(self, project: "Project") -> int:
         if self.format == "png":

@@ -253,7 +253,8 @@ def options(config: Callable[..., T], *names: str, **defaults: object) -> Any:
     own = {field.name: field.default for field in fields(config)}  # type: ignore[arg-type]
 
     def make(**given: Any) -> T:
-        return config(**given)
+        with possible():
+            return config(**given)
 
     make.__annotations__ = {
         name: Annotated[hints[name], arg(help=described.get(name, ""))] for name in names

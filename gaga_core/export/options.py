@@ -1,31 +1,23 @@
-"""What an export changes on the way: less color, a crop, another origin, other units."""
+"""What an export changes on the way: less color, a crop, another origin, other units.
 
-from collections.abc import Sequence
+This module is light: the command reads it to explain its options.
+"""
+
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.splats.packing import PALETTE
-from gaga_core.io.splats.splat_files import SplatFormat
-from gaga_core.io.splats.web_page import viewer_bytes
 from gaga_core.scene.camera_path import Bookmark, CameraPath, Shot
-from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.algebra import world_means
+
+if TYPE_CHECKING:
+    from gaga_core.scene.scene import Scene
 
 Point = tuple[float, float, float]
 _LOWEST = 0.5  # percent of the centres may lie under the ground: a few stray ones do not lift it
-_HEADER = 1500  # bytes before the splats of a file, about
-_SPZ = 0.75  # of its bytes are left when it is packed, about
-# Measured on scans and on random splats, which hardly shrink: bytes of the code books in meta.json,
-# of a splat, and of an SH coefficient in the palette.
-_SOG_HEAD, _SOG, _SOG_SH = 11_000, 13.5, 0.7
-# The same of a web page, in base64, and of an object with its picture.
-_PAGE_HEAD, _PAGE, _PAGE_SH, _PAGE_OBJECT = 11_000, 19.0, 0.9, 2_600
-_SPLAT = 32  # bytes of a splat in a .splat
 
 
 @dataclass(frozen=True)
@@ -44,13 +36,20 @@ class PageContent:
 class ExportOptions:
     """Changes to what is written; by default there are none, and bits survive."""
 
-    sh_degree: int | None = None  # highest degree of the color's SH that is kept; None: all
-    crop: tuple[Point, Point] | None = None  # lo, hi: centres outside are left out; world
-    centre: bool = False  # the middle of all that is written becomes the origin
-    ground: bool = False  # its lowest point comes to height 0 along ``up``
-    up: Point = (0.0, 0.0, 1.0)  # unit, world
-    scale: float = 1.0  # units of the file per scene unit
-    keep: float = 1.0  # share of the splats: neighbours are merged until so many are left
+    sh_degree: int | None = None
+    """Highest degree of view-dependent color to keep, 0 to 4; default: all (scene, objects)."""
+    crop: tuple[Point, Point] | None = None
+    """Leave out what is outside a box: lowest x, y, z and highest, scene units (scene, objects)."""
+    centre: bool = False
+    """Move the middle of what is written to the origin (scene, objects)."""
+    ground: bool = False
+    """Move its lowest point to height 0 (scene, objects)."""
+    scale: float = 1.0
+    """Units of the files per scene unit (scene, objects)."""
+    decimate: float = 1.0
+    """Share of the splats to keep, 0.25 for a quarter: neighbours that are alike are merged. What
+    that loses is told in dB: pictures of before against pictures of after (scene, objects)."""
+    up: Point = (0.0, 0.0, 1.0)  # unit, world: ``ground`` moves along it
     page: PageContent = field(default_factory=PageContent)  # of an .html
 
     def __post_init__(self) -> None:
@@ -59,24 +58,26 @@ class ExportOptions:
             raise ValueError(f"sh_degree: expected 0 to 4, got {self.sh_degree}")
         if not (np.isfinite(self.scale) and self.scale > 0):
             raise ValueError(f"scale: expected a number above 0, got {self.scale}")
-        if not 0 < self.keep <= 1:
-            raise ValueError(f"keep: expected above 0 and up to 1, got {self.keep}")
+        if not 0 < self.decimate <= 1:
+            raise ValueError(f"keep: expected above 0 and up to 1, got {self.decimate}")
         if self.crop is not None and not np.all(np.less_equal(*self.crop)):
             raise ValueError(f"crop: expected lo <= hi, got {self.crop}")
         if abs(float(np.linalg.norm(self.up)) - 1) > 1e-6:
             raise ValueError(f"up: expected a unit vector, got {self.up}")
 
-    def inside(self, scene: Scene, splats: IntArray) -> IntArray:
+    def inside(self, scene: "Scene", splats: IntArray) -> IntArray:
         """Those of ``splats`` (K,) whose centres lie in the crop."""
         if self.crop is None:
             return splats
+        from gaga_core.scene.selection.algebra import world_means
+
         means = world_means(scene, splats)
         lo, hi = (np.array(corner) for corner in self.crop)
         return splats[((means >= lo) & (means <= hi)).all(axis=1)]
 
     def count(self, n: int) -> int:
         """About how many of ``n`` splats are left."""
-        return max(min(n, 1), round(self.keep * n))
+        return max(min(n, 1), round(self.decimate * n))
 
     def origin(self, means: FloatArray) -> DoubleArray:
         """The point (3,), world, that becomes the origin when all of ``means`` (K, 3) is written.
@@ -104,37 +105,3 @@ class ExportOptions:
         if self.scale != 1.0:
             changes["log_scales"] = gaussians.log_scales + np.float32(np.log(self.scale))
         return replace(gaussians, **changes) if changes else gaussians
-
-
-def estimated_bytes(
-    gaussians: Gaussians, n: int, form: SplatFormat, sh_degree: int, n_objects: int = 0
-) -> int:
-    """About how large a file with ``n`` splats like ``gaussians`` is, at ``sh_degree``.
-
-    ``n_objects``: how many a web page lists, with a picture each.
-    """
-    n_rest = 3 * ((sh_degree + 1) ** 2 - 1)
-    if form is SplatFormat.SPLAT:
-        return n * _SPLAT
-    if form is SplatFormat.COMPRESSED_PLY:
-        return _HEADER + n * (16 + n_rest) + -(-n // 256) * 72
-    if form is SplatFormat.PLY:
-        extra = sum(c.nbytes // max(len(c), 1) for c in gaussians.extra.values())
-        return _HEADER + n * (4 * (14 + n_rest) + extra)
-    if form is SplatFormat.GLB:
-        return _HEADER + 4 * n * (11 + 3 + n_rest)
-    if form is SplatFormat.HTML:
-        sh = (_PAGE_SH * n_rest * min(n, PALETTE) + 2.7 * n) if n_rest else 0
-        return round(viewer_bytes() + _PAGE_HEAD + _PAGE * n + sh + _PAGE_OBJECT * n_objects)
-    if form is SplatFormat.SOG:
-        sh = 5_500 + 1.5 * n + _SOG_SH * n_rest * min(n, PALETTE) if n_rest else 0
-        return round(_SOG_HEAD + _SOG * n + sh)
-    return round(_SPZ * n * (9 + 1 + 3 + 3 + 4 + n_rest))
-
-
-def box_of(corners: Sequence[float]) -> tuple[Point, Point]:
-    """A crop of six numbers: the lowest x, y, z and the highest. ``ValueError`` otherwise."""
-    if len(corners) != 6:
-        raise ValueError(f"crop: expected 6 numbers, got {len(corners)}")
-    x0, y0, z0, x1, y1, z1 = (float(value) for value in corners)
-    return (x0, y0, z0), (x1, y1, z1)

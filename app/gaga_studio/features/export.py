@@ -15,6 +15,7 @@ from gaga_core.export.cameras import CameraForm, estimated_camera_bytes, export_
 from gaga_core.export.export import (
     MeshExport,
     MeshForm,
+    estimated_bytes,
     export_losses,
     export_objects_stage,
     export_scene_stage,
@@ -23,7 +24,7 @@ from gaga_core.export.export import (
     objects_indices,
     objects_losses,
 )
-from gaga_core.export.options import ExportOptions, PageContent, Point, estimated_bytes
+from gaga_core.export.options import ExportOptions, PageContent, Point
 from gaga_core.export.page import content_of
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.meshes import MeshFile
@@ -92,7 +93,9 @@ def start(session: Session, plan: ExportPlan) -> bool:
     if plan.what == "cameras" or isinstance(plan.form, CameraForm):
         start_export(session, plan.path, _cameras_stage(session, plan.path, options))
         return True
-    if plan.form is SplatFormat.HTML or options.keep < 1:  # a decimation is judged from the photos
+    if (
+        plan.form is SplatFormat.HTML or options.decimate < 1
+    ):  # a decimation is judged from the photos
         options = replace(options, page=page_content(session))
     export(session, plan.what, plan.path, form=plan.form, options=options)
     return True

@@ -8,6 +8,7 @@ import pytest
 
 from gaga_core.cli.export import GOES_WITH, ExportCommand
 from gaga_core.cli.main import main
+from gaga_core.export.options import ExportOptions
 
 _VALUES = {  # of each switch, another than its default
     "format": ["coco"],
@@ -30,8 +31,10 @@ _WHAT = get_args(get_type_hints(ExportCommand)["what"])
 
 
 def test_of_every_switch_it_is_known_what_it_goes_with() -> None:
-    plain = {"scene", "out", "what", "json"}
-    assert {field.name for field in fields(ExportCommand)} - plain == set(GOES_WITH) == set(_VALUES)
+    own = {field.name for field in fields(ExportCommand)}
+    changes = {field.name for field in fields(ExportOptions)} - {"up", "page"}
+    plain = {"scene", "out", "what", "json", "options"}
+    assert (own | changes) - plain == set(GOES_WITH) == set(_VALUES)
     assert {what for goes_with in GOES_WITH.values() for what in goes_with} == set(_WHAT)
 
 

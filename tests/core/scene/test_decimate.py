@@ -67,7 +67,7 @@ def test_splats_that_are_not_finite_stay_and_hurt_nobody(balls: Synthetic) -> No
 
 def test_an_export_says_what_its_decimation_loses(balls: Synthetic, tmp_path: Path) -> None:
     scene = Scene.of(balls.gaussians, balls.labels)
-    options = ExportOptions(keep=0.25)
+    options = ExportOptions(decimate=0.25)
     made = run_stage(export_scene_stage(scene, tmp_path / "s.ply", groups=True, options=options))
     back = read_splats(tmp_path / "s.ply")
     assert made.n_splats == len(back) == round(0.25 * len(scene))

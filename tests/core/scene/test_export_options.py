@@ -7,8 +7,8 @@ import pytest
 
 from gaga_core.arrays import FloatArray
 from gaga_core.errors import GagaError
-from gaga_core.export.export import export_objects_stage, export_scene_stage
-from gaga_core.export.options import ExportOptions, Point, box_of, estimated_bytes
+from gaga_core.export.export import estimated_bytes, export_objects_stage, export_scene_stage
+from gaga_core.export.options import ExportOptions, Point
 from gaga_core.io.splats.splat_files import SplatFormat, read_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene.bake import bake
@@ -53,13 +53,12 @@ def test_each_option_changes_what_it_says_and_nothing_else(tmp_path: Path) -> No
 def test_a_crop_keeps_what_is_inside(tmp_path: Path) -> None:
     scene = walk_scene()
     lo, hi = np.percentile(bake(scene).means, [20, 80], axis=0)
-    crop = box_of([*lo.tolist(), *hi.tolist()])
-    options = ExportOptions(crop=crop)
+    options = ExportOptions(crop=((lo[0], lo[1], lo[2]), (hi[0], hi[1], hi[2])))
     inside = ((bake(scene).means >= lo) & (bake(scene).means <= hi)).all(axis=1)
     assert 0 < inside.sum() < len(inside)
     n = run_stage(export_scene_stage(scene, tmp_path / "out.ply", options=options)).n_splats
     assert n == inside.sum()
-    away = ExportOptions(crop=box_of([1e6, 1e6, 1e6, 2e6, 2e6, 2e6]))
+    away = ExportOptions(crop=((1e6, 1e6, 1e6), (2e6, 2e6, 2e6)))
     with pytest.raises(GagaError, match="in the box of the crop"):
         run_stage(export_scene_stage(scene, tmp_path / "none.ply", options=away))
 

@@ -84,10 +84,10 @@ def _color(options: ExportOptions, degree: int) -> ExportOptions:
 
 
 def _fewer(options: ExportOptions) -> ExportOptions:
-    now = min(_SHARES, key=lambda share: abs(share - options.keep))
+    now = min(_SHARES, key=lambda share: abs(share - options.decimate))
     hint = "Fewer make smaller files that are drawn faster: neighbours are merged"
     chosen = widgets.choice("Splats", _SHARES, now, em(NAMES), hint=hint)
-    return options if chosen == now else replace(options, keep=chosen)
+    return options if chosen == now else replace(options, decimate=chosen)
 
 
 def _crop(session: Session, options: ExportOptions) -> ExportOptions:
