@@ -116,9 +116,8 @@ class ExportCommand:
 
     def _check(self) -> None:
         """Raise ``SwitchError`` for switches that do not go together."""
-        defaults = {
-            field.name: field.default for of in (self, self.options) for field in fields(of)
-        }
+        own = (*fields(self), *fields(self.options))
+        defaults = {field.name: field.default for field in own}
         given = vars(self.options) | vars(self)
         for name, right in GOES_WITH.items():
             if self.what not in right and given[name] != defaults[name]:

@@ -93,9 +93,7 @@ def start(session: Session, plan: ExportPlan) -> bool:
     if plan.what == "cameras" or isinstance(plan.form, CameraForm):
         start_export(session, plan.path, _cameras_stage(session, plan.path, options))
         return True
-    if (
-        plan.form is SplatFormat.HTML or options.decimate < 1
-    ):  # a decimation is judged from the photos
+    if plan.form is SplatFormat.HTML or options.decimate < 1:  # judged from the photos
         options = replace(options, page=page_content(session))
     export(session, plan.what, plan.path, form=plan.form, options=options)
     return True
