@@ -19,7 +19,7 @@ class Setting:
 
     title: str
     unit: str = ""
-    least: float | None = None  # lowest value
+    least: float | None = None  # lowest value, or where nothing checks it the window's lowest
     above: float | None = None  # every value is greater than this
     most: float | None = None  # highest value that the window offers
 
@@ -27,6 +27,13 @@ class Setting:
     def label(self) -> str:
         """Title and unit: "Focal length, pixels"."""
         return f"{self.title}, {self.unit}" if self.unit else self.title
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Lowest and highest value of a slider; ``ValueError`` for a field that has none."""
+        if self.least is None or self.most is None:
+            raise ValueError(f"{self.title}: no limits")
+        return self.least, self.most
 
     def clamped(self, value: float) -> float:
         """``value`` within the limits; of values above one the lowest is that itself."""

@@ -25,6 +25,7 @@ from gaga_core.arrays import (
 )
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage
+from gaga_core.settings import setting
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +165,7 @@ class FlattenConfig:
 
     min_score: float = 0.5
     """Confidence under which a mask is left out (section 4.1). 0..1."""
-    min_visible: float = 0.10
+    min_visible: float = setting(0.10, "Least visible share", least=0.0, most=0.9)
     """A mask of which this share or less is left uncovered is dropped; its pixels become none, as
     in the published code. 0..1; 0 keeps all that can be seen."""
 

@@ -17,6 +17,7 @@ from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt8
 from gaga_core.masks import resize_labels
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.base import ModelCard, Picture, fingerprint_of
+from gaga_core.settings import setting
 
 NAME = "regions"
 FURTHER_STEPS = (0.7, 1.5, 2.0)  # of detail: maps that are written next to the one that is shown
@@ -38,7 +39,7 @@ _ROUGH = 0.9  # share of the mean roughness around that is no crease
 class RegionsConfig:
     """Settings. ``detail`` is the one to play with; finer regions lie within the coarser ones."""
 
-    detail: float = 1.0
+    detail: float = setting(1.0, "Detail", least=0.2, most=5.0)
     """2: about twice the regions, 0.5: about half of them. 0.2..5."""
     width: int = 480
     """Pixels of the width at which the work is done; larger photos are shrunk. 16 or more."""
@@ -54,7 +55,7 @@ class RegionsConfig:
     """Cost of a Lab unit of gradient along the common border. 0 or more."""
     size_power: float = 0.36
     """How easily small regions are lost: power of their share of the picture. 0..1."""
-    crease: float = 35.0
+    crease: float = setting(35.0, "Weight of creases", least=0.0, most=100.0)
     """Cost of a sharp concave crease of the surface or a step in depth. 0 or more."""
     flat: float = 0.4
     """Share of the cost of colors that is left where the surface shows no crease. 0..1."""

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from gaga_core.settings import setting
+
 Device = Literal["auto", "cpu", "cuda", "mps"]
 Profile = Literal["default", "paper"]
 _SAM_KINDS = ("sam", "sam_hq")
@@ -12,13 +14,13 @@ _SAM_KINDS = ("sam", "sam_hq")
 class GeneratorConfig:
     """How a model that is prompted with points finds everything in a picture."""
 
-    points_per_side: int = 32
+    points_per_side: int = setting(32, "Points along each side", least=4, most=64)
     """Points along each side of the grid; time grows with the square. 1..128."""
     points_per_batch: int = 64
     """Points decoded at once: memory, and how soon a cancel acts; same masks. 1..1024."""
-    pred_iou_thresh: float = 0.80
+    pred_iou_thresh: float = setting(0.80, "Least quality", least=0.0, most=1.0)
     """Least quality that the model predicts for its own mask. 0..1."""
-    stability_score_thresh: float = 0.92
+    stability_score_thresh: float = setting(0.92, "Least stability", least=0.0, most=1.0)
     """Least IoU of the mask cut a little tighter and a little wider. 0..1."""
     stability_score_offset: float = 1.0
     """How much tighter and wider, in logits. 0.1..5."""
@@ -26,7 +28,7 @@ class GeneratorConfig:
     """IoU of two masks' boxes above which the worse one is a duplicate. 0..1."""
     min_area: float = 0.0002
     """Least area of a mask as a share of the picture. 0..1."""
-    crop_layers: int = 0
+    crop_layers: int = setting(0, "Closer looks", least=0, most=3)
     """Also process 4, 16, ... overlapping crops, for small objects; takes longer. 0..3."""
     crop_overlap: float = 0.34
     """Overlap of neighbouring crops of the first layer, as a share of the shorter side. 0..0.9."""
@@ -82,10 +84,10 @@ class UniversalConfig:
     kind: Literal["entity", "panoptic"] = "entity"
     """entity: every query is a mask of its own, whatever its class, as EntitySeg does. panoptic:
     each pixel goes to the one query that explains it best."""
-    min_score: float = 0.5
+    min_score: float = setting(0.5, "Least confidence", least=0.0, most=1.0)
     """Least confidence of a query: its class probability (entity: times the mean mask probability
     inside its mask). 0..1."""
     min_visible: float = 0.8
     """panoptic: share of its own mask that a query must win to stay. 0..1."""
-    max_overlap: float = 0.7
+    max_overlap: float = setting(0.7, "Most overlap", least=0.1, most=1.0)
     """entity: IoU of two masks above which the less confident is a duplicate. 0..1."""

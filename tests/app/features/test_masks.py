@@ -13,6 +13,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings
 from gaga_core.segmentation.models.catalogue import KNOWN, known_model
 from gaga_core.segmentation.regions import RegionsConfig
+from gaga_core.settings import setting_of
 from gaga_studio.features import commands
 from gaga_studio.features.find import association, masks
 from gaga_studio.features.find.masks import MaskPreview, MaskRequest, ModelsState
@@ -143,13 +144,15 @@ def test_every_slider_is_a_setting_that_takes_all_of_its_range(tmp_path: Path) -
         assert masks.settings_family(entry) == family
         settings = ProviderSettings()
         for slider in sliders:
-            before = masks.value_of(settings, slider, entry)
-            assert slider.low <= before <= slider.high
-            for value in (slider.low, slider.high):
+            part = masks.part_of(settings, slider, entry)
+            low, high = setting_of(part, slider.field).range
+            assert low <= getattr(part, slider.field) <= high
+            for value in (low, high):
                 settings = masks.with_value(settings, slider, entry, value)
-                assert masks.value_of(settings, slider, entry) == pytest.approx(value)
-            outside = masks.with_value(settings, slider, entry, slider.high * 2 + 1)
-            assert masks.value_of(outside, slider, entry) == slider.high
+                moved = getattr(masks.part_of(settings, slider, entry), slider.field)
+                assert moved == pytest.approx(value)
+            outside = masks.with_value(settings, slider, entry, high * 2 + 1)
+            assert getattr(masks.part_of(outside, slider, entry), slider.field) == high
 
 
 def _entry(folder: Path, family: str) -> ProviderEntry:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError
@@ -28,6 +28,7 @@ from gaga_core.segmentation.models.status import ModelStatus, all_models, record
 from gaga_core.segmentation.models.weights import family_of, models_folder, weights_at
 from gaga_core.segmentation.regions import NAME as REGIONS
 from gaga_core.segmentation.settings import GeneratorConfig
+from gaga_core.settings import setting_of
 from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_scene, no_views
 from gaga_studio.features.find import association
 from gaga_studio.features.find.association import FindState, duration_text
@@ -69,46 +70,39 @@ Part = Literal["regions", "generator", "universal", "flatten"]
 
 @dataclass(frozen=True)
 class Slider:
-    """One setting."""
+    """One setting; its title and limits are those of the field."""
 
     part: Part  # field of `ProviderSettings`
-    field: str
-    label: str
-    low: float
-    high: float
+    field: str  # of the part
     hint: str
-    is_whole: bool = False
     is_logarithmic: bool = False
 
 
 # fmt: off
 _FLATTEN = (
-    Slider("flatten", "min_visible", "Least visible share", 0.0, 0.9,
+    Slider("flatten", "min_visible",
            "A mask of which less stays uncovered by more confident ones is dropped"),
 )
 SLIDERS: dict[Family, tuple[Slider, ...]] = {
     "": (),
     "regions": (
-        Slider("regions", "detail", "Detail", 0.2, 5.0,
-               "2: about twice as many regions, 0.5: about half", is_logarithmic=True),
-        Slider("regions", "crease", "Weight of creases", 0.0, 100.0,
-               "How much an edge in depth keeps regions apart; needs splats"),
+        Slider("regions", "detail", "2: about twice as many regions, 0.5: about half",
+               is_logarithmic=True),
+        Slider("regions", "crease", "How much an edge in depth keeps regions apart; needs splats"),
     ),
     "sam": (
-        Slider("generator", "points_per_side", "Points along each side", 4, 64,
-               "More find smaller things; time grows with the square", is_whole=True),
-        Slider("generator", "pred_iou_thresh", "Least quality", 0.0, 1.0,
-               "That the model predicts for its own mask"),
-        Slider("generator", "stability_score_thresh", "Least stability", 0.0, 1.0,
+        Slider("generator", "points_per_side",
+               "More find smaller things; time grows with the square"),
+        Slider("generator", "pred_iou_thresh", "That the model predicts for its own mask"),
+        Slider("generator", "stability_score_thresh",
                "How little a mask may change when it is cut tighter or wider"),
-        Slider("generator", "crop_layers", "Closer looks", 0, 3,
-               "Also look at 4, 16, ... crops, for small things; takes longer", is_whole=True),
+        Slider("generator", "crop_layers",
+               "Also look at 4, 16, ... crops, for small things; takes longer"),
         *_FLATTEN,
     ),
     "universal": (
-        Slider("universal", "min_score", "Least confidence", 0.0, 1.0,
-               "Surer masks only, or more of them"),
-        Slider("universal", "max_overlap", "Most overlap", 0.1, 1.0,
+        Slider("universal", "min_score", "Surer masks only, or more of them"),
+        Slider("universal", "max_overlap",
                "Of two masks that share more than this, the less confident one is dropped"),
         *_FLATTEN,
     ),
@@ -124,34 +118,24 @@ def settings_family(entry: ProviderEntry) -> Family:
     return "sam" if found == "sam" else "universal" if found == "universal" else ""
 
 
-def value_of(settings: ProviderSettings, slider: Slider, entry: ProviderEntry) -> float:
-    """Return the value of a slider: the provider's own default until it is moved."""
+def part_of(settings: ProviderSettings, slider: Slider, entry: ProviderEntry) -> Any:
+    """Return the settings that have the field of a slider: the provider's own until it is moved."""
     if slider.part == "flatten":
-        return float(getattr(settings.flatten_of(settings_family(entry)), slider.field))
-    part = getattr(settings, slider.part) or _defaults(entry, settings)
-    return float(getattr(part, slider.field))
+        return settings.flatten_of(settings_family(entry))
+    return getattr(settings, slider.part) or _defaults(entry, settings)
 
 
 def with_value(
     settings: ProviderSettings, slider: Slider, entry: ProviderEntry, value: float
 ) -> ProviderSettings:
     """Return the settings with a slider moved, inside its bounds."""
-    if slider.part == "generator" and settings.generator is None:
-        settings = replace(settings, generator=_defaults(entry, settings))
-    bounded = min(max(value, slider.low), slider.high)
-    change = {slider.field: round(bounded) if slider.is_whole else bounded}
-    if (
-        slider.part == "flatten" and settings_family(entry) == "universal"
-    ):  # no longer the profile's
-        settings = replace(settings, flatten=settings.flatten_of("universal"), profile="default")
-    changed = replace(getattr(settings, slider.part), **change)
-    if slider.part == "regions":
-        return replace(settings, regions=changed)
-    if slider.part == "universal":
-        return replace(settings, universal=changed)
-    if slider.part == "flatten":
-        return replace(settings, flatten=changed)
-    return replace(settings, generator=changed)
+    part = part_of(settings, slider, entry)
+    bounded = setting_of(part, slider.field).clamped(value)
+    if isinstance(getattr(part, slider.field), int):
+        bounded = round(bounded)
+    if slider.part == "flatten" and settings_family(entry) == "universal":
+        settings = replace(settings, profile="default")  # no longer the profile's
+    return replace(settings, **{slider.part: replace(part, **{slider.field: bounded})})
 
 
 def has_profile(entry: ProviderEntry) -> bool:

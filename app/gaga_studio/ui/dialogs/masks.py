@@ -242,8 +242,7 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
         if is_paper != was:
             settings = masks.with_profile(settings, paper=is_paper)
     for slider in masks.SLIDERS[kind]:
-        value = masks.value_of(settings, slider, entry)
-        changed, value = _slider(slider, value)
+        changed, value = _slider(slider, masks.part_of(settings, slider, entry))
         widgets.tooltip(slider.hint)
         if changed:
             settings = masks.with_value(settings, slider, entry, value)
@@ -259,20 +258,18 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
     )
 
 
-def _slider(slider: masks.Slider, value: float) -> tuple[bool, float]:
+def _slider(slider: masks.Slider, part: object) -> tuple[bool, float]:
+    about, value = setting_of(part, slider.field), getattr(part, slider.field)
+    title, (low, high) = about.title, about.range
     with theme.face(scale=0.93):
-        widgets.dim(slider.label)
+        widgets.dim(title)
     imgui.set_next_item_width(-1)
-    label = f"##{slider.label}"
-    if slider.is_whole:
-        changed, whole = imgui.slider_int(
-            label, round(value), round(slider.low), round(slider.high)
-        )
-        return changed, float(whole)
+    if isinstance(value, int):
+        return imgui.slider_int(f"##{title}", value, round(low), round(high))
     flags = imgui.SliderFlags_.always_clamp
     if slider.is_logarithmic:
         flags |= imgui.SliderFlags_.logarithmic
-    return imgui.slider_float(label, value, slider.low, slider.high, "%.2f", flags)
+    return imgui.slider_float(f"##{title}", value, low, high, "%.2f", flags)
 
 
 # --- one photo, before all
@@ -508,11 +505,9 @@ def _close() -> None:
 
 def _number(config: GroupSettings, name: str, value: float) -> tuple[bool, float]:
     about = setting_of(config, name)
-    assert about.least is not None
-    assert about.most is not None
     widgets.field_name(about.title, em(_NAMES))
     flags = imgui.SliderFlags_.always_clamp
-    return imgui.slider_float(f"##{about.title}", value, about.least, about.most, "%.2f", flags)
+    return imgui.slider_float(f"##{about.title}", value, *about.range, "%.2f", flags)
 
 
 def _choice(config: C, name: str, named: Mapping[str, str], now: str, hint: str = "") -> C:
