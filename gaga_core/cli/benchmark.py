@@ -9,7 +9,7 @@ from tyro.conf import Positional
 from gaga_core.cli import output as out
 from gaga_core.cli.output import AsJson, Backend, options
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.benchmark.settings import BenchmarkConfig, FindConfig
+from gaga_core.evaluate.settings import BenchmarkConfig, FindConfig
 from gaga_core.pipeline.settings import ReconstructConfig
 
 _OF_RUNS = ("preset", "lift", "masks", "seed", "pred", "redo")

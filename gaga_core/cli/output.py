@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar
 
 from rich.console import Console
 from rich.table import Table
@@ -249,22 +249,22 @@ def options(config: Callable[..., T], *names: str, **defaults: object) -> Any:
     ``defaults`` are those that differ from the class's. The help is the docstring below a field.
     """
     names = names or tuple(field.name for field in fields(config))  # type: ignore[arg-type]
-    described, hints = _docstrings(config), get_type_hints(config)
-    own = {field.name: field.default for field in fields(config)}  # type: ignore[arg-type]
+    described = _docstrings(config)
+    own = {field.name: field for field in fields(config)}  # type: ignore[arg-type]
 
     def make(**given: Any) -> T:
         with possible():
             return config(**given)
 
     make.__annotations__ = {
-        name: Annotated[hints[name], arg(help=described.get(name, ""))] for name in names
+        name: Annotated[own[name].type, arg(help=described.get(name, ""))] for name in names
     }
     make.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [
             inspect.Parameter(
                 name,
                 inspect.Parameter.KEYWORD_ONLY,
-                default=defaults.get(name, own[name]),
+                default=defaults.get(name, own[name].default),
                 annotation=make.__annotations__[name],
             )
             for name in names

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
@@ -14,8 +14,12 @@ from gaga_core.cli.output import (
     Identities,
     Masks,
     Model,
+    options,
 )
 from gaga_core.errors import GagaError
+from gaga_core.evaluate.settings import ABLATIONS, THRESHOLDS, TITLES, CompareConfig
+
+_ROWS = ("seeds", "variants", "lift", "lifting_iterations")
 
 
 @dataclass(frozen=True)
@@ -219,24 +223,14 @@ class CompareCommand:
     """Scene folder with masks."""
     gt: Path
     """Folder of true label maps."""
+    config: Annotated[CompareConfig, options(CompareConfig, *_ROWS, variants=())]
     identities: Identities
     masks: Masks = None
-    seeds: tuple[int, ...] = (0,)
-    """Draws of the training views for the sparse rows."""
-    variants: tuple[str, ...] = ()
-    """Names of rows, such as robust, paper, tracker, "threshold 0.2", "f = 0"; default: presets,
-    baselines and bounds, then the sparse rows."""
     ablations: bool = False
     """The paper with one setting changed at a time instead: overlap threshold, inlier factor f,
     depth, order of the views."""
     thresholds: bool = False
     """The paper at overlap thresholds from 0.01 to 0.5 instead, next to the published figures."""
-    lift: Literal["none", "preset", "vote", "refine", "paper"] | None = None
-    """Score identities of the rows that have a memory bank, in this mode (see gaga lift); none:
-    their groups. preset: paper for preset paper (10,000 steps a row), vote for robust. Default:
-    preset; none where rows are ablations, which change the association alone."""
-    lifting_iterations: int = 10_000
-    """Training steps of the row "lifting" (linear assignment as Panoptic Lifting does it)."""
     video_model: str | None = None
     """Folder or name of a SAM 2.1 model (sam2.1-large): adds the row "sam2", masks followed through
     the photos."""
@@ -244,33 +238,27 @@ class CompareCommand:
 
     def run(self) -> int:
         """Print one table and write SCENE/gaga/variants.json."""
-        from gaga_core.evaluate.compare import (
-            ABLATIONS,
-            THRESHOLDS,
-            CompareConfig,
-            compare_variants,
-        )
+        from gaga_core.evaluate.compare import compare_variants
         from gaga_core.io.folder.scene_folder import open_scene_folder
         from gaga_core.query.embed import folder_of
         from gaga_core.segmentation.models.catalogue import KNOWN
 
         folder = open_scene_folder(self.scene)
-        if bool(self.variants) + self.ablations + self.thresholds > 1:
+        config, model = self.config, self.video_model
+        if bool(config.variants) + self.ablations + self.thresholds > 1:
             text = "--variants, --ablations and --thresholds each say which rows. Choose one."
             raise GagaError(text)
+        rows = THRESHOLDS if self.thresholds else config.variants
+        rows = tuple(ABLATIONS) if self.ablations else rows
         with out.possible():
             identities = self.identities.config()
-        config = CompareConfig(
-            seeds=self.seeds,
-            lift=self.lift,
+        config = replace(
+            config,
+            variants=rows or tuple(TITLES),
+            sparse=() if rows else config.sparse,
             identities=identities,
-            lifting_iterations=self.lifting_iterations,
-            video_model=None if self.video_model is None else folder_of(self.video_model, KNOWN),
+            video_model=None if model is None else folder_of(model, KNOWN),
         )
-        rows = THRESHOLDS if self.thresholds else self.variants
-        rows = tuple(ABLATIONS) if self.ablations else rows
-        if rows:
-            config = replace(config, variants=rows, sparse=())
         table = out.follow(compare_variants(folder, self.gt, self.masks, config), compiles=True)
         out.scores(table, as_json=self.json)
         for note in table.notes():

@@ -3,9 +3,8 @@
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 from PIL import Image
@@ -18,17 +17,17 @@ from gaga_core.evaluate.baselines import Inputs, MaskGroups
 from gaga_core.evaluate.group_scores import VOID_LEFT_OUT, Score, score_pairs
 from gaga_core.evaluate.published import (
     ABLATION,
-    SHARES,
     THRESHOLD_MIOU,
     THRESHOLD_TABLE,
     iou_drop,
     sparse_views,
 )
+from gaga_core.evaluate.settings import ABLATIONS, TITLES, CompareConfig
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.identity.field import IdentityField
-from gaga_core.identity.lift import LiftConfig, lift_groups, mode_of_preset, task_of_association
+from gaga_core.identity.lift import lift_groups, mode_of_preset, task_of_association
 from gaga_core.io.folder.scene_folder import SceneFolder, mask_path_of, read_model, select_views
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.images import read_rgb
@@ -194,82 +193,13 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.mean(values))
 
 
-TITLES: Mapping[str, str] = {
-    "robust": "robust",
-    "paper": "paper",
-    "all-gaussians": "memory bank, all Gaussians",
-    "tracker": "overlap tracker",
-    "sam2": "SAM 2 tracks",
-    "chained": "chained 3D IoU",
-    "lifting": "linear assignment (Panoptic Lifting)",
-    "none": "no association",
-    "per-frame": "masks of each test view, matched (upper bound)",
-    "true-masks": "same masks, true association (upper bound)",
-    "true-maps": "true masks (upper bound)",
-}
-_PAPER = AssociateConfig()
-# The paper with one setting changed, as its ablations do: overlap threshold, inlier factor
-# f, depth of a pixel, order of the views.
-ABLATIONS: Mapping[str, AssociateConfig] = {
-    **{
-        f"threshold {value:g}": replace(_PAPER, threshold=value)
-        for value in (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
-    },
-    **{
-        f"f = {value:g}": replace(_PAPER, gate=replace(_PAPER.gate, iqr_factor=value))
-        for value in (0.0, 0.5, 1.0, 1.5, 2.0)
-    },
-    "median depth": replace(_PAPER, depth="median"),
-    "no depth": replace(_PAPER, depth="none"),
-    "widest views first": replace(_PAPER, order="coverage"),
-}
-THRESHOLDS: tuple[str, ...] = tuple(name for name in ABLATIONS if name.startswith("threshold"))
-Lift = Literal["none", "preset", "vote", "refine", "paper"]  # of the rows that have a memory bank
 _TITLES = {**TITLES, **{name: f"paper, {name}" for name in ABLATIONS}}
 _BANKS: Mapping[str, AssociateConfig] = {
     "robust": AssociateConfig.of("robust"),
-    "paper": _PAPER,
-    "all-gaussians": ABLATIONS["no depth"],
-    **ABLATIONS,
+    "paper": AssociateConfig.of("paper"),
+    "all-gaussians": ABLATIONS["no depth"].config("paper"),
+    **{name: change.config("paper") for name, change in ABLATIONS.items()},
 }
-
-
-@dataclass(frozen=True)
-class CompareConfig:
-    """What is compared."""
-
-    variants: tuple[str, ...] = tuple(TITLES)  # of these, in this order
-    sparse: tuple[str, ...] = ("robust", "paper")  # variants of the sparse-view protocol
-    shares: tuple[float, ...] = SHARES  # of the train views
-    seeds: tuple[int, ...] = (0,)  # random choices of the train views
-    lift: Lift | None = None  # none: groups; preset: paper trains, robust votes; None: `lifted_by`
-    identities: LiftConfig = field(default_factory=LiftConfig)
-    lifting_iterations: int = 10_000  # of variant "lifting", as identities are trained
-    video_model: Path | None = None  # folder of a SAM 2 video model, for variant "sam2"
-
-    def __post_init__(self) -> None:
-        unknown = [v for v in (*self.variants, *self.sparse) if v not in _TITLES]
-        if unknown:
-            known = ", ".join(_TITLES)
-            raise GagaError(f"There is no variant {unknown[0]!r}. Choose among {known}.")
-        if self.lift is not None and self.lift not in get_args(Lift):
-            raise GagaError(f"There is no lift {self.lift!r}. Choose {', '.join(get_args(Lift))}.")
-        if "per-frame" in self.sparse:
-            raise GagaError("The per-frame bound uses no train views. Leave it out of sparse.")
-
-    @property
-    def lifted_by(self) -> Lift:
-        """What is scored of rows with a memory bank: as asked for; else identities as the presets
-        have them, but groups where ablations are among the rows: they change the association alone.
-        """
-        ablates = any(variant in ABLATIONS for variant in self.variants)
-        return self.lift or ("none" if ablates else "preset")
-
-    def runs(self) -> list[tuple[str, float, int]]:
-        """(variant, share, seed) of every run, in order."""
-        whole = [(variant, 1.0, 0) for variant in self.variants]
-        sparse = [(v, share, s) for v in self.sparse for share in self.shares for s in self.seeds]
-        return whole + sparse
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,9 +120,6 @@ PROTOCOLS: Mapping[str, PublishedProtocol] = {
 # --- The sparse-view protocol (supplement): fewer train views, and what that costs.
 
 
-SHARES = (0.30, 0.20, 0.10, 0.05)  # of the train views, as published
-
-
 def sparse_views(names: Sequence[str], share: float, seed: int) -> tuple[str, ...]:
     """A random ``share`` of the views, at least one, by name.
 

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.evaluate.compare import CompareConfig, compare_variants
+from gaga_core.evaluate.compare import compare_variants
 from gaga_core.evaluate.group_scores import Score, score_pairs
 from gaga_core.evaluate.published import iou_drop
+from gaga_core.evaluate.settings import CompareConfig
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.identity.lift import Mode
 from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder, read_model

@@ -9,8 +9,8 @@ from PIL import Image
 
 from gaga_core.arrays import BoolArray
 from gaga_core.camera import Camera
-from gaga_core.evaluate.benchmark.settings import FindConfig
 from gaga_core.evaluate.published import PUBLISHED_RULE
+from gaga_core.evaluate.settings import FindConfig
 from gaga_core.grouping.votes import VOID_BELOW
 from gaga_core.identity.field import IdentityField
 from gaga_core.io.datasets import PromptTruth

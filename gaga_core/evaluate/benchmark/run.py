@@ -23,7 +23,6 @@ from gaga_core.errors import CancelledError, GagaError
 from gaga_core.evaluate.benchmark.files import digest_of, made_by, read_runs, write_runs
 from gaga_core.evaluate.benchmark.gallery import show_scene
 from gaga_core.evaluate.benchmark.prompts import Find, Question, answer_prompts, find_by, words_of
-from gaga_core.evaluate.benchmark.settings import BenchmarkConfig
 from gaga_core.evaluate.benchmark.tables import (
     BenchmarkReport,
     BenchmarkRun,
@@ -34,6 +33,7 @@ from gaga_core.evaluate.benchmark.tables import (
 from gaga_core.evaluate.group_scores import UNANSWERED, score_stage
 from gaga_core.evaluate.prompt_scores import lerf_mask_stage
 from gaga_core.evaluate.published import Conditions, sparse_views
+from gaga_core.evaluate.settings import BenchmarkConfig
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.bank_file import read_groups

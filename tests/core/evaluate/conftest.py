@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from gaga_core.evaluate.benchmark.run import run_benchmark
-from gaga_core.evaluate.benchmark.settings import BenchmarkConfig
 from gaga_core.evaluate.benchmark.tables import BenchmarkReport
+from gaga_core.evaluate.settings import BenchmarkConfig
 from gaga_core.io.datasets import open_dataset
 from gaga_core.progress import run_stage
 from tests.datasets import (

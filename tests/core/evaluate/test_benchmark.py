@@ -14,8 +14,8 @@ from gaga_core.arrays import IntArray
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.benchmark.run import run_benchmark
-from gaga_core.evaluate.benchmark.settings import BenchmarkConfig
 from gaga_core.evaluate.benchmark.tables import BenchmarkReport, InstanceScores
+from gaga_core.evaluate.settings import BenchmarkConfig
 from gaga_core.io.datasets import open_dataset
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.progress import run_stage

@@ -14,10 +14,10 @@ from gaga_core.arrays import BoolArray
 from gaga_core.cli.main import main
 from gaga_core.evaluate.benchmark.prompts import Answers, Question, words_of
 from gaga_core.evaluate.benchmark.run import run_benchmark
-from gaga_core.evaluate.benchmark.settings import BenchmarkConfig, FindConfig
 from gaga_core.evaluate.benchmark.tables import PromptScores
 from gaga_core.evaluate.published import PROMPTS as PUBLISHED
 from gaga_core.evaluate.published import PUBLISHED_RULE
+from gaga_core.evaluate.settings import BenchmarkConfig, FindConfig
 from gaga_core.grouping.votes import VOID_BELOW
 from gaga_core.io.datasets import open_dataset
 from gaga_core.io.masks.label_maps import read_labels

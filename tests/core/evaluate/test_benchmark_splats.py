@@ -10,9 +10,9 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.benchmark.run import run_benchmark, trained_splats
-from gaga_core.evaluate.benchmark.settings import BenchmarkConfig
 from gaga_core.evaluate.benchmark.tables import BenchmarkReport
 from gaga_core.evaluate.published import sparse_views
+from gaga_core.evaluate.settings import BenchmarkConfig
 from gaga_core.io.datasets import open_dataset
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage

@@ -9,9 +9,9 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.benchmark.run import run_benchmark
-from gaga_core.evaluate.benchmark.settings import BenchmarkConfig
 from gaga_core.evaluate.benchmark.tables import BenchmarkReport, InstanceScores
 from gaga_core.evaluate.published import INSTANCE, departures
+from gaga_core.evaluate.settings import BenchmarkConfig
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.datasets import DATASETS, open_dataset

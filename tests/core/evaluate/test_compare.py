@@ -27,14 +27,12 @@ from gaga_core.evaluate.baselines import (
     video_tracks,
 )
 from gaga_core.evaluate.compare import (
-    ABLATIONS,
-    TITLES,
-    CompareConfig,
     VariantRow,
     VariantTable,
     compare_variants,
 )
 from gaga_core.evaluate.published import iou_drop, sparse_views
+from gaga_core.evaluate.settings import ABLATIONS, TITLES, CompareConfig
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.masks.label_maps import read_labels, write_labels
@@ -133,7 +131,9 @@ def test_ablations_change_one_setting_of_the_paper(root: Path) -> None:
     assert score["threshold 0.1"] == score["f = 1"] == score["paper"]
     assert score["no depth"] == score["all-gaussians"] != score["paper"]
     for name in ("threshold 0.05", "threshold 0.5"):
-        assert ABLATIONS[name] == replace(AssociateConfig(), threshold=float(name.split()[1]))
+        assert ABLATIONS[name].config("paper") == replace(
+            AssociateConfig(), threshold=float(name.split()[1])
+        )
     assert table.rows[-1].title == "paper, threshold 0.5"
     with pytest.raises(GagaError, match="no variant 'threshold 7'"):
         CompareConfig(variants=("threshold 7",))

@@ -8,8 +8,8 @@ import pytest
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.evaluate.benchmark.run import run_benchmark
-from gaga_core.evaluate.benchmark.settings import BenchmarkConfig
 from gaga_core.evaluate.benchmark.tables import InstanceScores
+from gaga_core.evaluate.settings import BenchmarkConfig
 from gaga_core.io.datasets import open_dataset
 from gaga_core.progress import run_stage
 from tests.datasets import gaga_replica, scrambled, semantic_nerf, tiny, write_map
