@@ -1,6 +1,7 @@
 """Wrong models do not pass: each is planted in a right one, self-consistent but for its flaw."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,9 +9,22 @@ from scipy.spatial.transform import Rotation
 
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.geometry import look_at
-from gaga_core.placing.checks import Bridge, Verdict, check_model, weakest_bridge
+from gaga_core.placing import checks
+from gaga_core.placing.checks import (
+    Bridge,
+    PoseCheckConfig,
+    Verdict,
+    check_model,
+    check_poses_stage,
+    judge_poses,
+    weakest_bridge,
+)
 from gaga_core.placing.metrics import SfmFacts, summarize
+from gaga_core.progress import run_stage
 from tests.core.conftest import PlacedRoom
+
+# --- Wrong models do not pass: each is planted in a right one, self-consistent but for its flaw.
+
 
 # --- Wrong models do not pass: each is planted in a right one, self-consistent but for its flaw.
 
@@ -280,3 +294,33 @@ def test_cameras_in_one_place_hold_nothing_and_no_weak_joint_is_not_looked_at() 
     turned_only[:, :, 3] = 0
     assert not bridge_of(replace(facts, poses=turned_only)).holds()
     assert weakest_bridge(two_arcs(200)) is None
+
+
+# --- Given poses are held against the photos.
+
+
+def test_poses_of_other_photos_are_refused(
+    placed_room: PlacedRoom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = placed_room.workspace.parent / "in"
+    photos = {camera.name: folder / camera.name for camera in placed_room.cameras}
+    rng = np.random.default_rng(0)
+    wrong = []
+    for camera in placed_room.cameras:
+        eye = np.array([rng.uniform(-2, 2), rng.uniform(-4, -2), rng.uniform(0.3, 3)])
+        pose = look_at(eye, np.array([0, 0.4, 0.8]), np.array([0, 0, 1.0]))
+        wrong.append(replace(camera, cam_from_world=pose))
+    judged: list[SfmFacts] = []
+
+    def judge(facts: SfmFacts, config: PoseCheckConfig) -> tuple[Verdict, ...]:
+        judged.append(facts)
+        return judge_poses(facts, config)
+
+    monkeypatch.setattr(checks, "judge_poses", judge)
+    (verdict,) = run_stage(check_poses_stage(wrong, photos, tmp_path / "work"))
+    assert not (tmp_path / "work").exists()
+    assert verdict.level == "error"
+    assert "contradict the given poses" in verdict.text
+    poses = {camera.name: camera.cam_from_world[:3] for camera in placed_room.cameras}
+    right = replace(judged[0], poses=np.array([poses[name] for name in judged[0].names]))
+    assert judge_poses(right, PoseCheckConfig()) == ()
