@@ -19,6 +19,7 @@ _ROOT = Path(__file__).resolve().parents[3]
 def test_two_workers_hold_the_same_splats(known: Known, tmp_path: Path) -> None:
     """Bit for bit; other ones than a worker alone comes to, and better: they saw more views."""
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone"]
+    command += ["--log-dir", str(tmp_path / "log")]  # else a temporary folder stays
     command += ["--nproc-per-node", "2", "-m", "tests.core.training.train_worker", str(tmp_path)]
     environment = os.environ | {"GAGA_THREADS": "1", "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
