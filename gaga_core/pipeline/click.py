@@ -100,7 +100,9 @@ def click_stage(
         depth = engine.render(gaussians, frame).median_depth
         answer = boxed(graph, frame, (box.u0, box.v0, box.u1, box.v1), depth)
         if not answer.nodes.any():
-            raise GagaError(f"No whole object lies in the box in {box.view}. Give a larger one.")
+            raise GagaError(
+                f"There is no whole object in the box in {box.view}. Give a larger one."
+            )
     for place in places:
         answer = clicked(graph, answer, place)
     splats = graph.splats(answer.samples)

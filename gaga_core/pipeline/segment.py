@@ -127,7 +127,7 @@ class SegmentReport:
             return failed
         n_done = len(self.made) + len(self.kept)
         stopped = f"The time was up after {n_done} photos; {len(self.left)} have no masks yet."
-        return (*failed, f"{stopped} The same command goes on there.")
+        return (*failed, f"{stopped} Run the same command to continue.")
 
     def to_json(self) -> dict[str, object]:
         """Plain values."""

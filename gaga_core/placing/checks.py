@@ -249,8 +249,8 @@ def _check_registered(facts: SfmFacts, s: SfmSummary, c: CheckConfig) -> list[Ve
             "clusters",
             "error",
             f"The placed photos fall into 2 groups, one of {bridge.side.sum()}. The few points "
-            "that both see do not tell how the groups lie to each other. Add photos in between, or "
-            "reconstruct each group alone.",
+            "that both see do not determine how the groups are placed relative to each other. Add "
+            "photos in between, or reconstruct each group alone.",
         )
     elif s.parts > 1 and not is_all:
         found += _verdict(
@@ -273,7 +273,7 @@ def _check_contradictions(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
         f"moved against each other. {cure}"
     )
     twice = (
-        f"{s.doubled:.0%} of the matched details stand in the model twice, at different places: "
+        f"{s.doubled:.0%} of the matched details are in the model twice, at different places: "
         f"walls may be doubled. {cure}"
     )
     behind = f"{s.behind:.1%} of the points lie behind the camera that sees them. {cure}"

@@ -130,7 +130,7 @@ class Diagnosis:
         found = []
         if self.still:
             found.append(
-                "The background stands still while the object turns. Give "
+                "The background is static while the object turns. Give "
                 f"{option('--turntable')}, or masks of the object with {option('--foreground')}."
             )
         if self.blurred:
@@ -165,10 +165,10 @@ class Diagnosis:
         if not self.repeats or self.still:
             return ""
         return (
-            "Things that look alike stand at several places: "
+            "Similar-looking objects are at several places: "
             f"{self.repeats:.0%} of the photos that match in threes contradict each other, as "
-            f"{', '.join(self.alike)} do. Leave out photos that show only what repeats, or put "
-            "things there that are there once, and take photos that show two places at a time."
+            f"{', '.join(self.alike)} do. Leave out photos that show only what repeats, or "
+            "add unique objects to the scene, and take photos that show two places at a time."
         )
 
     def why_out(self, name: str, placed: Collection[str] = ()) -> str:

@@ -73,7 +73,7 @@ def masks_of_what_moves(photos: PhotoSet, pictures: Path, target: Path) -> Stage
     moving = moving_part(np.array(stack).std(axis=0).max(axis=2) > _MOVING_DEVIATION)
     if not _LEAST_SHARE < moving.mean() < 1 - _LEAST_SHARE:
         raise GagaError(
-            f"No background stands still in these photos. Leave {option('--turntable')} out, or "
+            f"These photos have no static background. Leave {option('--turntable')} out, or "
             f"give masks of the object with {option('--foreground')}."
         )
     target.mkdir(parents=True, exist_ok=True)

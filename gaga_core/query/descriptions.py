@@ -108,8 +108,8 @@ _BESIDES_GREY = 0.32  # of both: so much of a hue tells more, as on a can with a
 _SIDE = 0.3  # share of the objects at each end that are left, right, behind, in front
 _STILL_SIDE = 0.5  # the same for words that were given before
 _FEWEST_PLACED = 4  # objects in the view from which on there are sides
-_NOUNS: dict[Shape, str] = {"box": "box", "round": "round thing", "flat": "flat thing",
-                            "long": "long thing", "tall": "tall thing", "": "thing"}  # fmt: skip
+_NOUNS: dict[Shape, str] = {"box": "box", "round": "round object", "flat": "flat object",
+                            "long": "long object", "tall": "tall object", "": "object"}  # fmt: skip
 _NUMBER = re.compile(r" \d+$")
 
 

@@ -183,7 +183,7 @@ def prompter_named(
     model = next((known for known in KNOWN if known.name == name), None)
     found = _weights_of(name, model, weights)
     if found.family != "sam":
-        raise GagaError(f"{name} cannot be asked for one thing. Choose a Segment Anything model.")
+        raise GagaError(f"{name} cannot segment a single object. Choose a Segment Anything model.")
     if importlib.util.find_spec("transformers") is None:
         raise GagaError(_NO_TRANSFORMERS)
     from gaga_core.segmentation.loading import choose_device

@@ -44,9 +44,7 @@ from gaga_studio.session.session import Session
 if TYPE_CHECKING:
     from gaga_core.scene.cleanup import CleanPreview
 
-_CLEANUP_CHANGED = (
-    "The scene changed while the object was cleaned, so nothing is done. Try it again."
-)
+_CLEANUP_CHANGED = "The scene changed while the object was cleaned. Try again."
 _AS_IS = ExportOptions()
 Build = Callable[[Scene, Sequence[int], IntArray, str], Edit | None]
 
@@ -161,7 +159,7 @@ def to_clean(session: Session) -> tuple[int, ...]:
 
 ReduceWhat = Literal["selection", "objects", "scene"]
 REDUCE, ESTIMATE = "Reduce splats", "Estimate the loss"
-_REDUCE_CHANGED = "The scene changed while splats were merged, so nothing is done. Try it again."
+_REDUCE_CHANGED = "The scene changed while splats were merged. Try again."
 
 
 @dataclass

@@ -304,21 +304,21 @@ _no_folder = first_of(
     no_folders,
     needs(of_selection, "Choose a folder in the list, or an object that is in one."),
 )
-_not_in_folder = first_of(no_folders, needs(_is_in_folder, "What is selected lies in no folder."))
+_not_in_folder = first_of(no_folders, needs(_is_in_folder, "The selection is in no folder."))
 _under_nothing = first_of(
     no_selection,
     needs(
         lambda session: (
             not session.need().scene.folders.parent.keys().isdisjoint(session.selected_groups())
         ),
-        "What is selected lies under no object. Drag it onto one.",
+        "The selection is under no object. Drag it onto one.",
     ),
 )
 _nothing_under = first_of(
     no_selection,
     needs(
         lambda session: session.need().scene.folders.under(*session.selected_groups()),
-        "Nothing lies under this object. Drag another one onto it.",
+        "There is nothing under this object. Drag another one onto it.",
     ),
 )
 COMMANDS: tuple[Command, ...] = (

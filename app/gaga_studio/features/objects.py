@@ -121,7 +121,7 @@ def delete_floaters(session: Session) -> bool:
     scene, chosen = session.need().settled().scene, session.selected_indices()
     found = floaters(scene, chosen if len(chosen) else algebra.everything(scene))
     if len(found) == 0:
-        session.notify(Level.HINT, "No splat stands alone here.")
+        session.notify(Level.HINT, "There are no isolated splats here.")
         return False
     return session.edit(lambda scene: edits.delete(scene, found, f"Delete {len(found):,} floaters"))
 
@@ -270,7 +270,7 @@ def join_here(session: Session) -> bool:
     name = session.need().name_of(group)
     edit = edits.join_here(session.need().settled().scene, group, f"Join {name} here")
     if edit is None:
-        raise GagaError(f"{name} is one thing at all levels. Select others too, and use Merge.")
+        raise GagaError(f"{name} is one object at all levels. Select others too, and use Merge.")
     return session.need().do(edit)
 
 
@@ -322,7 +322,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("object.merge", "Merge into one", merge, enabled=_not_several),
     Command(
         "object.separate",
-        "Separate into an object of its own",
+        "Separate into a new object",
         separate,
         "Shift+P",
         enabled=no_selection,

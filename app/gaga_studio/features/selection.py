@@ -376,7 +376,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("select.grow", "Grow", grow, enabled=no_selection),
     Command("select.shrink", "Shrink", shrink, enabled=no_selection),
     Command(
-        "select.alike", "Grow to what is alike (identity)", grow_by_identity, enabled=_no_encodings
+        "select.alike", "Grow to similar splats (identity)", grow_by_identity, enabled=_no_encodings
     ),
     Command("select.keep", "Keep the selection", keep_next_selection, enabled=no_selection),
     Command("object.uncertain", "Select uncertain splats", select_uncertain, enabled=no_confidence),

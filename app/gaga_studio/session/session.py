@@ -265,7 +265,7 @@ class Session:
         if job is None:
             chosen("Quit")
             return
-        text = f"{job.title} is still running; what it has not finished is lost. Quit?"
+        text = f"{job.title} is still running; unfinished work is lost. Quit?"
         self.pending_question = UserQuestion(text, ("Quit", "Cancel"), chosen)
 
     def save(self, path: Path | None = None, then: Callable[[], None] | None = None) -> None:

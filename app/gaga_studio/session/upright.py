@@ -49,7 +49,7 @@ def opened(session: "Session") -> bool:
         return False  # a saved project keeps how it stands
     if str(path.resolve()) in session.settings.upright:
         return _turn(session, is_content=False)
-    text = f"{path.name} does not say which way is up. Does it stand on its head?"
+    text = f"{path.name} does not say which way is up. Is it upside down?"
     session.notify(Level.HINT, text, COMMAND)
     return False
 

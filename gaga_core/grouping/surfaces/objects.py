@@ -416,7 +416,7 @@ def objects_stage(
     nearest = around.carriers(groups)
     confidence = np.zeros(len(gaussians), np.float32)
     confidence[rows] = (groups == clusters[chosen][nearest][:, None]).mean(axis=1)
-    yield Progress(STAGE, _STEPS - 2, _STEPS, "small things")
+    yield Progress(STAGE, _STEPS - 2, _STEPS, "small objects")
     parts = np.where(background, -1, clusters[-1])
     shown = surfels.n_views / len(views)
     smaller = smaller_levels(

@@ -176,7 +176,7 @@ def _tops(paths: Sequence[str]) -> list[str]:
 def _renamed(folders: Folders, before: str, after: str) -> Folders:
     paths = [_moved(path, before, after) for path in folders.paths]
     if any(path.count(SEPARATOR) >= MOST_DEPTH for path in paths):
-        raise GagaError(f"At most {MOST_DEPTH} folders lie in each other. Choose another place.")
+        raise GagaError(f"Folders can be nested {MOST_DEPTH} deep at most. Choose another place.")
     home = {g: _moved(p, before, after) for g, p in folders.home.items()}
     return Folders.of(paths, home, folders.parent)
 

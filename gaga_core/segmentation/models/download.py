@@ -413,7 +413,7 @@ def _fill(
         if failures > config.retries:
             raise GagaError(
                 f"{config.host} sends no more of {file.name}. What has come is kept: "
-                "get the model again to go on there."
+                "get the model again to continue."
             )
 
 

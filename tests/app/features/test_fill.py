@@ -56,7 +56,7 @@ def test_preview_switch_and_cancel(at_table: Session) -> None:
     assert "What is open now stays open." in " ".join(fill.summary(bare))
     assert "covered already" in " ".join(fill.summary(bare))
     refused = " ".join(fill.summary(replace(bare, is_refused=True)))
-    assert "hardly shows" in refused
+    assert "barely visible" in refused
     assert "covered already" not in refused
     assert fill.summary(bare)[-1] == "No shadow was found"
     assert preview_badge(session) == "Preview of Delete and fill"

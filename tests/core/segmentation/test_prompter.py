@@ -51,5 +51,5 @@ def test_wrong_questions_are_refused(model_folder: Folder, photo: UInt8Array) ->
         ask(photo, _POINTS, np.array([False, False]))
     with pytest.raises(ValueError, match="points"):
         ask(photo, _POINTS[:1], np.array([True, False]))
-    with pytest.raises(GagaError, match="cannot be asked for one thing"):
+    with pytest.raises(GagaError, match="cannot segment a single object"):
         prompter_named("tiny", weights=model_folder("mask2former"), device="cpu")

@@ -326,7 +326,9 @@ def training_seconds(config: LiftConfig) -> float:
 def training_text(config: LiftConfig) -> str:
     """What follows an association when identities are trained."""
     n, seconds = config.paper.iterations, duration_text(training_seconds(config))
-    return f"Then {n:,} training steps, {seconds}. Cancel keeps the objects; a next run goes on."
+    return (
+        f"Then {n:,} training steps, {seconds}. Cancel keeps the objects; the next run continues."
+    )
 
 
 @dataclass(frozen=True)
@@ -397,8 +399,8 @@ def offer_of(project: Project, n_masks: int, preset: str, training_s: float = 0.
 def _no_masks(folder: SceneFolder) -> StageOffer:
     if not folder.cameras:
         return StageOffer(
-            "This folder has splats but no photos with a place, so there is nothing to make groups "
-            "from. Put images/ and sparse/ next to them."
+            "This folder has splats but no photos with known cameras, so no groups can be made. "
+            "Put images/ and sparse/ next to them."
         )
     n_photos = sum(camera.name in folder.image_paths for camera in folder.cameras)
     if n_photos == 0:

@@ -68,7 +68,7 @@ def key_of(scene: Scene) -> object:
 
 
 NO_MODEL = "none"  # as a setting: clicks ask no model even if one is here
-_MISSED = "You went on meanwhile, so the model's answer was left out. The next click asks again."
+_MISSED = "You clicked again, so the model's answer was ignored. The next click asks again."
 
 
 def models_here(session: Session) -> tuple[ProviderEntry, ...]:
@@ -91,7 +91,7 @@ def why_no_model(session: Session) -> str:
     """Return why no model can be asked; "" when one can."""
     if models_here(session):
         return ""
-    return "No Segment Anything model is here. Find, Models… gets one."
+    return "No Segment Anything model is installed. Get one with Find, Models…."
 
 
 def choose_model(session: Session, name: str) -> None:
@@ -212,9 +212,9 @@ def prompt(session: Session) -> str:
     """Return what a click does now, in words."""
     document = session.need()
     if document.feature(ClickState).is_preparing:
-        return "Looking at the scene; clicks are answered when that is done. Middle drag orbits."
+        return "Analysing the scene; clicks are answered when it is done. Middle drag orbits."
     if document.feature(ClickState).is_asking:
-        return "The model looks at it from all sides. Click on meanwhile, or Esc clears."
+        return "The model segments it from several views. Keep clicking, or press Esc to clear."
     if not has_clicks(session):
         return "Click an object, or drag a box around it. Middle drag orbits."
     return "Click adds, Alt click takes away. Enter makes it an object, Esc clears."
@@ -302,7 +302,7 @@ def box(
     scene, state = document.settled().scene, document.feature(ClickState)
     if state.graph is None or not state.is_ready(scene):
         prepare(session)
-        session.hint = "The scene is still being looked at. Draw the box again when that is done."
+        session.hint = "The scene is still being analysed. Draw the box again when it is done."
         return False
     camera = session.rig.camera(width, height)
     shrink = min(1.0, _LONGEST / max(width, height))
@@ -312,7 +312,7 @@ def box(
     u0, v0, u1, v1 = (float(value) for value in np.array(corners) * factors)
     answer = boxed(state.graph, small, (u0, v0, u1, v1), _depth(scene, small))
     if not answer.nodes.any():
-        session.hint = "No whole object lies in this box. Draw a larger one, or click."
+        session.hint = "There is no whole object in this box. Draw a larger one, or click."
         return False
     return _show(document, answer, "Select by a box")
 

@@ -84,7 +84,7 @@ class Slider:
 # fmt: off
 _FLATTEN = (
     Slider("flatten", "min_visible", "Least visible share", 0.0, 0.9,
-           "A mask of which less stays uncovered by more confident ones is dropped"),
+           "Drop a mask if less than this stays visible under more confident ones"),
 )
 SLIDERS: dict[Family, tuple[Slider, ...]] = {
     "": (),
@@ -96,18 +96,18 @@ SLIDERS: dict[Family, tuple[Slider, ...]] = {
     ),
     "sam": (
         Slider("generator", "points_per_side", "Points along each side", 4, 64,
-               "More find smaller things; time grows with the square", is_whole=True),
+               "More find smaller objects; time grows with the square", is_whole=True),
         Slider("generator", "pred_iou_thresh", "Least quality", 0.0, 1.0,
                "That the model predicts for its own mask"),
         Slider("generator", "stability_score_thresh", "Least stability", 0.0, 1.0,
                "How little a mask may change when it is cut tighter or wider"),
         Slider("generator", "crop_layers", "Closer looks", 0, 3,
-               "Also look at 4, 16, ... crops, for small things; takes longer", is_whole=True),
+               "Also look at 4, 16, ... crops, for small objects; takes longer", is_whole=True),
         *_FLATTEN,
     ),
     "universal": (
         Slider("universal", "min_score", "Least confidence", 0.0, 1.0,
-               "Surer masks only, or more of them"),
+               "Fewer but more certain masks, or more masks"),
         Slider("universal", "max_overlap", "Most overlap", 0.1, 1.0,
                "Of two masks that share more than this, the less confident one is dropped"),
         *_FLATTEN,
@@ -253,7 +253,7 @@ def no_photos(session: Session) -> str:
         return no_scene(session)
     folder = session.project.folder
     if folder is None or not folder.cameras:
-        return "Masks are made of photos, and this scene has none with a place."
+        return "Masks need photos with known cameras; this scene has none."
     if not folder.image_paths:
         return f"The photos are not in {folder.root / 'images'}. Put them back."
     return busy(session)
@@ -360,7 +360,7 @@ def keep_partial(session: Session, provider: str) -> None:
     choose(session, chosen if chosen in folders else provider)
     _, made = stages.masks_of(session.need().project, provider)
     session.notify(
-        Level.INFO, f"{_photos(len(made))} of {provider} are done. Make masks again goes on there."
+        Level.INFO, f"{_photos(len(made))} of {provider} are done. Make masks continues there."
     )
 
 

@@ -93,7 +93,7 @@ class ObjectQuality:
 
 # Where a mask can go besides an object: as in `gaga_core.grouping.repair.reassociate`.
 NEW, NONE = -1, 0
-_CHANGED = "The objects changed while this ran, so nothing is done. Try it again."
+_CHANGED = "The objects changed meanwhile. Try again."
 
 
 # --- a mask that belongs elsewhere
@@ -711,7 +711,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("object.worst_view", "Go to the worst view", worst_view, enabled=_no_quality),
     Command(
         "object.split_masks",
-        "Split into the two things that its masks show",
+        "Split into the two objects that its masks show",
         split_by_masks,
         enabled=_no_mask_split,
     ),

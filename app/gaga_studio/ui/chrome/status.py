@@ -58,7 +58,7 @@ def status_text(session: Session, tool: Tool) -> str:
     if cleanup.shown(session) is not None:
         return "Enter applies the cleaning, Esc leaves everything as it is. Drag orbits."
     if fill.shown(session) is not None:
-        return "Enter applies the filling, Esc leaves everything as it is. Drag orbits."
+        return "Enter applies the fill, Esc leaves everything as it is. Drag orbits."
     if session.hint:
         return session.hint
     hint = tool.hint(session)

@@ -18,16 +18,16 @@ from gaga_studio.ui.kit.widgets import Face
 # --- Options of the tool: in the tool bar, or over the picture where the bar has no room for them.
 
 _TAKES = (
-    (False, "", "Objects", "Whole objects of which at least half lies in the region"),
+    (False, "", "Objects", "Whole objects with at least half in the region"),
     (True, "", "Splats", "Single splats"),
 )
 _DEPTHS = (
-    (False, "", "Through", "Everything in the region, what is hidden behind it too"),
+    (False, "", "Through", "Everything in the region, including what is hidden behind it"),
     (True, "", "Visible surface", "Only what is seen from here"),
 )
 _MODEL_HINT = (
-    "A Segment Anything model looks at what was clicked from several sides, in the background; "
-    "its answer takes the place of the first one"
+    "A Segment Anything model segments the clicked object in several views, in the background; "
+    "its answer replaces the first one"
 )
 _MAKE, _CLEAR = "Make object", "Clear"
 # Tools that have a button at all times; others while they are used.

@@ -129,10 +129,10 @@ _WHATS: tuple[tuple[What, str, str, str, str], ...] = (
         "objects",
         "",
         "Objects",
-        "A file for each selected object, else for each, and groups.json with their names",
+        "One file for each selected object, or for each object, and groups.json with their names",
         "file.export_objects",
     ),
-    ("cameras", "", "Cameras", "Where the photos stand around what is visible", _CAMERAS),
+    ("cameras", "", "Cameras", "The photos' cameras around what is visible", _CAMERAS),
 )
 _FORMS: tuple[tuple[SplatFormat, str, str, str], ...] = (
     (SplatFormat.PLY, "", "PLY", "Keeps everything. Every program for splats opens it."),
@@ -169,11 +169,11 @@ _SOLIDS: tuple[tuple[MeshForm | None, str, str, str], ...] = (
         "Collider",
         "A convex solid around the surface, of at most 255 triangles, for physics engines",
     ),
-    (MeshForm.BOX, "", "Box", "The smallest box around it, turned as it lies"),
+    (MeshForm.BOX, "", "Box", "The smallest oriented box around it"),
 )
 _FILES: tuple[tuple[MeshFile, str, str, str], ...] = (
-    (MeshFile.GLB, "", "GLB", "glTF, for engines and viewers. Lies as the GLB of the splats."),
-    (MeshFile.OBJ, "", "OBJ", "Text, for everything else. Lies as the PLY of the splats."),
+    (MeshFile.GLB, "", "GLB", "glTF, for engines and viewers. Same axes as the splats' GLB."),
+    (MeshFile.OBJ, "", "OBJ", "Text, for everything else. Same axes as the splats' PLY."),
 )
 
 
@@ -371,7 +371,7 @@ def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> st
     if sheet.what == "cameras":
         return _why_no_cameras(sheet)
     if summary.n_splats == 0:
-        return "There is nothing to write: nothing of it is visible."
+        return "Nothing of it is visible, so nothing can be written."
     if not sheet.path.strip():
         return "Say where to write."
     if sheet.what != "objects" and export.form_of_name(sheet.path) is None:

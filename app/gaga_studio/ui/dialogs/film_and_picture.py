@@ -161,7 +161,7 @@ def _photos(session: Session, choices: FilmChoices) -> None:
 
 
 def _sweeps(choices: FilmChoices) -> None:
-    hint = "From the left edge to the right one and back; else as in the split view"
+    hint = "Moves from the left edge to the right and back; otherwise as in the split view"
     choices.sweeps = widgets.tick("The line sweeps", choices.sweeps, hint, em(_NAMES))
 
 

@@ -59,4 +59,4 @@ def _says(session: Session, plan: ReducePlan) -> None:
     imgui.dummy(ImVec2(0, em(0.2)))
     imgui.text_unformatted(f"{n:,} splats become {max(min(n, 1), round(plan.percent / 100 * n)):,}")
     widgets.dim(cleanup.what_is_known_of_loss(session, plan), wrap=True)
-    widgets.dim("From 40 dB on nearly nothing is seen of it; at 25 dB fine texture is gone.")
+    widgets.dim("From 40 dB the loss is barely visible; at 25 dB fine texture is gone.")

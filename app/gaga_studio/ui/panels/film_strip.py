@@ -103,7 +103,7 @@ def _thumbnail(
     if imgui.invisible_button(f"View {camera.name}", size):
         navigation.go_to_view(session, index)
     is_hot = imgui.is_item_hovered()
-    widgets.tooltip(f"{camera.name}: click to stand where it was taken")
+    widgets.tooltip(f"{camera.name}: click to view the scene from this camera")
     drawing = imgui.get_window_draw_list()
     if state.shows_masks:
         bank = document.scene.bank if session.live is None else session.live.bank

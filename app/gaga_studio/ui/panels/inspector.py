@@ -63,7 +63,7 @@ def draw_below(session: Session, document: Document, state: PlacementState) -> N
     widgets.tooltip("Sides of its box along these axes, without the outermost 2 percent of splats")
     if session.view.show_box and (turned := document.selected_oriented_box()) is not None:
         widgets.dim(f"Turned box  {measure.lengths(session, turned.size)}", wrap=True)
-        widgets.tooltip("The smallest box around it, turned as it lies")
+        widgets.tooltip("The smallest oriented box around it")
     view = session.view
     hint = "Numbers and handles along the object's own axes, else the world's"
     view.local_axes = widgets.tick("Own axes", view.local_axes, hint)
@@ -268,7 +268,7 @@ def _filling(session: Session) -> bool:
     command = commands.command("object.fill_lighten")
     if widgets.checkbox(f"{command.title}###Lighten", found.lighten)[0]:
         commands.run(command.id, session)
-    widgets.tooltip("Lighten what is darker where the object stood, as its surroundings are")
+    widgets.tooltip("Lighten the object's shadow to match its surroundings")
     _colors(session)
     _apply_or_cancel(session, "object.fill_apply", fill.cancel)
     return True
@@ -362,7 +362,7 @@ def _confidence(session: Session, document: Document) -> None:
     changed, below = imgui.slider_int("##Uncertain below", below, 1, 100, "below %d %%")
     if changed:
         document.feature(Uncertain).threshold = below / 100
-    widgets.tooltip("The share of the masks' votes that a splat's object must have to be sure")
+    widgets.tooltip("The share of the masks' votes that a splat's object needs to be certain")
     command_buttons.command_button(session, "object.uncertain", "Select uncertain", Face())
     widgets.next_to("Clean up the edge")
     command_buttons.command_button(session, "object.clean", "Clean up the edge", Face())

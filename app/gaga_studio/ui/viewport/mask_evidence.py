@@ -288,7 +288,7 @@ def explanation(document: Document, decision: Decision) -> str:
     if decision.group == 0 and decision.by_hand:
         return "Put into no object by hand."
     if decision.group == 0:
-        return "No splat lies behind this mask at the surface, so it joined no group."
+        return "There is no splat behind this mask at the surface, so it joined no group."
     name = document.name_of(decision.group)
     if decision.by_hand:
         return f"Put into {name} by hand; what follows from that was redone from this view on."

@@ -30,7 +30,7 @@ _NAMES = {
     Side.PRESET: "Other preset",
 }
 _NO_MAP = "There is no true map of this photo that can be read"
-_HELP = "Split view: click a photo to stand where it was taken"
+_HELP = "Split view: click a photo to view the scene from its camera"
 
 
 def draw(
@@ -54,7 +54,7 @@ def draw(
         if is_divided:
             return _choices(session, corner, size, "" if session.rig.is_moving else _HELP)
         if not session.rig.is_moving:
-            _note("Click a photo to stand where it was taken", corner, size)
+            _note("Click a photo to view the scene from its camera", corner, size)
         return False
     whole = PhotoPlacement(corner.x, corner.y, size.x, size.y)
     place = whole if photo is None else _placement(photo, camera, corner)

@@ -300,7 +300,7 @@ def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     plan = draw_setting(plan, "hold_out", plan.config.hold_out, tip)
     tip = "Splats that also look right from nearer and from farther away (mip mode)"
     plan = draw_setting(plan, "antialiased", plan.config.antialiased, tip)
-    tip = "Train brightness and white balance of each photo along, and leave them out"
+    tip = "Train each photo's brightness and white balance, and keep them out of the splats"
     plan = draw_setting(plan, "exposure", plan.config.exposure, tip)
     if found.photos is not None:
         widgets.field_name("Scene folder", em(NAMES))

@@ -267,7 +267,7 @@ _BADGES = {
     Mode.DEPTH: "Depth: near is bright",
     Mode.CONFIDENCE: "Confidence: blue is sure, red is not; gray is in no group",
     Mode.CENTRES: "Centres of the splats",
-    Mode.IDENTITY: "Identity encodings: what looks alike was learned to be one thing",
+    Mode.IDENTITY: "Identity encodings: similar colors were learned as one object",
     Mode.RINGS: "Rims of the splats",
 }
 _TAP_S = 0.05  # flight of a key that has just gone down: a slow frame before it was not its own
