@@ -70,7 +70,7 @@ def add_views_stage(
     # A label map without any mask leaves no decision: it would be new for ever.
     new = [camera for camera in others if load_labels(masks, camera)[0].any()]
     if not new:
-        raise GagaError("All views that have masks took part already. There is nothing to add.")
+        raise GagaError("All views with masks are used already. There is nothing to add.")
     if former.bank.levels is not None or masks.are_regions:
         raise GagaError(
             "Groups with levels of detail are made of all views at once. Leave --add out."

@@ -71,7 +71,7 @@ def growth_stage(
     for i, (view, decisions) in enumerate(by_view):
         camera = cameras.get(view)
         if camera is None:
-            raise GagaError(f"{view} has no masks any more. Choose the masks of this bank.")
+            raise GagaError(f"{view} no longer has masks. Choose the masks of this bank.")
         yield Progress(STAGE, i, len(by_view), view)
         masks, mask_of = gated.rendered(camera, rasterizer)
         was_free = group < 0
@@ -115,7 +115,7 @@ def mask_splats(gated: GatedViews, camera: Camera, mask: int) -> MaskSplats:
     masks, mask_of = gated.gaussians_of(camera)
     at = int(np.searchsorted(masks.ids, mask))
     if mask <= 0 or at >= len(masks.ids) or masks.ids[at] != mask:
-        raise GagaError(f"{camera.name} has no mask {mask} any more. Use the masks of this bank.")
+        raise GagaError(f"{camera.name} no longer has mask {mask}. Use the masks of this bank.")
     behind = gaussians_of_masks(gated.gaussians.means, camera, masks, open_bounds(masks))
     return MaskSplats(mask_of == at, behind == at)
 

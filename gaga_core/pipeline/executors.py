@@ -148,7 +148,7 @@ def list_tasks(paths: Sequence[Path]) -> tuple[Path, tuple[SceneTask, ...]]:
         common = Path(os.path.commonpath([scene.parent for scene in found]))
     except ValueError as error:
         raise GagaError(
-            "The scenes lie on several drives. Run those of each drive alone."
+            "The scenes are on several drives. Run those of each drive separately."
         ) from error
     root = single if is_folder_of_scenes else common
     names = {scene: scene.relative_to(root).as_posix() for scene in found}

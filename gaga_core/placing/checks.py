@@ -276,7 +276,7 @@ def _check_contradictions(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
         f"{s.doubled:.0%} of the matched details are in the model twice, at different places: "
         f"walls may be doubled. {cure}"
     )
-    behind = f"{s.behind:.1%} of the points lie behind the camera that sees them. {cure}"
+    behind = f"{s.behind:.1%} of the points are behind the camera that sees them. {cure}"
     return [
         *_verdict("pairs", level_below(s.agreeing, c.agreeing), agree),
         *_verdict("doubled", _above(s.doubled, c.doubled), twice),
@@ -291,7 +291,7 @@ def _check_shape(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
             "reprojection",
             _above(s.reprojection, c.reprojection),
             f"Points are {s.reprojection:.1f} pixels off in the photos on average. Are there "
-            "photos of another lens or zoom, or moving things? Leave them out, or give "
+            "photos of another lens or zoom, or moving objects? Leave them out, or give "
             f"{option('--focal')}.",
         ),
         *_verdict(

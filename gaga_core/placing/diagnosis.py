@@ -148,7 +148,7 @@ class Diagnosis:
         if self.featureless:
             found.append(
                 "Most of the picture is plain, as of an object on white. Put newspaper or a "
-                "patterned cloth under the object, and turn neither."
+                "patterned cloth under the object, and do not turn either."
             )
         elif self.few_features:
             found.append(

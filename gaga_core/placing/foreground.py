@@ -63,7 +63,7 @@ def masks_of_what_moves(photos: PhotoSet, pictures: Path, target: Path) -> Stage
     chosen = photos.photos[:: max(1, len(photos.photos) // _MOST_PHOTOS)]
     if len({(photo.width, photo.height) for photo in photos.photos}) > 1:
         raise GagaError(
-            "The photos differ in size: the camera did not stand still. Give masks of the object "
+            "The photos differ in size: the camera was not fixed. Give masks of the object "
             f"with {option('--foreground')}."
         )
     stack = []

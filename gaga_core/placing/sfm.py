@@ -238,7 +238,7 @@ def _explain(step: str, why: str) -> str:
     if step.startswith("map") and why == NO_MODEL:
         return (
             "The photos overlap, but no two of them show enough from two places to start from. "
-            "Take photos from more places, a step apart, of things with texture; or try "
+            "Take photos from more places, a step apart, of textured surfaces; or try "
             f"{option('--quality', 'full')}."
         )
     return (
@@ -252,7 +252,7 @@ def require_overlap(workspace: Path, n_photos: int) -> None:
     pairs = verified_pairs(workspace / "database.db")
     if not pairs:
         raise GagaError(
-            f"No two of the {n_photos} photos show the same things. Take photos that overlap by "
+            f"No two of the {n_photos} photos show the same place. Take photos that overlap by "
             "more than half, in a walk around the scene."
         )
 

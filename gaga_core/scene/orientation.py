@@ -207,7 +207,7 @@ def ground_map(points: AnyArray, up: AnyArray, seen_from: AnyArray) -> DoubleArr
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max()
     if not size > _FLAT * longest**2:
         raise GagaError(
-            "The three points lie nearly on a line. Choose three corners of the ground, far apart."
+            "The three points are nearly on a line. Choose three corners of the ground, far apart."
         )
     normal /= size
     middle = corners.mean(axis=0)

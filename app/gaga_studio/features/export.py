@@ -162,7 +162,7 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     n_listed = len(np.unique(scene.labels[splats])) if plan.form is SplatFormat.HTML else 0
     n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree, n_listed)
     if n_splats < len(splats):
-        lost = ("Neighbours are merged; afterwards you are told what that lost.", *lost)
+        lost = ("Neighbours are merged; the loss is measured afterwards.", *lost)
     return ExportSummary(n_splats, n_files, n_bytes, lost)
 
 

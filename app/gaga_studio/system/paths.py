@@ -90,7 +90,7 @@ def show(path: Path) -> None:
     path = path.absolute()
     folder = path if path.is_dir() else path.parent
     if not folder.is_dir():
-        raise GagaError(f"{folder} is not there any more.")
+        raise GagaError(f"{folder} no longer exists.")
     command = _command(path, folder)
     if shutil.which(command[0]) is None:
         raise GagaError(f"No file manager was found. The folder is {folder}.")

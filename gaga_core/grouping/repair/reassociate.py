@@ -187,7 +187,7 @@ def _logged(
     for old in bank.log:
         if old.view not in place:
             raise GagaError(
-                f"{old.view} has no masks any more. Choose the masks that were associated."
+                f"{old.view} no longer has masks. Choose the masks that were associated."
             )
         v = place[old.view]
         m = int(np.searchsorted(masks[v], old.mask))

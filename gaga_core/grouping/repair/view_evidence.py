@@ -49,7 +49,7 @@ class Evidence:
         for camera in self.views:
             if camera.name == view:
                 return camera
-        raise GagaError(f"{view} has no masks any more. Choose the masks that were associated.")
+        raise GagaError(f"{view} no longer has masks. Choose the masks that were associated.")
 
     def masks_of(self, camera: Camera) -> ViewMasks:
         """The masks of a view, ids made dense."""

@@ -201,7 +201,7 @@ def set_parent(
     now = scene.folders
     goes = now.tops_of(groups)
     if not {parent, *now.above(parent)}.isdisjoint(goes):
-        raise GagaError("An object cannot go under itself, or under what lies under it.")
+        raise GagaError("An object cannot go under itself, or under an object that is under it.")
     made = Folders.of(now.paths, now.home, {**now.parent, **dict.fromkeys(goes, parent)})
     return set_folders(scene, made, title)
 

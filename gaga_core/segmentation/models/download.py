@@ -292,7 +292,7 @@ def remove(model: KnownModel) -> Path | None:
             return None
         if found.parent != models_folder():
             raise GagaError(
-                f"{model.title} lies in {found}, which other programs use too. "
+                f"{model.title} is in {found}, which other programs use too. "
                 "Delete it there, or with hf cache rm."
             )
         try:

@@ -208,7 +208,7 @@ def test_a_mask_folder_that_is_gone_is_no_choice(session: Session) -> None:
     shutil.rmtree(_root(session) / "masks" / "made")
     before = session.masks
     assert not masks.choose(session, "made")
-    assert "any more" in session.notices[-1].text
+    assert "no longer here" in session.notices[-1].text
     assert session.masks is before
 
 

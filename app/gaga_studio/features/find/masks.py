@@ -379,7 +379,7 @@ def choose(session: Session, name: str) -> bool:
     document = session.need()
     _look_again(document)
     if name not in mask_folders(session):
-        raise GagaError(f"There are no masks of {name} here any more. Make or import them.")
+        raise GagaError(f"The masks of {name} are no longer here. Make or import them.")
     session.provider, session.masks = stages.masks_of(document.project, name)
     document.feature(KnownViews).forget()  # files of the same names may hold other masks now
     return True

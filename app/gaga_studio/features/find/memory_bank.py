@@ -247,9 +247,7 @@ def watch_objects(session: Session, document: Document) -> Callable[[], bool]:
 # --- photos and masks that came later
 
 _NO_OBJECTS = "There are no objects that more photos could improve. Use Find objects first."
-_LEVELS = (
-    "These objects have levels of detail, which are made of all photos at once. Use Find objects."
-)
+_LEVELS = "These objects have levels of detail, which need all photos at once. Use Find objects."
 _IDENTITIES = "The objects come from identities now. Choose Labels by votes first."
 
 
@@ -287,7 +285,7 @@ def why_no_new_views(session: Session) -> str:
         return _IDENTITIES
     if new_views(session):
         return ""
-    return f"All photos that have masks took part already. {text_on_bare_photos(session)}".rstrip()
+    return f"All photos with masks are used already. {text_on_bare_photos(session)}".rstrip()
 
 
 def text_on_bare_photos(session: Session) -> str:
@@ -301,7 +299,7 @@ def consequences_of_adding(session: Session) -> tuple[str, ...]:
     """Return sentences on what happens to what a person did, before it is done."""
     scene = session.need().scene
     said = [
-        "Names, colors, folders and what lies under what stay; so do merged and split objects, "
+        "Names, colors, folders and parents stay; so do merged and split objects, "
         "and masks that you moved."
     ]
     if scene.bank is not None and scene.bank.preset == "paper":
@@ -686,7 +684,7 @@ def _no_mask_split(session: Session) -> str:
     if reason := not_one_object(session) or no_bank(session):
         return reason
     n_masks = len(session.decisions(session.selected_groups()[0]))
-    return "" if n_masks > 1 else "This object has no masks that could be told apart."
+    return "" if n_masks > 1 else "An object needs two masks or more to be split by them."
 
 
 def _no_quality(session: Session) -> str:

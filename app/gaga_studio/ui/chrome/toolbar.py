@@ -110,7 +110,7 @@ def _what_regions_take(session: Session) -> None:
         why_not={False: no_objects},
     )
     imgui.same_line(0, em(_GAP))
-    why_not = "" if takes else "An object is selected whole, what is seen of it and what is not."
+    why_not = "" if takes else "An object is always selected whole, including its hidden parts."
     depth = widgets.segmented(
         "How deep", _DEPTHS, view.visible_only and takes, why_not={True: why_not}
     )
@@ -133,7 +133,7 @@ def _paint_color(session: Session) -> None:
     changed, strength = imgui.slider_float("###Strength", view.brush_strength, 0.05, 1.0, "%.2f")
     if changed:
         view.brush_strength = float(strength)
-    widgets.tooltip("How much of it: 1 is all")
+    widgets.tooltip("Strength of the color: 1 replaces the old one")
 
 
 def _clicks(session: Session) -> None:

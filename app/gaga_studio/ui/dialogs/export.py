@@ -57,10 +57,10 @@ def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool)
         options = _color(options, degree) if degree > 0 else options
         options = _fewer(options)
     widgets.field_name("Placement", em(NAMES))
-    hint = "The middle of all that is written becomes the origin; files still fit"
+    hint = "The middle of the export becomes the origin; all files still fit together"
     centre = widgets.tick("Middle at the origin", options.centre, hint)
     widgets.next_to("Lowest point at height 0", extra=em(2))
-    hint = "What is written stands on the ground"
+    hint = "Places the exported splats on the ground"
     ground = widgets.tick("Lowest point at height 0", options.ground, hint)
     options = replace(options, centre=centre, ground=ground)
     widgets.field_name("Units", em(NAMES))

@@ -81,7 +81,7 @@ def _work(settings: Settings, dragged: DraggedPreferences) -> Settings:
     settings = _slider(settings, dragged, "autosave_minutes", "Autosave every", "%.1f min", _LOG)
     widgets.tooltip("Most work that a crash can lose")
     settings = _slider(settings, dragged, "undo_megabytes", "Undo may hold", "%.0f MB", _LOG)
-    widgets.tooltip("With more, the oldest edits cannot be undone any more")
+    widgets.tooltip("Beyond this limit the oldest edits can no longer be undone")
     return settings
 
 
@@ -98,7 +98,7 @@ def _models(settings: Settings, dragged: DraggedPreferences) -> Settings:
         typed = f"https://{typed}" if typed and "://" not in typed else typed
         if is_known("hub_mirror", typed):
             settings = replace(settings, hub_mirror=typed)
-    hint = "Never ask a hub of models; what is here is used"
+    hint = "Never contact a model hub; use only installed models"
     offline = _tick("Work offline", settings.works_offline, hint)
     return replace(settings, works_offline=offline)
 

@@ -34,7 +34,7 @@ def draw(session: Session, plan: ReducePlan) -> None:
         return
     cleanup.estimate_loss(session, plan)
     widgets.dim(
-        "Neighbours that are alike become one splat. Hidden and locked splats, and those of "
+        "Similar neighbours become one splat. Hidden and locked splats, and those of "
         "different objects, are never merged.",
         wrap=True,
     )
