@@ -199,7 +199,7 @@ def _popup(name: str) -> Callable[[Session], object]:
     return lambda _: imgui.open_popup(name)
 
 
-# --- What becomes of an error while something is drawn: it is told, and the frame goes on.
+# --- Errors while drawing: they become notices, and the frame continues.
 # An error that leaves a child window, a popup or a table open would end the process at the end of
 # the frame. So the toolkit's stacks are put back to where they were before.
 
@@ -221,7 +221,7 @@ class Guard:
         return lambda: self.call(place, act)
 
     def call(self, place: str, act: Act) -> None:
-        """Call ``act``; whatever it raises is told, never passed on."""
+        """Call ``act``; report what it raises, never pass it on."""
         stacks = _stacks()
         try:
             act()

@@ -30,7 +30,7 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.project import Project
 
-# --- Pictures of what is true of a photo: its true map in colors, and where groups are wrong.
+# --- Ground truth of a photo as pictures: its true map in colors, and where groups are wrong.
 
 
 TRUTH = Path("gt") / "instance"  # where a scene folder has its true maps

@@ -1,8 +1,8 @@
-"""Figures that the paper prints, in percent, each with the table that it stands in.
+"""Figures that the paper prints, in percent, each with its table.
 
 Tables are called by what they compare. Replica and ScanNet are means over the scenes, counted with
 void as a label of both sides (the published evaluation code). The paper's groups come from masks of
-SAM or EntitySeg. What is not here is not known to us with certainty, and is left out.
+SAM or EntitySeg. Figures that are not known with certainty are left out.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Solids that physics engines take in place of an object: a convex hull, and its oriented box."""
+"""Solids of objects: a convex hull, an oriented box, and the surface as a triangle mesh."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

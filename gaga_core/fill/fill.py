@@ -175,7 +175,7 @@ def _colored(
     return replace(fresh, sh=sh)
 
 
-# --- Look at a filled hole: whatever new splats change next to it is taken out again.
+# --- Check a filled hole: what new splats change next to it is undone.
 
 
 _VIEWS = 16  # of those that show most of the hole

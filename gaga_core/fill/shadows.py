@@ -108,7 +108,7 @@ def _explained(dark: DoubleArray, bright: DoubleArray) -> tuple[float, float]:
     return depth, between / max(float(both.var()), 1e-9)
 
 
-# --- By how much light each place lacks.
+# --- How much light each place lacks.
 
 
 _DARK = 0.02  # color that counts as black
@@ -126,8 +126,8 @@ _FAR = 0.5  # sizes of the hole: what is farther away is its surroundings
 _RIM = 0.25  # sizes of the hole, where its shadow begins
 _AT_FOOT = 3.0  # cells from the hole
 _ONE_PIECE = 0.6  # share of the outline that lacks light without a break
-_LEAST_FOOT = 20  # cells on which a thing stands
-_BELOW = 0.03  # share of a thing's splats that are under what it stands on
+_LEAST_FOOT = 20  # cells on which an object stands
+_BELOW = 0.03  # share of an object's splats that are under its support
 _PENUMBRA = 0.1  # sizes of the foot over which a shadow's edge is soft
 _NEAR = 0.12  # sizes of the hole: so near to it a shadow is darkest
 _SHADOW = 0.05  # mean log factor there under which nothing is a shadow

@@ -1,4 +1,4 @@
-"""The surfaces next to an object: planes through the splats around it."""
+"""The surfaces next to an object, and what the photos saw of them while it stood there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -92,7 +92,7 @@ def growth_stage(
     )
 
 
-# --- The Gaussians of one mask with the depth gate and without it (figure 3), and whose they are.
+# --- The Gaussians of one mask with and without the depth gate (figure 3), and their groups.
 
 
 @dataclass(frozen=True, eq=False)

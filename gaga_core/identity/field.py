@@ -19,7 +19,7 @@ from gaga_core.io.files import atomic_write
 from gaga_core.raster.base import LabelFrame, Rasterizer
 from gaga_core.threads import run_chunks
 
-# --- Identity encodings as colors: what Gaussians the training holds for alike look alike.
+# --- Identity encodings as colors: similar encodings have similar colors.
 
 
 _TAILS = (1.0, 99.0)  # percentiles that become 0 and 255: few far encodings do not gray the rest

@@ -72,7 +72,7 @@ def click_stage(
     rasterizer: Rasterizer | None = None,
     prompter: Prompter | None = None,
 ) -> Stage[ClickedObject]:
-    """The splats that clicks on a thing and off it, in their order, select; a box comes first.
+    """The splats that clicks on an object and off it, in their order, select; a box comes first.
 
     Views are those of the scene folder, or the numbers from 0 of the views around a lone file of
     splats. With a ``prompter`` a model is asked, in the view of the first click. Raises
@@ -192,7 +192,7 @@ def model_clicks_stage(
     *,
     up: DoubleArray | None = None,
 ) -> Stage[Lifted]:
-    """The Gaussians of the thing that clicks mean, asked for in ``camera`` first.
+    """The Gaussians of the object that clicks mean, asked for in ``camera`` first.
 
     Raises ``GagaError`` when the view does not show the first click, or the model finds nothing.
     """
@@ -227,7 +227,7 @@ def _vote(
     chosen: BoolArray,  # (N,) so far
     votes: FloatArray,  # (N, 2) off, on: added to
 ) -> bool:
-    """Ask for the thing in one view and vote; False when the view has nothing to say."""
+    """Segment the object in one view and vote; False when the view has nothing to say."""
     frame = rasterizer.render(gaussians, view)
     shown = None
     if chosen.any():
@@ -284,7 +284,7 @@ def _best(
 
 
 def _ballot(mask: BoolArray, frame: Frame) -> IntArray:
-    """How each pixel votes (H, W): 1 on the thing, 0 off it, -1 not at all."""
+    """How each pixel votes (H, W): 1 on the object, 0 off it, -1 not at all."""
     depth = frame.median_depth
     low, high = depth_bounds(ViewMasks.of(mask.astype(np.int32)), depth, frame.alpha, _GATE)[1]
     passes = (depth > low) & (depth < high)

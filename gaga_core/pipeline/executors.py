@@ -52,7 +52,7 @@ from gaga_core.progress import Progress, Stage, run_stage
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-# --- One scene of many as a task for any worker, and what became of it.
+# --- One scene of many as a task for any worker, and its result.
 # A worker may die at any moment. So every start of a task is a line in a file of the run
 # (`SceneTask.starts`), which is also how the run is stopped: a worker whose file is gone closes
 # its stage. Both need nothing but the folder that all workers see.
@@ -250,7 +250,7 @@ class _SignOfLife:
             raise CancelledError("The run was ended before it was complete.") from None
 
 
-# --- A page about many scenes that were run: what became of each, with a photo and its groups.
+# --- A page about many scenes that were run: the result of each, with a photo and its groups.
 
 
 PAGE = "gaga-run.html"  # in the folder of scenes

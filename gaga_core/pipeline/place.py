@@ -131,7 +131,7 @@ def _film(video: Path, workspace: Path, config: ReconstructConfig) -> Stage[Phot
     return found
 
 
-# --- What the report says of a placement: photos that are in or out and why, and their links.
+# --- The report of a placement: placed and left out photos with reasons, and their links.
 
 
 _LINKED = 15  # verified matches that link two photos

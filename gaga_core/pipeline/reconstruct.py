@@ -188,7 +188,7 @@ def _tidied(workspace: Path) -> Iterator[None]:
             shutil.rmtree(workspace, ignore_errors=True)
 
 
-# --- Photos without splats: what a path means, what was begun there, and how long it takes.
+# --- Photos without splats: what a path holds, which run to continue, and how long it takes.
 
 
 # Structure from motion of photos of a room, measured on two cores: seconds of one core.

@@ -1,7 +1,7 @@
 """Is a model of structure from motion right? A wrong one must not pass without a word.
 
 Mapping can place every photo and still be wrong: two halves turned against each other, a focal
-length that ran away, a wall that stands twice. The strongest witness is what the mapper did not
+length that diverged, a wall that appears twice. The strongest witness is what the mapper did not
 use up: the verified matches of every pair of photos, held against the poses of the model.
 """
 
@@ -17,11 +17,11 @@ from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.placing.metrics import MeasureConfig, SfmFacts, SfmSummary, centres_of, common_points
 from gaga_core.placing.sfm import option
 
-# --- How two clusters of cameras lie to each other, told by points that each of them sees alone.
+# --- How two clusters of cameras are placed to each other, by points that each sees alone.
 # Where few points hold two halves of a model, an adjustment can fit all of them and be wrong: two
 # rays of one view on each side meet somewhere whatever the scale between the halves. A point that
-# at least two views of each side see stands twice when each side triangulates it by itself, and
-# the two places coincide only if the halves lie right. The similarity between them, and how far it
+# at least two views of each side see is triangulated by each side alone, and the two places
+# coincide only if the halves are placed right. The similarity between them, and how far it
 # moves when other points are drawn (Efron 1979, bootstrap), tell whether the halves hold each
 # other.
 

@@ -17,7 +17,7 @@ from gaga_core.placing.metrics import AGAIN
 from gaga_core.placing.photos import PhotoSet
 from gaga_core.placing.sfm import option
 
-# --- Do the turns between three photos close? Where things repeat, pairs match well and still lie.
+# --- Do the rotations between three photos close? Where objects repeat, good matches are wrong.
 # A pair of photos that matched says how one camera is turned against the other. Around three
 # photos these turns come back to where they began. Where two of them show different things that
 # look alike, they do not (Zach 2010, "Disambiguating visual relations using loop constraints").

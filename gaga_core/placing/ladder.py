@@ -21,7 +21,7 @@ from gaga_core.placing.photos import PhotoSet
 from gaga_core.placing.sfm import SfmConfig, require_overlap, run_matching, run_step
 from gaga_core.progress import Progress, Stage, mapped
 
-# --- Photos of two scenes in one folder: which photos belong to which model.
+# --- Photos of two scenes in one folder: assign each photo to its model.
 # A mapping that cannot join its models leaves several. Those that share matches are parts of one
 # scene that did not hold together; those that share none are scenes of their own.
 

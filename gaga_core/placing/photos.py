@@ -1,4 +1,4 @@
-"""The photos of a reconstruction: listed, looked at one by one, and laid ready for matching.
+"""The photos of a reconstruction: listed, examined one by one, and prepared for matching.
 
 Cameras, phones and editors leave all kinds of files in a folder. What cannot be used is left out
 and named; what can be is turned upright, made 8-bit RGB, and shrunk if it is very large.

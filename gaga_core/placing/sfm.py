@@ -19,7 +19,7 @@ from gaga_core.placing.photos import Photo, PhotoSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads
 
-# --- Options that messages advise: what they are called in the command and in the window.
+# --- Names of the options that messages recommend, in the command and in the window.
 # The window's names are those of its sheet "Make splats" (Settings next to the offer).
 
 

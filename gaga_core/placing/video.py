@@ -17,7 +17,7 @@ from gaga_core.io.video import ffmpeg_program
 from gaga_core.placing.photos import LOOK_SIDE, sharpness
 from gaga_core.progress import Progress, Stage
 
-# --- How a film moves, and which of its frames are worth to be placed.
+# --- The motion of a film, and which of its frames to place.
 # Frames are chosen by what changes between them, not by the clock: a film that rests gives one
 # frame, one that hurries gives all of them. Among frames of about the same place the sharpest is
 # taken.

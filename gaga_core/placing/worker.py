@@ -26,7 +26,7 @@ from gaga_core.io.json_file import read_json
 from gaga_core.placing.foreground import MASKS
 from gaga_core.placing.sfm import CameraGroup, StepSettings
 
-# --- What the checks need to know of a model: plain arrays that the worker writes.
+# --- What the checks read of a model: plain arrays that the worker writes.
 
 
 _STILL = 0.004  # x width: a match that moved less stands still in the picture

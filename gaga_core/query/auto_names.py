@@ -13,7 +13,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray
 from gaga_core.query.index import GroupIndex, TextVectors
 
-# --- Nouns that groups are named with: what stands about in homes, shops, streets and gardens.
+# --- Nouns that groups are named with: objects of homes, shops, streets and gardens.
 
 
 _TEXT = """

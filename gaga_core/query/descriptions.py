@@ -218,7 +218,7 @@ def _color(facts: GroupFacts, row: int) -> str:
 
 
 def _besides_grey(facts: GroupFacts, row: int) -> str:
-    """What people call a thing that is grey for the most part: "white" in shade, or the hue that
+    """What people call an object that is mostly grey: "white" in shade, or the hue that
     tells more of it; else "grey"."""
     share = dict(zip(NAMES, facts.colors[row].tolist(), strict=True))
     both = share["grey"] + share["white"]

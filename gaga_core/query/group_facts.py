@@ -214,7 +214,7 @@ def _shape(moments: DoubleArray, sides: DoubleArray) -> tuple[DoubleArray, Doubl
 
 
 def _scattered(extents: DoubleArray, area: DoubleArray) -> BoolArray:
-    """Groups (G,) that are crumbs of other things over a large place, not one thing."""
+    """Groups (G,) that are fragments of other objects over a large area, not one object."""
     cover = 2 * np.pi * area / np.maximum(extents[:, 0] * extents[:, 1], 1e-30)
     long = extents[:, 0] > _LONG * np.median(extents[:, 0]) if len(extents) else extents[:, 0] > 0
     return (cover < _COVER) & long
@@ -333,7 +333,7 @@ def seen_colors(
     return seen
 
 
-# --- Digests of groups: equal as long as a group has the same splats, looking the same.
+# --- Digests of groups: equal while a group has the same splats with the same look.
 
 
 _MIX = np.array([0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F], np.int64)

@@ -1,4 +1,4 @@
-"""Search by words alone: names, colors, sizes, places. No model, no index: the box is never dead.
+"""Search by words alone: names, colors, sizes, places. No model, no index: the box always works.
 
 A text is parsed into a phrase (`grammar`); every trait and relation scores all groups 0..1, and the
 product ranks them; a superlative then orders those that fit. What was understood is said back.
@@ -18,7 +18,7 @@ from gaga_core.query.grammar import Phrase, Relation, Scale, Superlative, Trait,
 from gaga_core.query.group_facts import GroupFacts
 from gaga_core.query.spatial_relations import Sight, canonical_view, measure, relation_score, sight
 
-# --- One plain sentence of what a search understood.
+# --- Say what a search understood, in one plain sentence.
 
 
 _CURE = "name it, or index the scene with a model."
@@ -124,7 +124,7 @@ def _uses_view(phrase: Phrase) -> bool:
     return anchored or views or any(s.measure in lex.VIEW_MEASURES for s in scales)
 
 
-# --- How much groups have of what a single word says: a color, being floor or wall.
+# --- Score groups by a single word: a color, being floor or wall.
 
 
 _NOT_IN_BROWN = ("brown", "yellow", "gold")  # brown is the shade of all other warm colors

@@ -234,8 +234,8 @@ def turn_between(start: DoubleArray, stop: DoubleArray) -> DoubleArray:
     return turn
 
 
-# --- Where splats stand as one: position, rotation and scale, absolute, and the motion between
-# two.
+# --- The placement of splats as a whole: absolute position, rotation and scale, and the motion
+# between two placements.
 # Rotation and scale count from how the file was opened or added, carried along when the scene is
 # moved as a whole. A map that shears keeps its shear when its rotation or scale is changed.
 

@@ -256,7 +256,7 @@ def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_op
         raise GagaError(f"{file} is damaged. {CURE}") from error
 
 
-# --- Files of splats that other programs change: noticed at every save, and replaced by a copy.
+# --- Files of splats that other programs changed: noticed at every save, and replaced by a copy.
 
 
 File = tuple[Path, str]  # and the fingerprint of its content

@@ -119,7 +119,7 @@ def available_providers() -> tuple[ProviderEntry, ...]:
 
 
 def promptable_models() -> tuple[ProviderEntry, ...]:
-    """The models here that can be asked for one thing, see `prompter_named`; those that are known
+    """The models here that can segment one object, see `prompter_named`; those that are known
     come first, the smallest of a family before the others."""
     return tuple(
         entry
@@ -175,7 +175,7 @@ def provider_named(
 def prompter_named(
     name: str, *, weights: Path | None = None, device: Device = "auto"
 ) -> "SamPrompter":
-    """The Segment Anything model called ``name``, ready to be asked for one thing; read when asked.
+    """The Segment Anything model called ``name``, ready to segment one object; read when used.
 
     ``weights`` as in `provider_named`. Raises ``GagaError`` for other models, and where it says
     what to put where.

@@ -126,7 +126,7 @@ def is_due_for_reset(iteration: int, config: TrainConfig) -> bool:
     return done > 0 and done % every == 0 and done < config.at(density.stop)
 
 
-# --- Some splats left out at random in each step, against those that only suit single photos.
+# --- Dropout: splats left out at random in each step, against those that only suit single photos.
 # Where few photos see a place, a splat in front of it can repair the picture of one of them and is
 # in the way of every other view. Left out now and then, it is no longer needed for that, and those
 # behind it learn to draw the place themselves (Park 2025, DropGaussian).

@@ -115,7 +115,7 @@ def assign(session: Session, group: int, splats: IntArray | None = None) -> bool
 
 @notifies
 def delete_floaters(session: Session) -> bool:
-    """Delete splats that stand alone, of the selection or of everything."""
+    """Delete isolated splats, of the selection or of everything."""
     from gaga_core.scene.selection.neighbourhood import floaters
 
     scene, chosen = session.need().settled().scene, session.selected_indices()
@@ -265,7 +265,7 @@ def split_here(session: Session) -> bool:
 
 @notifies
 def join_here(session: Session) -> bool:
-    """Join the selected object with those that are one thing with it one level coarser."""
+    """Join the selected object with those that are one object with it one level coarser."""
     group = one_object(session)
     name = session.need().name_of(group)
     edit = edits.join_here(session.need().settled().scene, group, f"Join {name} here")

@@ -30,7 +30,7 @@ from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels, dense, outlines
 
-# --- Average linkage over a graph with signed evidence: who joins whom, and in what order.
+# --- Average linkage over a graph with signed evidence: which clusters join, and in what order.
 # The evidence between two clusters is the mean over their common border, not over all pairs of
 # members, so that large surfaces hold together (as in GASP, Bailoni et al., CVPR 2022).
 
@@ -43,7 +43,7 @@ class SignedGraph:
     first: LongArray  # (B,) node
     second: LongArray  # (B,) node
     length: DoubleArray  # (B,) of the border, > 0
-    evidence: DoubleArray  # (B,) log odds that both are one thing: the mean over the border
+    evidence: DoubleArray  # (B,) log odds that both are one object: the mean over the border
 
     def contracted(self, cluster: LongArray) -> "SignedGraph":
         """The graph of clusters (n,), dense ids from 0."""
@@ -162,7 +162,7 @@ _STANDS = 0.3  # crease at which standing side by side counts in full
 _ON_PLANE = 0.6  # share of the samples of a piece that make it a part of a plane
 _SUPPORT_AREA, _SUPPORT_SIZE = 0.01, 0.002  # shares of the area and of the samples of a support
 _PATCH = 0.15  # share of the samples of either side on the same plane that makes it a patch
-_FOOT = 0.1  # least crease between a thing and its support
+_FOOT = 0.1  # least crease between an object and its support
 # Of small pieces: bias, crease, bulge, step, share of views in one region (-1..1).
 _FINE = np.array([1.56, -5.0, -0.5, -3.0, 3.7])
 # Of larger ones: bias, crease, bulge, step, views for one region, views for two where the surface
@@ -486,7 +486,7 @@ def _cut_views(
     return cut / np.maximum(seen, 1), seen
 
 
-# --- Thin things on a surface: a clock on a wall, a saucer on a tray.
+# --- Thin objects on a surface: a clock on a wall, a saucer on a tray.
 # The crease around them is hardly more than noise, so the mean over their border joins them to
 # what they lie on, or they lie so far out that they count as background. A part that one other
 # cluster encloses stays apart where the views show it whole as one region, with nothing else in

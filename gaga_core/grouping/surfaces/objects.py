@@ -42,7 +42,7 @@ from gaga_core.grouping.surfaces.surfels import (
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.threads import n_threads
 
-# --- Objects that are two things: an orange and the half of a drill that it touches.
+# --- Clusters that are two objects: an orange and the half of a drill that it touches.
 # Evidence is a mean over a border, and the small pieces of two things that touch may straddle it,
 # so that each later join looks right. The object that comes out does not: views show a part of it
 # and the rest as one region each, and both together as none, and the two meet in a narrow neck. A
@@ -107,7 +107,7 @@ def _necks(near: Neighbourhood, cluster: LongArray, part: LongArray) -> LongArra
     return np.bincount(ends, minlength=int(part.max()) + 1).astype(np.int64)
 
 
-# --- Things whose parts nothing holds up but one another: leaves, blossoms, the back of a chair.
+# --- Objects whose parts only hold each other: leaves, blossoms, the back of a chair.
 # What lies or stands on a plane touches it all around its foot. A part that does not, and that
 # only touches others of the kind, cannot be a thing of its own where all of them together are held
 # by a border that is short for their size. Fruit in a bowl or a box on a box have longer borders.
@@ -169,7 +169,7 @@ def _standing(
     return flat | (foot >= _FOOT * outlines(size))
 
 
-# --- Levels below the smallest parts: things of few samples, told apart by their color, too.
+# --- Levels below the smallest parts: objects of few samples, distinguished by color, too.
 # A book in a row or a toy block shows some twenty samples. Its small pieces straddle its outline,
 # and what borders of parts ask (a crease, a region in most views) is lost in so few. Here pieces
 # end where the color changes, and color is a witness of their borders as well. At the levels of
@@ -264,7 +264,7 @@ def carriers_by_color(
     return chosen
 
 
-# --- Surfaces that a thing lies across: a table top under its runner, a floor under a carpet.
+# --- Surfaces that an object lies across: a table top under its runner, a floor under a carpet.
 # Both sides of the runner never touch, so no border says that they are one. They join where they
 # lie on one plane and have one color, and where what fills the whole gap between them is one thing
 # that lies on that plane and is smaller than they are together. Open air joins nothing, and
@@ -345,7 +345,7 @@ _BOTH_NEAR = 2.0  # times the distance of the nearest sample at which two others
 
 @dataclass(frozen=True)
 class HierarchyConfig:
-    """Settings. Evidence is in log odds that two neighbouring pieces are one thing."""
+    """Settings. Evidence is in log odds that two neighbouring pieces are one object."""
 
     surfels: int = 60_000  # most samples of the surfaces; time grows with them
     pieces: float = 2.3  # evidence at which small pieces join to those that are judged in full

@@ -1,10 +1,10 @@
-"""Clicks on a thing and off it, answered one after the other.
+"""Clicks on an object and off it, answered one after the other.
 
 The first click takes the object of the graph that it meets; a click on another one adds it, if it
 is not larger, or takes it away. Every other click is a minimum cut (Boykov and Jolly, ICCV 2001)
 that changes the last answer where the click is: clicked nodes are given, other nodes keep their
 side at a cost that grows with their size and with the distance from the click, and parting two
-neighbours costs the more the likelier they are one thing.
+neighbours costs the more the likelier they are one object.
 """
 
 from collections.abc import Sequence
@@ -76,7 +76,7 @@ class ClickGraph:
 
     points: DoubleArray  # (S, 3) samples, world
     node: LongArray  # (S,) of each sample, dense ids from 0
-    graph: SignedGraph  # of nodes; evidence in log odds that two are one thing
+    graph: SignedGraph  # of nodes; evidence in log odds that two are one object
     centre: DoubleArray  # (n, 3) of the nodes, world
     part: LongArray  # (n,) the part that each node belongs to
     object: LongArray  # (n,) the object that each node belongs to, as far as can be told
@@ -289,7 +289,7 @@ _MISS = 0.02  # share of its depth by which a sample may miss the surface that a
 
 @dataclass(frozen=True)
 class Click:
-    """A click on the surface at ``point``, world: on the thing, or off it."""
+    """A click on the surface at ``point``, world: on the object, or off it."""
 
     point: tuple[float, float, float]
     is_on: bool = True

@@ -16,7 +16,7 @@ from gaga_core.segmentation.models.catalogue import CATALOGUE, KnownModel
 from gaga_core.segmentation.models.download import ModelLock, lock_of, partial_bytes
 from gaga_core.segmentation.models.weights import find_model, models_folder
 
-# --- How long a model takes for a photo on this machine: measured at its use, estimated before.
+# --- Time that a model takes for a photo on this machine: measured once used, estimated before.
 # Kept in ``speed.json`` in the folder of models. An estimate compares the work of the model,
 # measured once with its architecture, with how fast this machine multiplies matrices.
 

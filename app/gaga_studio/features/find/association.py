@@ -82,9 +82,7 @@ class FindState:
     options: FindOptions = field(default_factory=FindOptions)
 
 
-# --- identities
-
-# --- Identity encodings of the groups, and whether labels are votes or theirs.
+# --- identity encodings of the groups, and whether labels come from votes or from them
 
 
 __all__ = ["NO_IDENTITIES", "lift", "lift_after_finding", "use_labels"]

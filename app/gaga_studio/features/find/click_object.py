@@ -62,17 +62,13 @@ def key_of(scene: Scene) -> object:
 
 # --- a model is asked in the background
 
-# --- Ask a Segment Anything model what the clicks of the tool Object mean, in the background.
-# The answer that needs no model is shown at once; the model's takes its place when it is ready, as
-# an entry of its own in the history, so that undo brings the former one back.
-
 
 NO_MODEL = "none"  # as a setting: clicks ask no model even if one is here
 _MISSED = "You clicked again, so the model's answer was ignored. The next click asks again."
 
 
 def models_here(session: Session) -> tuple[ProviderEntry, ...]:
-    """The models on this machine that can be asked for one thing."""
+    """The models on this machine that can segment one object."""
     state = session.feature(ModelsState)
     if state.promptable is None:
         state.promptable = promptable_models()
@@ -268,7 +264,7 @@ def prepare(session: Session) -> bool:
 
 @notifies
 def click(session: Session, u: float, v: float, width: int, height: int, *, is_on: bool) -> bool:
-    """Click the surface at a pixel: what is there is part of the thing, or not."""
+    """Click the surface at a pixel: what is there is part of the object, or not."""
     from gaga_core.scene.selection.click import Click
 
     document = session.need()
@@ -319,7 +315,7 @@ def box(
 
 @notifies
 def make_object(session: Session) -> bool:
-    """Make what was clicked an object of its own, and ask for its name."""
+    """Make the clicked splats a new object, and ask for its name."""
     stop_asking(session)
     document = session.need()
     scene = document.settled().scene

@@ -50,7 +50,7 @@ class ModelsState:
     offered: Listing | None = None  # its licence and size are shown, the user has not answered
     removing: KnownModel | None = None  # the user is asked whether
     then: Callable[[], object] | None = None  # what the offered model was wanted for
-    promptable: tuple[ProviderEntry, ...] | None = None  # can be asked for one thing; None = look
+    promptable: tuple[ProviderEntry, ...] | None = None  # can segment one object; None = look
     prompters: dict[str, "Prompter"] = field(default_factory=dict)  # loaded, by name of the model
 
     def entry(self, name: str) -> ModelStatus | None:
@@ -58,9 +58,7 @@ class ModelsState:
         return next((entry for entry in self.entries if entry.model.name == name), None)
 
 
-# --- settings with a slider
-
-# --- The settings of a mask provider that have a slider, and their bounds.
+# --- settings of a mask provider that have a slider, and their bounds
 
 
 Family = Literal["regions", "sam", "universal", ""]

@@ -87,7 +87,7 @@ class ObjectQuality:
         self.by_labels: dict[str, Quality] = {}  # by digest of the labels
 
 
-# --- Repair of what the association got wrong: masks that belong elsewhere, objects that are two.
+# --- Repair errors of the association: masks of other objects, two objects merged into one.
 # Long work runs as a job on values taken at the call; its result is one entry of the history.
 
 
@@ -166,7 +166,7 @@ def repaired_labels(scene: Scene, before: IntArray, after: IntArray) -> IntArray
 
 @notifies
 def split_by_masks(session: Session) -> bool:
-    """Take the selected object apart into the two things that its masks show."""
+    """Take the selected object apart into the two objects that its masks show."""
     document, bank = need_bank(session)
     groups = document.read.selected_groups()
     if len(groups) != 1:

@@ -15,7 +15,7 @@ from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-# --- The status line: what a click does now, what is under the mouse, and who computes.
+# --- The status line: what a click does now, what is under the mouse, and which job runs.
 
 _LOOK_EVERY = 10.0  # seconds; a look asks the driver and the installed packages
 

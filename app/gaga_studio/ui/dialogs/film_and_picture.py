@@ -1,4 +1,4 @@
-"""The sheets that ask how a film or a picture shall be written."""
+"""The sheets with the settings of a film or a picture to write."""
 
 from dataclasses import dataclass
 from functools import partial

@@ -1,4 +1,4 @@
-"""Where the picture lies on the screen: what is drawn over it finds its place by this."""
+"""Where the picture is on the screen, for what is drawn over it."""
 
 from dataclasses import dataclass
 

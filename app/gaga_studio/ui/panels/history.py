@@ -1,4 +1,4 @@
-"""What was done, newest last; a click goes back or forth to it."""
+"""What was done, newest last; a click undoes or redoes up to it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -21,7 +21,7 @@ from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-# --- What can be done with one mask of the memory bank: put it where it belongs.
+# --- Actions on one mask of the memory bank: move it to the right object.
 
 
 @dataclass

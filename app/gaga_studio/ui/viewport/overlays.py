@@ -1,4 +1,4 @@
-"""What lies over the picture: points of tools, the box of the selection, outlines, the brush."""
+"""Drawn over the picture: points of tools, the box of the selection, outlines, the brush."""
 
 from dataclasses import dataclass
 from itertools import pairwise
