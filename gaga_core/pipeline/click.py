@@ -86,7 +86,7 @@ def click_stage(
     cameras = () if folder is None else folder.cameras
     views = click_views(cameras, algebra.world_means(scene, algebra.everything(scene)))
     if prompter is not None and box is not None:
-        raise GagaError("A model is asked by clicks. Give --click instead of --box.")
+        raise GagaError("A model segments by clicks. Give --click instead of --box.")
     places = [_on_surface(project, views, click) for click in clicks]
     frame = None if box is None else _view(project, views, box.view)
     if prompter is not None:

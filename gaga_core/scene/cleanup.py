@@ -402,7 +402,7 @@ def cleaned_labels(scene: Scene, preview: CleanPreview, title: str = "Clean") ->
     Raises ``GagaError`` for a free choice of splats, which has no group to join.
     """
     if preview.group == 0:
-        raise GagaError("These splats are no one group. Group them first, or clean the selection.")
+        raise GagaError("These splats are not one group. Group them first, or clean the selection.")
     joined = np.full(len(preview.add), preview.group, np.int32)
     rows = np.concatenate([preview.add, preview.remove])
     labels = np.concatenate([joined, preview.remove_groups])

@@ -690,7 +690,7 @@ def _open_saved(file: Path) -> Stage[Project]:
     if not is_same_model(model_path, entry.fingerprint):
         raise GagaError(
             f"{model_path} changed since this project was saved, so its edits do not fit. "
-            f"Put the former file back, or move {file} away to open the model without edits."
+            f"Put the previous file back, or move {file} away to open the model without edits."
         )
     root = _resolve(file.parent, document.folder) if document.folder else None
     folder = None

@@ -149,7 +149,7 @@ _without_masks = needs(
     lambda session: len(session.masks), "This scene has no masks. Use Make masks, or Import masks."
 )
 no_masks = first_of(not_saveable, _without_masks)
-NO_BANK = "Nothing is known of the masks behind these objects. Use Find objects first."
+NO_BANK = "The masks of these objects are not known. Use Find objects first."
 no_shown_bank = first_of(
     needs(lambda session: session.need().scene.bank is not None, NO_BANK), _without_masks
 )

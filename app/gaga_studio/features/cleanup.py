@@ -254,7 +254,11 @@ def what_is_known_of_loss(session: Session, plan: ReducePlan) -> str:
     if plan.curve is not None:
         level = loss_text(plan.curve.at(plan.percent / 100))
         is_lossless = level == loss_text(EXACT)
-        said = "Nearly nothing is lost" if is_lossless else f"About {level} against pictures of now"
+        said = (
+            "Nearly nothing is lost"
+            if is_lossless
+            else f"About {level} against the current pictures"
+        )
         return f"{said}; measured when it is done."
     if reason := why_not_reducible(session, plan.what):
         return reason

@@ -307,10 +307,12 @@ def export_stage(
         kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
         made = yield from export_scene_stage(scene, path, what=kind, options=options)
         said = f"Exported {made.n_splats:,} splats to {paths.shown(path)}."
-        psnr, of = made.psnr, "what was written"
+        psnr, of = made.psnr, "the export"
     if psnr is None:
         return said
-    return f"{said} Merged: pictures of {of} have {psnr:.1f} dB (PSNR) against those of before."
+    return (
+        f"{said} Merged: pictures of {of} have {psnr:.1f} dB (PSNR) against those before the merge."
+    )
 
 
 # --- films and pictures

@@ -130,7 +130,7 @@ def go_to_a_photo(session: Session) -> None:
 # --- two sides
 
 AT_A_PHOTO = frozenset({Side.PHOTO, Side.TRUTH, Side.ERRORS})  # only at the camera of a photo
-_CHANGED = "The objects changed while this ran, so nothing is compared. Try it again."
+_CHANGED = "The objects changed meanwhile. Try again."
 LEFT = tuple(Side)
 RIGHT = (Side.PICTURE, Side.GROUPS, Side.TRUTH, Side.ERRORS)
 
@@ -286,7 +286,7 @@ def missing_text(session: Session) -> str:
     """Say why the groups of the other preset are not shown, while they are not known."""
     preset, running = other_preset(session), session.jobs.running
     if running is not None and running.title == _job_title(preset):
-        return f"The groups of the preset {preset} are on the way"
+        return f"The groups of the preset {preset} are being computed"
     return f"Groups of {preset} not known: close this split, open it again"
 
 

@@ -178,5 +178,5 @@ def _question(
     }
     text = str(error)
     if isinstance(error, ModelChangedError) and document.unsaved:
-        text += " To reload loses the unsaved edits."
+        text += " Reloading loses the unsaved edits."
     return UserQuestion(text, choices, lambda choice: actions[choice]())

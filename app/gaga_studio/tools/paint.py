@@ -236,7 +236,7 @@ class CloneTool(_Brush):
         found = self._surface(session, place)
         if found is not None:
             self._source = session.need(), found
-            session.hint = "The source is set. Drag where the copies are to come."
+            session.hint = "The source is set. Drag where the copies should go."
 
     def hint(self, session: Session) -> str:
         """What a drag does now."""

@@ -401,7 +401,7 @@ def objects_stage(
     sample = sample_surfels(views, load_masks, load_further, depths, config.surfels)
     surfels = yield from part(sample, 0, _STEPS, STAGE)
     if len(surfels.points) < LEAST_SURFELS:
-        raise GagaError("The views show next to none of the splats. Check poses and model.")
+        raise GagaError("The views show almost none of the splats. Check poses and model.")
     around = _Around.of(gaussians, surfels.points)
     near = Neighbourhood.of(surfels.points)
     n_splats = np.bincount(around.samples[:, 0], minlength=len(surfels.points))

@@ -193,7 +193,7 @@ def with_added_stage(
         splats, _ = yield from read_added_stage(Path(item.path), item.fingerprint, item.axes)
         if len(splats) != item.n or len(whole) != item.first:
             raise GagaError(
-                f"{item.path} does not fit the saved project. Put the former file back."
+                f"{item.path} does not fit the saved project. Put the previous file back."
             )
         whole = joined(whole, splats)
     return whole

@@ -310,7 +310,7 @@ class SetFolders(Edit, frozen=True, tag="folders"):
         except ValueError as error:  # of a recording that was damaged: `Folders` holds its own laws
             raise GagaError(
                 f'The step "{self.title}" is damaged ({error}), so it changes nothing. '
-                "Go on from here: a new edit takes its place."
+                "Continue from here: a new edit replaces it."
             ) from error
         scene.folders = made
         scene.revision.names += 1
@@ -565,7 +565,7 @@ def read_added_stage(
         raise GagaError(f"The added splats are gone: {path}. Put the file back.")
     found = model_fingerprint(path)
     if digest and not is_same_model(path, digest):
-        raise GagaError(f"{path} changed since its splats were added. Put the former file back.")
+        raise GagaError(f"{path} changed since its splats were added. Put the previous file back.")
     return (yield from read_splats_stage(path, axes)), found
 
 

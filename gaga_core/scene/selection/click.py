@@ -112,7 +112,7 @@ def click_graph_stage(
     finite = np.isfinite(gaussians.means).all(axis=1)
     surfels = _with_unseen(surfels, gaussians.means[finite & (gaussians.opacities > _OPAQUE)])
     if len(surfels.points) < _LEAST_SAMPLES:
-        raise GagaError("The views show next to none of the splats, so nothing can be clicked.")
+        raise GagaError("The views show almost none of the splats, so nothing can be clicked.")
     yield Progress(STAGE, 3, _STEPS, "splats around the surfaces")
     tree = cKDTree(surfels.points)
     spacing = _spacing(tree)

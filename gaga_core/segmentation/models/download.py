@@ -258,7 +258,7 @@ def download(
             write_lock(staging, listing, consent.licence, consent.accepted_at, locked)
             if not is_model_folder(staging):
                 raise GagaError(
-                    f"The files of {model.hub} make no whole model. Get it again later."
+                    f"The files of {model.hub} are not a complete model. Get it again later."
                 )
             path = staging.replace(models_folder() / model.name)
         except OSError as error:

@@ -305,12 +305,14 @@ def consequences_of_adding(session: Session) -> tuple[str, ...]:
     if scene.bank is not None and scene.bank.preset == "paper":
         said.append(
             "Splats that you put elsewhere by hand can follow the new masks: the preset Paper does "
-            "not tell them apart from others."
+            "not distinguish them from others."
         )
     else:
         said.append("Splats that you put elsewhere by hand stay there.")
     if scene.identities.colors is not None:
-        said.append("Identities know only the former photos, so they are removed: lift them again.")
+        said.append(
+            "Identities cover only the earlier photos, so they are removed: lift them again."
+        )
     return tuple(said)
 
 

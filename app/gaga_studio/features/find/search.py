@@ -467,7 +467,9 @@ def index_state(session: Session) -> str:
     if n_unknown == 0:
         return f"The index knows all {n:,} objects as they are now."
     changed = "1 has" if n_unknown == 1 else f"{n_unknown:,} have"
-    return f"{changed} changed since the index of {n:,} objects was made. Index again to know them."
+    return (
+        f"{changed} changed since the index of {n:,} objects was made. Index again to include them."
+    )
 
 
 def no_question(session: Session) -> str:
@@ -548,7 +550,7 @@ def name_all(session: Session) -> None:
         elif document.do(name_groups(document.scene, names)):
             session.notify(Level.INFO, f"Named {len(names):,} objects. Undo takes it back.")
         else:
-            session.notify(Level.HINT, "The index knows no further name with confidence.")
+            session.notify(Level.HINT, "The index has no further name with enough confidence.")
 
     session.jobs.start("Name the objects", stage(), on_done=done)
 

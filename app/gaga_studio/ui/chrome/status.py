@@ -56,9 +56,9 @@ def status_text(session: Session, tool: Tool) -> str:
     if session.rig.is_flying:
         return "W A S D fly, Q down, E up, Shift fast, Alt slow; drag looks around. V ends flying."
     if cleanup.shown(session) is not None:
-        return "Enter applies the cleaning, Esc leaves everything as it is. Drag orbits."
+        return "Enter applies the cleaning, Esc discards it. Drag orbits."
     if fill.shown(session) is not None:
-        return "Enter applies the fill, Esc leaves everything as it is. Drag orbits."
+        return "Enter applies the fill, Esc discards it. Drag orbits."
     if session.hint:
         return session.hint
     hint = tool.hint(session)

@@ -67,7 +67,7 @@ def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool)
     form = "1 scene unit = %.4g in the file"
     flags = imgui.SliderFlags_.always_clamp | imgui.SliderFlags_.logarithmic
     changed, scale = imgui.drag_float("##Units", options.scale, 0.01, 1e-4, 1e4, form, flags)
-    widgets.tooltip("Drag, or double-click to type. What is 2 long here is twice this number long")
+    widgets.tooltip("Drag, or double-click to type. A length of 2 here is twice this number there")
     options = replace(options, scale=scale) if changed and scale > 0 else options
     widgets.field_name("Crop", em(NAMES))
     return _crop(session, options)

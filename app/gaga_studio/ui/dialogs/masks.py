@@ -382,7 +382,7 @@ _PRESETS = (
     ("paper", "", "Paper", "The published method: memory bank view by view, trained identities"),
 )
 _IDENTITIES = {
-    "preset": "As the preset has it",
+    "preset": "As in the preset",
     "none": "None",
     "vote": "By vote, in seconds",
     "refine": "By vote, then a few training steps",
@@ -490,7 +490,7 @@ def _find_row(session: Session) -> None:
     imgui.same_line()
     as_preset = session.feature(FindState).options == FindOptions()
     as_preset &= session.settings.identities == Settings().identities
-    same = "All is as the preset has it." if as_preset else ""
+    same = "All settings are those of the preset." if as_preset else ""
     if widgets.button("Reset", why_not=same, hint="Take every switch from the preset"):
         session.feature(FindState).options = FindOptions()
         session.change_settings(replace(session.settings, identities="preset"))

@@ -15,7 +15,7 @@ _NAMES = 5.0  # width of the names of fields, ems
 _FEWEST, _MOST = 5, 95  # percent
 _WHATS: tuple[tuple[ReduceWhat, str, str, str], ...] = (
     ("selection", "", "Selection", "What is selected"),
-    ("objects", "", "Objects", "All of each object that something is selected of"),
+    ("objects", "", "Objects", "Each object with selected splats, as a whole"),
     ("scene", "", "Scene", "All that is visible and not locked"),
 )
 

@@ -67,7 +67,7 @@ def _scrub(session: Session, path: CameraPath) -> None:
     imgui.same_line()
     imgui.set_next_item_width(width)
     changed, total = imgui.drag_float("##Total", path.seconds, 0.05, 0.1, 3600, "%.1f s in all")
-    widgets.tooltip("Time of the whole path; all times are stretched alike")
+    widgets.tooltip("Duration of the whole path; all times scale with it")
     if changed:
         camera.set_total_seconds(session, total)
 

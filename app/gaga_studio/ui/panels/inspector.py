@@ -62,7 +62,7 @@ def draw_below(session: Session, document: Document, state: PlacementState) -> N
     widgets.dim(f"Size  {measure.lengths(session, sizes)}", wrap=True)
     widgets.tooltip("Sides of its box along these axes, without the outermost 2 percent of splats")
     if session.view.show_box and (turned := document.selected_oriented_box()) is not None:
-        widgets.dim(f"Turned box  {measure.lengths(session, turned.size)}", wrap=True)
+        widgets.dim(f"Oriented box  {measure.lengths(session, turned.size)}", wrap=True)
         widgets.tooltip("The smallest oriented box around it")
     view = session.view
     hint = "Numbers and handles along the object's own axes, else the world's"
@@ -215,7 +215,7 @@ def _cleaning(session: Session) -> bool:
         f"{_splats(len(found.remove))} to drop",
         (
             (counts["stray"], "floater" if counts["stray"] == 1 else "floaters"),
-            (counts["neighbours_out"], "of what is next to it"),
+            (counts["neighbours_out"], "of its neighbours"),
         ),
     )
     _line(
@@ -282,7 +282,7 @@ def _apply_or_cancel(session: Session, apply: str, cancel: Callable[[Session], o
     face = Face(icon=icons.CHECK, width=width, primary=True)
     command_buttons.command_button(session, apply, "Apply", face)
     imgui.same_line(0, gap)
-    if widgets.button("Cancel", Face(width=width), hint="Leave everything as it is  Esc"):
+    if widgets.button("Cancel", Face(width=width), hint="Discard the preview  Esc"):
         cancel(session)
 
 
