@@ -108,7 +108,7 @@ def click_stage(
     splats = graph.splats(answer.samples)
     splats = splats[algebra.selectable(project.scene)[splats]]
     if len(splats) == 0:
-        raise GagaError("Nothing is left of the object: the last clicks took all of it away.")
+        raise GagaError("Nothing is left of the object: the last clicks removed all of it.")
     return ClickedObject(splats, len(clicks) + (box is not None))
 
 

@@ -42,7 +42,7 @@ from gaga_core.segmentation.regions import RegionsProvider
 # times over, since an object is found by the views that agree on it.
 
 
-_MOST = 20_000  # Gaussians that are looked at
+_MOST = 20_000  # Gaussians that are sampled
 _CELLS = 64  # of the coarse depth picture along its width
 _BEHIND = 1.08  # times the nearest depth of a cell: as far as that a Gaussian is seen
 _LEAST_LOGIT = -0.85  # opacity 0.3: fainter ones hide nothing and are not counted

@@ -309,7 +309,7 @@ def _check_shape(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
         *_verdict(
             "collapse",
             level_below(s.parallax, c.parallax),
-            f"The photos see a point under {s.parallax:.1f} degrees at most: the cameras stand "
+            f"The photos see a point under {s.parallax:.1f} degrees at most: the cameras are "
             "almost at one place for what they see. Walk around the scene; turning on the spot is "
             "not enough.",
         ),

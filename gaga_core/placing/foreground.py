@@ -1,6 +1,6 @@
 """Where the object is in the photos, when the background must not count.
 
-On a turntable the object turns and the room stands still: matches of the room say that nothing
+On a turntable the object turns and the room is static: matches of the room say that nothing
 moved. A mask keeps features to the object, and what lies outside is painted black before splats are
 trained on it.
 """
@@ -56,9 +56,9 @@ def masks_from_folder(photos: PhotoSet, folder: Path, target: Path) -> Stage[Non
 
 
 def masks_of_what_moves(photos: PhotoSet, pictures: Path, target: Path) -> Stage[None]:
-    """Write one mask for all photos of a camera that stood still: the part that something moved in.
+    """Write one mask for all photos of a fixed camera: the part in which something moved.
 
-    Raises ``GagaError`` when the photos differ in size, or nothing stands still.
+    Raises ``GagaError`` when the photos differ in size, or nothing is static.
     """
     chosen = photos.photos[:: max(1, len(photos.photos) // _MOST_PHOTOS)]
     if len({(photo.width, photo.height) for photo in photos.photos}) > 1:

@@ -247,7 +247,7 @@ class _State:
     def is_hopeless(self, config: SfmConfig) -> bool:
         """Whether more attempts of this kind cannot help.
 
-        They would match a still background again, or things that look alike, or be held to a
+        They would match a still background again, or objects that look alike, or be held to a
         wrong focal length again.
         """
         best = self.best

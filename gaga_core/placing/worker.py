@@ -29,7 +29,7 @@ from gaga_core.placing.sfm import CameraGroup, StepSettings
 # --- What the checks read of a model: plain arrays that the worker writes.
 
 
-_STILL = 0.004  # x width: a match that moved less stands still in the picture
+_STILL = 0.004  # x width: a match that moved less is static in the picture
 _CELLS = 12  # across and down, to see where a picture has features
 _TURN_MATCHES = 60  # from which a pair says how its cameras are turned
 _MATCHES_OF_PAIR = 100  # verified matches of a pair that are kept, evenly spread

@@ -228,7 +228,7 @@ def _background(
     frame: DoubleArray,
     cameras: Sequence[Camera],
 ) -> BoolArray:
-    """Groups (G,) that nobody means by "the largest": splats of no group; what surrounds half of
+    """Groups (G,) that are never meant by "the largest": splats of no group; what surrounds half of
     the cameras; flat ones as long as most of the scene, or under many of the other groups."""
     result = ids <= 0
     if len(ids) == 0:

@@ -26,7 +26,7 @@ from gaga_core.scene.frame import scale_of
 
 _TURNTABLE_KEYS = 16  # the curve stays within 0.06 % of the circle
 _PIECES = 64  # of a segment, when its length is measured
-_STILL = 1e-6  # share of the whole way below which a segment stands still
+_STILL = 1e-6  # share of the whole way below which a segment does not move
 _WIDEST = math.radians(175)  # field of view between keyframes
 
 

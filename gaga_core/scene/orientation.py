@@ -18,7 +18,7 @@ _NEARLY = np.cos(np.radians(30.0))  # ups nearer than this are meant to be the s
 _FLATTEST = 0.15  # the cameras' right axes must spread over a plane this much better than along up
 _COLMAP_UP = np.array([0.0, -1.0, 0.0])  # of models without cameras: OpenCV axes, y down
 
-_SAMPLE = 50_000  # splats that are looked at
+_SAMPLE = 50_000  # splats that are sampled
 _SEEN = 0.3  # opacity from which on a splat shows a surface
 _THIN = 0.4  # of a splat's middle side: it lies along a surface
 _ALONG = 0.9  # cosine between the normal of a surface and an axis across which it lies

@@ -57,7 +57,7 @@ class Setting:
         return np.array(self.config.background, np.float32)
 
     def view(self, index: int, moment: float) -> TrainView:
-        """A view at the size of the moment."""
+        """A view at the current size."""
         return (self.half if moment <= self.config.half_until else self.views)[index]
 
     def rates(self, moment: float) -> Rates:

@@ -48,7 +48,7 @@ class Command:
     aliases: tuple[str, ...] = ()
     enabled: Reason = lambda _: ""  # "" when it can be run, else why not
     is_on: Callable[[Session], bool] | None = None  # of what can be switched on and off
-    describe: Callable[[Session], str] | None = None  # title of the moment: "Undo Move chair"
+    describe: Callable[[Session], str] | None = None  # current title: "Undo Move chair"
 
     def title_now(self, session: Session) -> str:
         """Title for the menu at this moment."""

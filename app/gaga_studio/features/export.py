@@ -112,7 +112,7 @@ def _cameras_stage(session: Session, path: Path, options: ExportOptions) -> Stag
 
 
 def page_content(session: Session) -> PageContent:
-    """What a web page shows besides the splats: it begins with the present view."""
+    """What a web page shows in addition to the splats; it begins with the present view."""
     document = session.need()
     project = replace(document.project, scene=document.scene)
     found = document.feature(SearchState).described

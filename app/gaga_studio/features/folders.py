@@ -54,7 +54,7 @@ def chosen(session: Session) -> tuple[str, ...]:
 
 
 def of_selection(session: Session) -> tuple[str, ...]:
-    """Return the chosen folders, else the one that the selected objects lie in."""
+    """Return the chosen folders, else the one that the selected objects are in."""
     if session.scene is None:
         return ()
     homes = {session.scene.folders.places.get(g, "") for g in session.selected_groups()}
@@ -95,7 +95,7 @@ def new_folder(session: Session) -> bool:
 
 
 def _common(places: Sequence[str]) -> str:
-    """The deepest folder in which all of these folders lie."""
+    """The deepest folder that contains all of these folders."""
     if not places:
         return ""
     ways = [[*reversed(parents_of(place)), place] for place in places]
@@ -179,7 +179,7 @@ def is_alone(table: ObjectTable, own: FolderSums) -> bool:
 
 @notifies
 def put_under(session: Session, parent: int, groups: Sequence[int]) -> bool:
-    """Put objects under another one; what lies under them goes along."""
+    """Put objects under another one; objects under them go along."""
     document = session.need()
     scene = document.settled().scene
     title = f"Put {document.names_of(groups)} under {document.name_of(parent)}"
@@ -191,7 +191,7 @@ def put_under(session: Session, parent: int, groups: Sequence[int]) -> bool:
 
 @notifies
 def leave_parent(session: Session) -> bool:
-    """Take the selected objects out from under the object that each of them lies under."""
+    """Take each of the selected objects out from under its parent."""
     document = session.need()
     scene = document.settled().scene
     groups = [group for group in session.selected_groups() if group in scene.folders.parent]
@@ -206,7 +206,7 @@ def leave_parent(session: Session) -> bool:
 
 @notifies
 def select_with_children(session: Session) -> bool:
-    """Select the selected objects whole, and all that lies under them."""
+    """Select the selected objects whole, and all objects under them."""
     document, groups = session.need(), session.selected_groups()
     if not groups:
         return False

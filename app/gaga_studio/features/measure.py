@@ -21,7 +21,7 @@ HELP = "Drag orbits, Backspace takes one back, Esc leaves."
 
 @dataclass(frozen=True)
 class Reading:
-    """What lies between the points, scene units and degrees."""
+    """Distances and angles of the points, scene units and degrees."""
 
     lengths: tuple[float, ...]  # from each point to the next
     angle: float | None  # at the second of three points

@@ -137,7 +137,7 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class FolderSums:
-    """What is in a folder and in all that lie in it."""
+    """The content of a folder and of its subfolders."""
 
     n_objects: int
     n_splats: int
@@ -166,7 +166,7 @@ class ObjectListView:
         self.open_parts = self.open_parts ^ {key}
 
     def toggle_group(self, group: int, is_open: bool) -> None:
-        """Open or close an object that others lie under, with its parts."""
+        """Open or close an object with others under it, and its parts."""
         self.closed_groups = (
             self.closed_groups | {group} if is_open else (self.closed_groups - {group})
         )
@@ -174,12 +174,12 @@ class ObjectListView:
         self.open_parts = parts if is_open else parts | {(group,)}
 
     def reveal_group(self, folders: Folders, group: int) -> None:
-        """Open all that a group lies in or under."""
+        """Open all folders and objects that a group is in or under."""
         self.closed_groups = self.closed_groups.difference(folders.above(group))
         self.reveal(folders.places.get(group, ""))
 
     def reveal(self, folder: str) -> None:
-        """Open a folder and all that it lies in; "" is the top."""
+        """Open a folder and all folders above it; "" is the top."""
         self.closed = self.closed - {folder, *parents_of(folder)}
 
     def follow(self, before: str, after: str) -> None:
@@ -290,7 +290,7 @@ class _LineMaker:
         return len(self._behind)
 
     def _object(self, row: int, depth: int, folder: str) -> None:
-        """Lines of an object and of all that lies under it: not recursive, chains may be long."""
+        """Lines of an object and of all objects under it: not recursive, chains may be long."""
         left = [(row, depth)]
         while left:
             row, depth = left.pop()

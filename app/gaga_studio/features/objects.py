@@ -41,7 +41,7 @@ Item = int | str  # an object with all that lies under it, or the path of a fold
 
 @notifies
 def hide(session: Session) -> bool:
-    """Hide the selected splats, and what lies under objects that are selected whole."""
+    """Hide the selected splats, and the objects under those that are selected whole."""
     return folders.edit_along(session, "Hide", edits.hide)
 
 
@@ -54,7 +54,7 @@ def isolate(session: Session) -> bool:
 
 @notifies
 def delete(session: Session) -> bool:
-    """Delete the selected splats, and what lies under objects that are selected whole."""
+    """Delete the selected splats, and the objects under those that are selected whole."""
     under = folders.along(session).groups
     said = folders.title_along(session.need(), "Deleted", under)
     if not folders.edit_along(session, "Delete", edits.delete):

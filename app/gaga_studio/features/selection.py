@@ -172,7 +172,7 @@ class Histograms:
 
 
 def by_range(session: Session, name: str, low: float, high: float, how: How = "set") -> bool:
-    """Select splats whose column lies in a range."""
+    """Select splats whose column is in a range."""
     return _select(session, name, how, lambda s: by_value.in_range(s, name, low, high))
 
 

@@ -31,7 +31,7 @@ _GAIN = 4.0  # of the difference: a quarter of the range is white
 
 @dataclass(frozen=True)
 class PhotoPlacement:
-    """Where a photo lies over the picture: its corner and size in pixels of the picture."""
+    """Placement of a photo over the picture: its corner and size in pixels of the picture."""
 
     x: float
     y: float
@@ -69,7 +69,7 @@ def compared_photo(session: Session) -> Camera | None:
 
 
 def place_photo(photo: Camera, view: Camera) -> PhotoPlacement:
-    """Return where the photo lies in the picture of ``view``, which has the same pose.
+    """Return the placement of the photo in the picture of ``view``, which has the same pose.
 
     Exact for any principal point and for pixels that are not square.
     """

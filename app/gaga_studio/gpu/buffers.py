@@ -274,7 +274,7 @@ class SceneBuffers:
 
     @property
     def is_tinted(self) -> bool:
-        """Whether a color lies over those of the splats."""
+        """Whether a color is blended over those of the splats."""
         return "tint" in self._textures
 
     @property

@@ -171,7 +171,7 @@ class CameraRig:
         self._jump(replace(self._target(), pivot=np.array(centre), distance=distance), animated)
 
     def go_to(self, camera: Camera, *, animated: bool = True) -> None:
-        """Stand where ``camera`` stands, roll included, and show at least what it shows."""
+        """Move to the pose of ``camera``, roll included, and show at least what it shows."""
         yaw, pitch, roll = self._angles(camera.cam_from_world[:3, :3])
         distance = self._depth_of_interest(camera)
         fov_x = 2 * float(np.arctan(camera.width / 2 / camera.K[0, 0]))

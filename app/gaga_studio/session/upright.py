@@ -24,7 +24,7 @@ _MOST = 100  # files that are remembered, newest first
 
 @notifies
 def turn(session: "Session") -> bool:
-    """Turn everything half around x; a second time it stands as in the file.
+    """Turn everything half around x; a second time it is as in the file.
 
     The file is turned from then on whenever it is opened, if it does not say how it stands.
     """
@@ -65,7 +65,7 @@ def _turn(session: "Session", *, is_content: bool) -> bool:
 
 
 def _is_open_question(path: Path) -> bool:
-    """Whether the file does not say how it stands."""
+    """Whether the file does not say which way is up."""
     if path.suffix.lower() != ".spz":
         return False
     try:

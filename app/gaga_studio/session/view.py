@@ -106,7 +106,7 @@ class ViewportPoint:
 
 
 class Side(StrEnum):
-    """What lies on one side of the line in a split view."""
+    """What is on one side of the line in a split view."""
 
     PHOTO = "photo"
     PICTURE = "picture"  # on the right as the view mode says
@@ -118,7 +118,7 @@ class Side(StrEnum):
 
 
 class PhotoCompareMode(StrEnum):
-    """What lies over the picture at a photo's camera."""
+    """What is drawn over the picture at a photo's camera."""
 
     OFF = "off"
     SWIPE = "swipe"  # two sides with a line between them that can be dragged

@@ -81,7 +81,7 @@ class FolderLock:
 def lock_folder(folder: Path, *, patience_s: float = 0.0) -> FolderLock:
     """Make this program the only one that writes to ``folder``, which is made if it is not there.
 
-    A program that ended, in whatever way, holds nothing. Raises ``InUseError`` when another one
+    A program that ended, even by a crash, holds nothing. Raises ``InUseError`` when another one
     still holds the folder after ``patience_s`` seconds, ``GagaError`` when the place cannot be
     written.
     """

@@ -191,7 +191,7 @@ def _moved(path: str, before: str, after: str) -> str:
 def set_parent(
     scene: Scene, groups: Sequence[int], parent: int, title: str = "Put under an object"
 ) -> SetFolders | None:
-    """Put groups under the group ``parent``; what lies under them goes along.
+    """Put groups under the group ``parent``; groups under them go along.
 
     Groups that lie under another one of ``groups`` stay there. Raises ``GagaError`` for "no group"
     (0), and when a group would lie under itself.

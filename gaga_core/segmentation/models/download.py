@@ -333,7 +333,7 @@ def _make_room(listing: Listing, staging: Path) -> None:
             target.rmdir()
         if target.exists():
             raise GagaError(
-                f"{target} is there but holds no whole model. Complete it, or move it away."
+                f"{target} exists but holds no complete model. Complete it, or move it away."
             )
         for other in parts_folder(model).glob("*"):
             if other.name != staging.name:  # of another commit

@@ -291,7 +291,7 @@ def click(session: Session, u: float, v: float, width: int, height: int, *, is_o
 def box(
     session: Session, corners: tuple[float, float, float, float], width: int, height: int
 ) -> bool:
-    """Begin an object with what lies in a box (u0, v0, u1, v1), pixels of the picture."""
+    """Begin an object with the splats in a box (u0, v0, u1, v1), pixels of the picture."""
     from gaga_core.scene.selection.click import boxed
 
     document = session.need()

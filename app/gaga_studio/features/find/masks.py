@@ -597,7 +597,7 @@ def _objects(
 
 # --- models: got after consent, removed
 
-FIRST_MODEL = known_model("sam2.1-tiny")  # that is offered to whoever has no model
+FIRST_MODEL = known_model("sam2.1-tiny")  # offered where there is no model
 
 
 def hub_config(session: Session) -> HubConfig:

@@ -91,7 +91,7 @@ class ObjectQuality:
 # Long work runs as a job on values taken at the call; its result is one entry of the history.
 
 
-# Where a mask can go besides an object: as in `gaga_core.grouping.repair.reassociate`.
+# Targets of a mask other than an object: as in `gaga_core.grouping.repair.reassociate`.
 NEW, NONE = -1, 0
 _CHANGED = "The objects changed meanwhile. Try again."
 
@@ -520,7 +520,7 @@ REST = (36, 37, 42, 165)
 
 
 def mask_splats_of(session: Session, decision: Decision) -> "MaskSplats | None":
-    """Return who lies behind a mask; None until a quiet job has read its view, or if it cannot.
+    """Return the splats behind a mask; None until a quiet job has read its view, or if it cannot.
 
     Ask again in a later frame.
     """

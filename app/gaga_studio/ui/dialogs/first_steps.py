@@ -60,7 +60,7 @@ class FirstSteps:
 
 @dataclass(frozen=True)
 class CardPlace:
-    """Where the card stands, pixels of the screen."""
+    """Position of the card, pixels of the screen."""
 
     left: float
     bottom: float
@@ -69,7 +69,7 @@ class CardPlace:
 
 
 def place(area: PictureArea, foot: float, unit: float) -> CardPlace | None:
-    """Where the card can stand in the picture above the y of ``foot``; None: nowhere.
+    """Where the card fits into the picture above the y of ``foot``; None: nowhere.
 
     ``unit`` is one em. Five lines need room next to the middle third of the picture, or below it.
     """

@@ -46,7 +46,7 @@ def draw(session: Session, state: FilmStripState) -> None:
 
 
 def _head(session: Session, state: FilmStripState) -> None:
-    """Left of the photos: how many there are, and whether masks lie over them."""
+    """Left of the photos: how many there are, and whether masks are shown over them."""
     folder = session.project.folder if session.project is not None else None
     n_test = len(folder.test) if folder is not None else 0
     imgui.text_unformatted(f"{len(session.cameras)} photos")

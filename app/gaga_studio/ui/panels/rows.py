@@ -167,7 +167,7 @@ Switched = Literal["", "hide", "lock", "alone"]
 
 @dataclass(frozen=True)
 class Switches:
-    """How the switches of a row stand."""
+    """State of the switches of a row."""
 
     what: str  # that the row shows: "object", "folder"
     is_hidden: bool

@@ -128,7 +128,7 @@ def _objects(
 
 _MOST_HIGH, _HEAD = 0.45, 4.6  # share of the picture's height; em above the pictures of a card
 _LEAST, _NARROW = 20.5, 25.0  # em: least width of a card; below this a button has no text
-_MOST_GROWING = 0.42  # share of the picture's width that the view of the moment takes
+_MOST_GROWING = 0.42  # share of the picture's width that the current view takes
 _HIGH_GROWING = 0.34  # share of its height
 _ABOVE = 0.4  # share of the height: an object below it has the card above
 
@@ -147,7 +147,7 @@ class EvidenceState:
 
 
 def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
-    """A card over the left of the picture: the chosen mask, or the view of the moment.
+    """A card over the left of the picture: the chosen mask, or the current view.
 
     It keeps off the object that the mask joined where the picture has room for that.
     """

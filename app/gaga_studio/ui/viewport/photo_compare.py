@@ -87,7 +87,7 @@ def bar_height(session: Session) -> float:
 
 
 def _placement(photo: Camera, camera: Camera, corner: ImVec2) -> PhotoPlacement:
-    """Where the photo lies on the screen."""
+    """Placement of the photo on the screen."""
     density = imgui.get_io().display_framebuffer_scale
     on_picture = split_view.place_photo(photo, camera)
     return PhotoPlacement(
@@ -197,7 +197,7 @@ def _line(session: Session, place: PhotoPlacement, corner: ImVec2, size: ImVec2)
 
 
 def _choices(session: Session, corner: ImVec2, size: ImVec2, text: str) -> bool:
-    """What lies left and right of the line, at the upper edge; whether the mouse is there."""
+    """Names left and right of the line, at the upper edge; whether the mouse is there."""
     view = session.view
     high, gap, pad = imgui.get_frame_height(), imgui.get_style().item_spacing.x, em(0.4)
     free = size.x - _CUBE * em(1)  # the view cube stands at the right

@@ -64,7 +64,7 @@ class FlyKeys:
 
 @dataclass
 class PictureState:
-    """What lies over the picture of a scene."""
+    """Draw what is over the picture of a scene."""
 
     evidence: EvidenceState = field(default_factory=EvidenceState)
     is_offer_closed: bool = False  # of the next stage
@@ -412,7 +412,7 @@ def _name_under_mouse(session: Session, is_over: bool) -> None:
 
 
 def _on_the_picture(session: Session, state: PictureState, area: PictureArea) -> None:
-    """What lies over the picture: the offer of the next stage, a compared photo, a mark."""
+    """Draw over the picture: the offer of the next stage, a compared photo, a mark."""
     bar = photo_compare.bar_height(session)
     corner, size = ImVec2(area.left, area.top + bar), ImVec2(area.width, area.height - bar)
     top = corner.y + em(0.7)
