@@ -73,7 +73,7 @@ def _normals(box: OrientedBox | None) -> DoubleArray:
     """Unit directions (P, 3) of the planes of a simplified hull."""
     sides = np.zeros((0, 3)) if box is None else np.vstack([box.axes.T, -box.axes.T])
     even = even_directions(_PLANES - len(sides))
-    if box is not None:  # even where the box is a cube: long things are wrapped as tightly
+    if box is not None:  # even where the box is a cube: long objects are wrapped as tightly
         even = even / np.maximum(box.size, 1e-6 * box.size.max()) @ box.axes.T
         even /= np.linalg.norm(even, axis=1, keepdims=True)
     return np.vstack([sides, even])

@@ -107,7 +107,7 @@ def _gaps(
     _, _, alpha = drawn(both, chart.plane, chart.corner, chart.step, chart.shape, rasterizer)
     thin = chart.hole & (alpha < _THIN)
     every = max(1, round(chart.plane.spacing / chart.step))
-    # The thinnest cell of its surroundings; equal ones are told apart by their place.
+    # The thinnest cell of its surroundings; equal ones are distinguished by their place.
     order = np.arange(thin.size).reshape(thin.shape) * 1e-9
     key = np.where(thin, 1 - alpha + order, 0)
     peak = thin & (key >= ndimage.maximum_filter(key, size=every))
@@ -305,7 +305,7 @@ def _on_plane(camera: Camera, chart: Chart) -> tuple[DoubleArray, BoolArray]:
 
 
 _RIM_SPLAT = 0.8  # spacings: largest deviation of a seen splat that is made again
-_THING = 3.0  # sizes of the object: what is larger is no thing that stands on the surface
+_THING = 3.0  # sizes of the object: what is larger is no object that stands on the surface
 _BASE = 3.0  # cells: what is finer is texture
 
 
@@ -335,7 +335,7 @@ class Work:
         self.points = gaussians.means.astype(np.float64)
         sizes = _sizes(self.points, labels)
         self.size = float(sizes[is_object].max())
-        # Other things that the photos showed.
+        # Other objects that the photos showed.
         self.is_thing = ~is_object & self.is_known & (sizes < _THING * self.size)
         self.inpainter: Inpainter | None = None  # None: colors continue the surroundings
         self.is_refused = False  # a hole that was found is left open

@@ -19,7 +19,7 @@ from gaga_core.fill.chart import Chart, blurred, tolerance_of
 # for the light: it is that of the object's own splats, moved along the surface by so much for each
 # unit of height. The light whose shadow explains the brightness of the surface best is taken
 # (between-class variance over all variance, Otsu 1979), and it is none when that explains little:
-# dark wood, stripes and the shadows of other things have other outlines.
+# dark wood, stripes and the shadows of other objects have other outlines.
 
 
 _TURNS = 24  # of the light around the object
@@ -49,7 +49,7 @@ def cast_shadow(
     """The shadow of the splats at ``own`` (K, 3), plane coordinates; None where there is none.
 
     ``dark``: (H, W) log of the light that is missing, up to a constant; ``foot``: (H, W) where the
-    object stands; ``taken``: (H, W) where other things do.
+    object stands; ``taken``: (H, W) where other objects do.
     """
     free = chart.known & ~ndimage.binary_dilation(taken, iterations=2) & ~foot
     ring = round(max(_LEAST_RING, _RING * np.sqrt(foot.sum())))
@@ -170,7 +170,7 @@ def gains(
 ) -> DoubleArray:
     """Factors (H, W, 3) by which known cells are too dark next to the object's place; 1 elsewhere.
 
-    ``foot``: (H, W) where it stands; ``taken``: (H, W) where other things do: what is nearer to
+    ``foot``: (H, W) where it stands; ``taken``: (H, W) where other objects do: what is nearer to
     them is their shadow. ``cast``: the shadow that it casts. Without one there is no stain unless
     the rim of the foot is clearly darker than other places of the surface.
     """

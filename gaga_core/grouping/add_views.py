@@ -3,7 +3,7 @@
 Nothing of the former views is done again: their decisions stay in the memory bank's log, and their
 votes count by the weight that was saved with the labels. Preset "paper": the bank goes on as in
 section 3.2, as if the new views came last. Preset "robust": a mask takes the group that most of its
-pixels show; masks of things that no former mask showed are left, and the consensus of the new views
+pixels show; masks of objects in no earlier mask are left, and the consensus of the new views
 finds the groups among them.
 """
 
@@ -207,10 +207,10 @@ def _seen_labels(
 
 
 def _known(table: LongArray, guessed: LongArray) -> BoolArray:
-    """Which masks (M + 1,) are of things that former masks showed.
+    """Which masks (M + 1,) are of objects that former masks showed.
 
     ``table`` (M + 1, G + 1) counts pixels by what was seen, ``guessed`` also by what neighbours
-    labelled: the back of a thing whose front is known, as far as some of it is seen, too.
+    labelled: the back of an object whose front is known, as far as some of it is seen, too.
     """
     n_pixels, row = table.sum(axis=1), np.arange(len(table))
     seen = table[:, 1:].sum(axis=1)
@@ -224,7 +224,7 @@ def _of_several(table: csr_matrix, config: ConsensusConfig) -> LongArray:
     """Dense ids of the masks that show several groups, as `merged_masks` finds them by points.
 
     By pixels the others count together, a floor shows a little of all that stands on it, but not
-    those that the view shows more of: at the rim of each thing some of its floor shows.
+    those that the view shows more of: at the rim of each object some of its floor shows.
     """
     leaders, entries = Leaders.of(table), table.tocoo()
     area = np.asarray(table.sum(axis=0)).ravel()

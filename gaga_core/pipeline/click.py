@@ -160,8 +160,8 @@ def _on_surface(project: Project, views: Sequence[Camera], click: ViewClick) -> 
 
 
 # --- Click to segment with a promptable model: masks of renderings, lifted and merged by votes.
-# The model is asked for the thing in the view that was clicked; its mask, where the depths pass
-# the gate (section 3.2 of the paper), votes for splats. Those show in views around the thing,
+# The model is asked for the object in the view that was clicked; its mask, where the depths pass
+# the gate (section 3.2 of the paper), votes for splats. Those show in views around the object,
 # where the clicks and the middle of what is chosen so far are the next prompts. A mask there that
 # does not fit what is chosen so far has no vote.
 

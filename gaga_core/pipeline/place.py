@@ -247,7 +247,7 @@ class WrongModelError(GagaError):
     """The checks refuse the placement of the photos; ``finding`` says why and what to try."""
 
     def __init__(self, finding: str) -> None:
-        super().__init__(f"{finding} (--accept-wrong keeps it all the same.)")
+        super().__init__(f"{finding} (--accept-wrong keeps it anyway.)")
         self.finding = finding
 
 

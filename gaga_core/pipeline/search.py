@@ -296,7 +296,7 @@ class Description:
     """What was found out about the groups of a scene."""
 
     words: Mapping[int, str]  # by group, of those without a name
-    background: frozenset[int]  # groups that are what things stand on, hang on, or lie before
+    background: frozenset[int]  # groups that are what objects stand on, hang on, or lie before
 
 
 def describe(

@@ -19,7 +19,7 @@ from gaga_core.placing.sfm import option
 
 # --- Do the rotations between three photos close? Where objects repeat, good matches are wrong.
 # A pair of photos that matched says how one camera is turned against the other. Around three
-# photos these turns come back to where they began. Where two of them show different things that
+# photos these turns come back to where they began. Where two of them show different objects that
 # look alike, they do not (Zach 2010, "Disambiguating visual relations using loop constraints").
 
 
@@ -108,7 +108,7 @@ class DiagnosisConfig:
     still: float = 0.5  # share of a pair's matches that stand still
     still_pairs: float = 0.3  # share of the pairs of which that is true
     open_cycle: float = 35.0  # degrees that the turns around three photos may miss by
-    open_share: float = 0.15  # of the triplets, from which things are said to repeat
+    open_share: float = 0.15  # of the triplets, from which objects are said to repeat
     fewest_cycles: int = 20  # triplets below which nothing is said
 
 
@@ -121,7 +121,7 @@ class Diagnosis:
     few_features: bool
     featureless: bool  # features in a small part of the pictures only
     still: bool  # most matches are of a background that does not move with the camera
-    repeats: float = 0.0  # share of triplets that contradict each other; 0: things do not repeat
+    repeats: float = 0.0  # share of triplets that contradict each other; 0: objects do not repeat
     alike: tuple[str, ...] = ()  # three photos that do
 
     def reasons(self, placed: Collection[str] = ()) -> tuple[str, ...]:
@@ -158,7 +158,7 @@ class Diagnosis:
         return tuple(found)
 
     def repeated(self) -> str:
-        """That things look alike and what to do about it; "" where they do not.
+        """That objects look alike and what to do about it; "" where they do not.
 
         Such matches can agree with each other on a wrong model, which then passes every check.
         """

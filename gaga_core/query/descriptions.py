@@ -27,9 +27,9 @@ from gaga_core.scene.scene import Scene, State
 
 Shape = Literal["flat", "long", "tall", "box", "round", ""]
 
-_FLAT, _FLAT_WIDTH = 0.2, 0.4  # thinnest and middle extent of flat things, shares of the longest
-_LONG = 0.35  # middle extent of long things
-_UPRIGHT = 0.8  # height of long things that stand, share of the longest side
+_FLAT, _FLAT_WIDTH = 0.2, 0.4  # thinnest and middle extent of flat objects, shares of the longest
+_LONG = 0.35  # middle extent of long objects
+_UPRIGHT = 0.8  # height of long objects that stand, share of the longest side
 _SAMPLE = 300  # splats of a group that are sampled
 _FEWEST = 60
 _TURNS = 6  # about the vertical, within a quarter turn, that a box is tried at
@@ -100,10 +100,10 @@ def _variation(values: DoubleArray) -> float:
 
 
 _LARGE, _SMALL = 2.2, 0.45  # sizes against the median of the objects
-_LEADS = 0.25  # share of the foremost color below which a thing of many hues is "colorful"
+_LEADS = 0.25  # share of the foremost color below which an object of many hues is "colorful"
 _HUE, _MANY_HUES = 0.09, 4  # share of a hue that counts, and how many of them are many
 _WHITE = 0.27  # of the grey: so much white, and the grey is its shade
-_MOSTLY = 0.5  # share of both from which on a thing is called white
+_MOSTLY = 0.5  # share of both from which on an object is called white
 _BESIDES_GREY = 0.32  # of both: so much of a hue tells more, as on a can with a label
 _SIDE = 0.3  # share of the objects at each end that are left, right, behind, in front
 _STILL_SIDE = 0.5  # the same for words that were given before

@@ -53,7 +53,7 @@ def sample_points(
     max_points: int,
 ) -> Stage[DoubleArray]:
     """Points (S, 3) of the world, at least ``per_mask`` in each mask as far as it has pixels, and
-    more in larger ones: of a floor of few points those of things on it, at its rims, are most.
+    more in larger ones: of a floor of few points those of objects on it, at its rims, are most.
 
     View by view, a mask that already shows enough points of earlier views adds none, so their
     number grows with the scene, not with the number of views. When it would exceed ``max_points``,

@@ -48,7 +48,7 @@ from gaga_core.segmentation.regions import regions
 from gaga_core.threads import n_threads, run_chunks
 
 # --- What clicks choose among: small pieces of the surfaces, and how likely neighbours are one
-# thing.
+# object.
 # No model is needed. Views are rendered and divided into regions; samples of the surfaces, joined
 # to pieces, get evidence about their borders from creases and from what the views show in one
 # region (`gaga_core.grouping.surfaces`). This takes seconds to a minute, once; then clicks are

@@ -39,7 +39,7 @@ class ClickState:
         self.made_for: object = None  # `key_of` the scene that the graph was made of
         self.is_preparing = False
         self.answers: dict[int, Answer] = {}  # by state of the history
-        self.views: dict[int, Camera] = {}  # of the last click on the thing, by state
+        self.views: dict[int, Camera] = {}  # of the last click on the object, by state
         self.waiting: list[tuple[Click, Camera]] = []  # clicked before the graph was ready
         self.is_asking = False  # a model, in the background
         self.asks_again = False  # as soon as the model has stopped: there are more clicks
