@@ -209,7 +209,7 @@ Act = Callable[[], object]
 class Guard:
     """Calls what the window wants drawn. ``tell`` gets the place and the error.
 
-    A place that fails in every frame in the same way is told of once.
+    A place that fails in every frame in the same way is reported once.
     """
 
     def __init__(self, tell: Callable[[str, Exception], None]) -> None:
@@ -248,7 +248,7 @@ def _stacks() -> imgui.internal.ErrorRecoveryState | None:
 
 
 def _put_back(stacks: imgui.internal.ErrorRecoveryState) -> None:
-    """Close what was opened since; in silence, for the error itself is told."""
+    """Close what was opened since, silently: the error itself is reported."""
     io = imgui.get_io()
     said = [f"config_error_recovery_enable_{what}" for what in ("assert", "tooltip", "debug_log")]
     kept = [getattr(io, name) for name in said]
@@ -423,7 +423,7 @@ class Studio:
         session, ui, call = self.session, self.ui, self._guard.call
         is_covered = ui.scene.picture.evidence.decision is not None or session.live is not None
         steps = partial(first_steps.draw, session, ui.area, self._steps, is_covered=is_covered)
-        # A place of its own for each: a failure is told once while the same place goes on failing.
+        # One place for each: a failure is reported once while the same place keeps failing.
         call("Commands", self._answer_request)
         call("File dialog", ui.files.draw)
         call("Dialogs", lambda: sheets.draw(session, ui.palette))

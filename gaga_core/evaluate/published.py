@@ -165,7 +165,7 @@ class Conditions:
 
 
 def departures(dataset: str, scene: str, of: Conditions) -> tuple[str, ...]:
-    """What is not as published, one phrase a thing; none for a data set that nobody published."""
+    """Differences from the published conditions, a phrase each; none for unpublished data sets."""
     published = PROTOCOLS.get(dataset)
     if published is None:
         return ()

@@ -212,7 +212,7 @@ class SeenView:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """All looked-at views, and which splats can be told from them."""
+    """All looked-at views, and which splats they determine."""
 
     views: tuple[SeenView, ...]
     known: BoolArray  # (N,) shown by the photos; what only shimmers through the object is not

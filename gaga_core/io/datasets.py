@@ -54,7 +54,7 @@ class DatasetScene:
     truth: MaskSet = field(default_factory=MaskSet)  # true label maps by view name, 0 = void
     prompts: PromptTruth | None = None
     truth_from: str = ""  # what the truth is, for tables: "ins_full", ...
-    missing: tuple[str, ...] = ()  # one sentence a thing that the scene lacks
+    missing: tuple[str, ...] = ()  # one sentence for each file that the scene lacks
 
     @property
     def name(self) -> str:
@@ -199,7 +199,7 @@ def _scene_of(root: Path, model: Path | None, layout: _Layout) -> DatasetScene:
 
 
 def _missing(scene: DatasetScene, wanted: set[str]) -> Iterable[str]:
-    """One sentence a thing that is not there."""
+    """One sentence for each file that is missing."""
     folder = scene.folder
     unposed = sorted(wanted - {camera.name for camera in folder.cameras})
     if unposed:

@@ -285,7 +285,7 @@ def _spread(cameras: Sequence[Camera], n: int) -> list[Camera]:
     return [cameras[i] for i in np.linspace(0, len(cameras) - 1, n).round().astype(int)]
 
 
-# --- Words for the groups of a scene that nobody has named, and which of them are background.
+# --- Words for the unnamed groups of a scene, and which of them are background.
 
 
 _FLAT, _SUPPORT = 0.2, 5.0  # a flat group this many times the median size carries or surrounds

@@ -132,12 +132,12 @@ class Placement:
 
     @property
     def placed(self) -> frozenset[str]:
-        """Every photo that is placed, in whatever scene."""
+        """Every photo that is placed, in any scene."""
         return frozenset(name for names in self.scenes for name in names)
 
     @property
     def share(self) -> float:
-        """Share of all photos that are placed, in whatever scene."""
+        """Share of all photos that are placed, in any scene."""
         return sum(len(names) for names in self.scenes) / max(self.n_photos, 1)
 
 

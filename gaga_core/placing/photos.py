@@ -280,7 +280,7 @@ def _too_few(n: int, n_files: int, n_unread: int, notes: Sequence[str]) -> str:
 
 
 def _name_of(path: Path, root: Path, taken: set[str]) -> str:
-    """A file name whose stem no other photo has, whatever the case of its letters."""
+    """A file name whose stem no other photo has, ignoring the case of its letters."""
     inside = path.relative_to(root).with_suffix("").as_posix()
     plain = re.sub(r"[^\w.\-]+", "_", inside).strip("._") or "photo"
     stem, i = plain, 1

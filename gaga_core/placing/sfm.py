@@ -107,7 +107,7 @@ class CameraGroup:
 
 @dataclass(frozen=True)
 class StepSettings:
-    """What the worker is told."""
+    """Settings of the worker."""
 
     step: str  # one of `worker.STEPS`
     workspace: str

@@ -1,4 +1,4 @@
-"""Words for groups that nobody has named: "red box, large", "blue object behind".
+"""Words for unnamed groups: "red box, large", "blue object behind".
 
 Color, shape and size are measured; a place and at last a number tell apart what would be called
 the same. A description that is still true stays as it is when other groups come and go.

@@ -254,7 +254,7 @@ def _background(
 
 # --- Colors of splats as seen from outside their group: what a person calls the group's color.
 # The white inside of a blue cup, and the sheen that spherical harmonics show in a few directions,
-# say nothing of the color by which somebody asks. Each group is drawn alone, orthographically, as
+# say nothing of the color that a search asks for. Each group is drawn alone, orthographically, as
 # a small picture of depths from a few directions; a splat counts as often as it lies at the front,
 # with the color that it has in those directions.
 

@@ -158,7 +158,7 @@ def presence(facts: GroupFacts, color: str) -> DoubleArray:
 
 
 def background_scores(noun: str, facts: GroupFacts) -> DoubleArray | None:
-    """Background groups (G,) that a noun means where nobody has named them: the floor, the walls,
+    """Background groups (G,) that a noun means where they are unnamed: the floor, the walls,
     the table that everything stands on. None for any other noun, or without background."""
     words = set(words_of(noun))
     behind: BoolArray = facts.background

@@ -32,7 +32,7 @@ _WIDEST = math.radians(175)  # field of view between keyframes
 
 @dataclass(frozen=True)
 class Shot:
-    """Where a camera stands and what it shows, whatever the size of the picture."""
+    """Pose and field of view of a camera, independent of the size of the picture."""
 
     eye: tuple[float, float, float]  # world
     quat: tuple[float, float, float, float]  # cam_from_world, wxyz, unit

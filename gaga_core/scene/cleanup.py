@@ -592,7 +592,7 @@ def delete_cleaned(
 ) -> Edit | None:
     """Take the labels (N,) of cleaned objects over, and delete these objects.
 
-    Their floaters, which are nobody's then, go too: they would be left hanging in the air.
+    Their floaters go too: they would be left in the air without an object.
     """
     wanted = np.array(groups, np.int32)
     floaters = np.isin(scene.labels, wanted) & (labels == 0)

@@ -553,7 +553,7 @@ class Project:
 
 
 def open_path_stage(path: Path) -> Stage[Project]:
-    """Open whatever a person chose: a scene folder, splats, a saved project, exported objects.
+    """Open a path that a person chose: a scene folder, splats, a saved project, exported objects.
 
     A scene folder that has a saved project is opened with its edits; else with the groups of the
     last association, else with those that the model itself carries (`opened_labels`). Raises

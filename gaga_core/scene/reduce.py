@@ -161,7 +161,7 @@ SHARES = (0.75, 0.5, 0.25, 0.1, 0.05)  # at which a loss is estimated
 _N_ESTIMATED = 100_000  # splats that an estimate merges; of more, some blocks are taken
 _N_BLOCKS = 8
 _N_VIEWS = 3  # of an estimate
-_N_MOTIONS = 64  # that are told apart: each is an addition of its own
+_N_MOTIONS = 64  # that are distinguished: each is a separate addition
 _OPAQUE = 0.5  # a pixel shows splats where they hide more than this
 _ESTIMATE = "Estimate the loss"
 

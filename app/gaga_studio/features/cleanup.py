@@ -205,7 +205,7 @@ def open_reduce_plan(session: Session, plan: ReducePlan) -> None:
 
 
 def close_reduce_plan(session: Session, plan: ReducePlan) -> None:
-    """Stop the estimate that nobody waits for any more: other jobs would wait for its end."""
+    """Stop the estimate that is no longer needed: other jobs would wait for its end."""
     if plan.asked is None or plan.starts:
         return
     plan.asked = None

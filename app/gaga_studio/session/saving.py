@@ -121,7 +121,7 @@ def look_at_files(session: "Session") -> bool:
 
 
 def stamps(project: Project) -> Stamps:
-    """What tells quickly that a file may have changed."""
+    """A quick sign that a file may have changed."""
     return tuple(_stamp(file) for path, _ in _files(project) for file in files_of_model(path))
 
 

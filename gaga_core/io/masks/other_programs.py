@@ -1,4 +1,4 @@
-"""Masks of other programs, in whatever form: recognised, and read one view at a time.
+"""Masks of other programs in many formats: recognised, and read one view at a time.
 
 A view's entry is a label map, or a list of masks that may overlap and may have scores. Nothing is
 ever unpickled. Of JSON, COCO data sets and results, SA-1B, and the lists of SAM's automatic
@@ -187,7 +187,7 @@ def _size_of(image: ImageEntry | None) -> tuple[int, int] | None:
 def _mask_list(
     file: str, entries: Sequence[MaskEntry], size: tuple[int, int] | None = None
 ) -> MaskList:
-    """The masks of one picture; polygons need to be told its ``size`` (H, W)."""
+    """The masks of one picture; polygons need its ``size`` (H, W)."""
     for entry in entries:
         if isinstance(entry.segmentation, RunLengths):
             size = size or entry.segmentation.shape

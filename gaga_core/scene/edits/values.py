@@ -323,7 +323,7 @@ class SetPlacement(Edit, frozen=True, tag="placement"):
     """Rows of the placement table that change or are appended, and splats that move to them.
 
     A splat of ``moved`` goes from ``rows_from[i]`` to ``rows_to[i]``. The targets are rows that
-    this edit appends, so nobody else stands on them and the way back is unique.
+    this edit appends, so no other splat uses them and the way back is unique.
     """
 
     n_rows: Row  # of the table before

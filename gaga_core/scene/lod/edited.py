@@ -23,7 +23,7 @@ from gaga_core.threads import run_chunks
 
 _BITS = int(State.SELECTED | State.HIDDEN | State.DELETED)
 _UNSEEN = int(State.HIDDEN | State.DELETED)
-_MOST_PLACEMENTS = 8  # of a node that are told apart
+_MOST_PLACEMENTS = 8  # of a node that are distinguished
 _LEAVES = 256  # nodes that one thread looks at at once
 _EMPTY = np.array([np.inf] * 3 + [-np.inf] * 3, np.float32)  # box
 

@@ -48,7 +48,7 @@ def record(name: str, seconds: float) -> None:
 def seconds_a_photo(model: KnownModel) -> tuple[float, bool] | None:
     """Seconds for a photo on this machine, and whether they were measured with the model.
 
-    None when they cannot be told: never used, and nothing known of its work. The first estimate
+    None when they are not known: never used, and nothing known of its work. The first estimate
     takes a moment, to time this machine.
     """
     found = measured(model.name)

@@ -49,7 +49,7 @@ class ClickState:
         return self.graph is not None and self.made_for == key_of(scene)
 
     def take(self, graph: "ClickGraph", key: object) -> None:
-        """Use a new graph; answers of the former one mean nothing any more."""
+        """Use a new graph; answers of the former one are void."""
         self.graph, self.made_for = graph, key
         self.answers, self.views = {}, {}
 

@@ -238,7 +238,7 @@ _KEYS: tuple[SortKey, ...] = get_args(SortKey)  # sort keys by column id
 def columns_for(is_measured: bool, height: float, depth: int, has_arrows: bool) -> RowColumns:
     """What fits next to a name of `_NAME`: switches first, then quality, splats and views.
 
-    Quality is there because somebody has asked for it. ``height`` of a row, pixels; ``depth`` of
+    Quality is there once it was measured. ``height`` of a row, pixels; ``depth`` of
     the deepest row.
     """
     arrow = em(_ARROW) if has_arrows else 0.0
