@@ -75,7 +75,7 @@ from gaga_studio.ui.viewport import training
 from gaga_studio.ui.viewport.training import PlanSheet
 from gaga_studio.ui.viewport.viewport import PictureState, ViewportPanel
 
-# --- What the panels and dialogs remember between frames; each part is defined next to its owner.
+# --- State of the panels and dialogs between frames; each part is defined next to its owner.
 
 
 @dataclass
@@ -154,7 +154,7 @@ def panels(session: Session, ui: UiState, picture: ViewportPanel) -> tuple[Panel
     )
 
 
-# --- What answers the requests of the session.
+# --- Handlers of the requests of the session.
 
 _POPUPS = {
     Request.SHORTCUTS: sheets.KEYS,

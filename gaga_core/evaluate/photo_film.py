@@ -169,7 +169,7 @@ def _centred(picture: UInt8Array, size: tuple[int, int]) -> UInt8Array:
     return whole
 
 
-# --- Where a view's groups agree with the true objects, pixel by pixel.
+# --- Agreement of a view's groups with the true objects, pixel by pixel.
 
 
 class Verdict(IntEnum):

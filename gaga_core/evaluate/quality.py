@@ -1,4 +1,4 @@
-"""How good each group of an association is: its picture against the masks that made it."""
+"""Quality of each group of an association: its picture against the masks that made it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

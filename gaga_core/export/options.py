@@ -1,4 +1,4 @@
-"""What an export changes on the way: less color, a crop, another origin, other units."""
+"""Changes of an export: less color, a crop, another origin, other units."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -108,7 +108,7 @@ def _explained(dark: DoubleArray, bright: DoubleArray) -> tuple[float, float]:
     return depth, between / max(float(both.var()), 1e-9)
 
 
-# --- How much light each place lacks.
+# --- The share of light that each place lacks.
 
 
 _DARK = 0.02  # color that counts as black

@@ -188,7 +188,7 @@ def _plane(points: DoubleArray, plane: DoubleArray, towards: DoubleArray, label:
     return Plane(origin, axes, np.zeros(0, np.int64), spacing, thickness, label)
 
 
-# --- What the photos' cameras saw while the object stood there.
+# --- Views of the photos' cameras with the object in place.
 
 
 _AROUND = 32  # cameras where there are no photos

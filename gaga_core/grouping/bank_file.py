@@ -1,4 +1,4 @@
-"""What an association leaves on disk: bank.npz (owners, preset, decision log) and labels.npz."""
+"""Files of an association: bank.npz (owners, preset, decision log) and labels.npz."""
 
 import hashlib
 from collections.abc import Sequence

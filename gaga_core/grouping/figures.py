@@ -1,4 +1,4 @@
-"""How a saved memory bank grew: which Gaussians each view gave to which group (figure 2)."""
+"""The growth of a saved memory bank: which Gaussians each view gave to which group (figure 2)."""
 
 from dataclasses import dataclass
 from itertools import groupby

@@ -17,7 +17,7 @@ from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.placing.metrics import MeasureConfig, SfmFacts, SfmSummary, centres_of, common_points
 from gaga_core.placing.sfm import option
 
-# --- How two clusters of cameras are placed to each other, by points that each sees alone.
+# --- The relative placement of two clusters of cameras, by points that each sees alone.
 # Where few points hold two halves of a model, an adjustment can fit all of them and be wrong: two
 # rays of one view on each side meet somewhere whatever the scale between the halves. A point that
 # at least two views of each side see is triangulated by each side alone, and the two places

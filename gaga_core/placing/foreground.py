@@ -1,4 +1,4 @@
-"""Where the object is in the photos, when the background must not count.
+"""Masks of the object in the photos, when the background must not count.
 
 On a turntable the object turns and the room is static: matches of the room say that nothing
 moved. A mask keeps features to the object, and what lies outside is painted black before splats are

@@ -66,7 +66,7 @@ def _looks(picture: UInt8Array, side: int) -> FloatArray:
     return result
 
 
-# --- How sharp a picture is: the strength of its finest detail.
+# --- Sharpness of a picture: the strength of its finest detail.
 
 
 LOOK_SIDE = 640  # pixels: pictures are compared at this size

@@ -1,4 +1,4 @@
-"""What can be said of a group without any model: where it is, how large, of which colors.
+"""Facts of a group that need no model: its place, size and colors.
 
 Measured in three passes over the splats, robust against strays: boxes hold the middle of each axis
 by opacity, colors are weighted with what is seen of a splat (opacity x its largest face x the

@@ -1,4 +1,4 @@
-"""What every source of 2D masks is: a picture in, a label map out.
+"""The interface of sources of 2D masks: a picture in, a label map out.
 
 A provider knows one picture at a time; that its ids do not agree between views is what the memory
 bank is for (section 3.2). Models that score their masks give `ScoredMasks`, and `flatten` makes one

@@ -1,4 +1,4 @@
-"""What drives a training: the part that the CPU's and the CUDA engine share."""
+"""The training loop that the engines of the CPU and of CUDA share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

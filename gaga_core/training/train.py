@@ -276,7 +276,7 @@ class _Watcher:
         return Progress(STAGE, state.iteration, len(state.losses), message, update)
 
 
-# --- What a training leaves to read: settings, curves and held-out quality for ``report.json``.
+# --- The report of a training: settings, curves and held-out quality for ``report.json``.
 
 
 _CURVE_POINTS = 500  # of the loss curve

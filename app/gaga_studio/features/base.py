@@ -1,4 +1,4 @@
-"""What a command is, the conditions that features compose, and the check at the end of a job."""
+"""The command type, conditions that features compose, and the check at the end of a job."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

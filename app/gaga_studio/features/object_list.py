@@ -332,7 +332,7 @@ def folder_sums(table: ObjectTable, folders: Folders) -> dict[str, FolderSums]:
     return {path: FolderSums(*sums[i].tolist()) for path, i in number.items()}
 
 
-# --- What the filter of the object list looks at, and which objects it keeps.
+# --- The filter of the object list: its criteria, and the objects it keeps.
 
 
 _FULL: Range = (0.0, 1.0)  # of shares

@@ -1,4 +1,4 @@
-"""What panels read of a scene, computed once for each of its revisions."""
+"""Values that panels read of a scene, computed once for each of its revisions."""
 
 import hashlib
 import re

@@ -1,4 +1,4 @@
-"""How the scene is shown: what panels set and the viewport reads, and pictures for jobs."""
+"""The view of the scene: settings of panels that the viewport reads, and pictures for jobs."""
 
 import queue
 import threading

@@ -1,4 +1,4 @@
-"""What the views say about the splats, kept so that a repair need not render every view again.
+"""Evidence of the views on the splats, kept so that a repair need not render every view again.
 
 Depth maps are the expensive part of an association. What remains of them here is small: the
 accepted depths of each mask, and (for the view consensus) the mask that each surface point shows in

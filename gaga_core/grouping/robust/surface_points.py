@@ -182,7 +182,7 @@ def _ranks(sorted_ids: IntArray) -> LongArray:
     return place - np.searchsorted(sorted_ids, sorted_ids)
 
 
-# --- How many points of each cluster show in each mask of each view: mostly zeros, kept as such.
+# --- Counts of the points of each cluster in each mask of each view, as a sparse table.
 
 
 @dataclass(frozen=True, eq=False)

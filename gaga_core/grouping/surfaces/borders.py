@@ -415,7 +415,7 @@ def _at_borders(views: Agreement, cluster_of: LongArray) -> tuple[DoubleArray, D
     return same, np.bincount(cell, views.voice[a != b] * length, len(first)) / total
 
 
-# --- What surrounds the scene: walls, floors, shrubs, the sky.
+# --- The surroundings of the scene: walls, floors, shrubs, the sky.
 # Photos of objects look at them from around: objects of interest are seen whole in most views. What
 # lies outside of the ring of cameras and is cut by the borders of the pictures, or is seen in few
 # views, is background. Where views look outwards or along a way, nothing is.

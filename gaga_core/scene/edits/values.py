@@ -1,4 +1,4 @@
-"""What an undo entry is made of: edits as values, each with its exact inverse.
+"""The edits of undo entries: values, each with its exact inverse.
 
 One description serves undo, autosaves and scripts: an edit is a msgspec struct whose field ``kind``
 names it in files, written and read by `gaga_core.scene.edits.wire`.

@@ -1,4 +1,4 @@
-"""Where splats are: boxes that a few stray splats do not blow up."""
+"""Bounds of splats: boxes that are robust to a few stray splats."""
 
 from dataclasses import dataclass
 

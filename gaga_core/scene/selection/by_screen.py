@@ -124,7 +124,7 @@ def stroke(mask: BoolArray, start: ScreenPoint, stop: ScreenPoint, radius: float
     mask[top:bottom, left:right] |= near
 
 
-# --- What is under a pixel: the exact alpha-weighted vote of the splats that it shows.
+# --- The object under a pixel: the exact alpha-weighted vote of the splats that it shows.
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,7 +47,7 @@ from gaga_core.scene.selection.selection_kernels import vote_of_samples
 from gaga_core.segmentation.regions import regions
 from gaga_core.threads import n_threads, run_chunks
 
-# --- What clicks choose among: small pieces of the surfaces, and how likely neighbours are one
+# --- Candidates of clicks: small pieces of the surfaces, and how likely neighbours are one
 # object.
 # No model is needed. Views are rendered and divided into regions; samples of the surfaces, joined
 # to pieces, get evidence about their borders from creases and from what the views show in one

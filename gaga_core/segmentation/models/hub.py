@@ -1,4 +1,4 @@
-"""What a hub of models says about a repository: the commit, its files, their sizes and hashes.
+"""A repository on a hub of models: the commit, its files, their sizes and hashes.
 
 The hub is that of Hugging Face or a mirror with the same interface. Nothing here downloads weights.
 """

@@ -1,4 +1,4 @@
-"""What there is to say of each known model on this machine."""
+"""Status of each known model on this machine."""
 
 import json
 import os

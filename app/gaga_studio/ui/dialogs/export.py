@@ -44,7 +44,7 @@ _CAMERA_FORMS: tuple[tuple[CameraForm, str, str, str], ...] = (
 )
 
 
-# --- What an export changes on the way, in the sheet that exports: color, count, placement, crop.
+# --- Changes of an export, in its sheet: color, count, placement, crop.
 
 NAMES = 7.0  # width of the names of fields, ems
 _SHARES = {1.0: "All", 0.75: "Three quarters", 0.5: "Half", 0.25: "A quarter", 0.1: "A tenth"}

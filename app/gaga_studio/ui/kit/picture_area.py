@@ -1,4 +1,4 @@
-"""Where the picture is on the screen, for what is drawn over it."""
+"""The area of the picture on the screen, for everything drawn over it."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What was done, newest last; a click undoes or redoes up to it."""
+"""The history of edits, newest last; a click undoes or redoes up to one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -22,7 +22,7 @@ from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-# --- Where the selection stands, in numbers: position, rotation, scale and size; each can be
+# --- Placement of the selection in numbers: position, rotation, scale and size; each can be
 # typed.
 
 _ZERO = 0.0005  # below half of the last digit that is shown

@@ -133,7 +133,7 @@ def _content(session: Session, state: PictureState, width: float) -> None:
         command_buttons.command_button(session, command, name, face)
 
 
-# --- What the picture shows while nothing is open: three ways to begin, and recent scenes.
+# --- The start page while nothing is open: three ways to begin, and recent scenes.
 
 _CHOICES = (
     ("file.open_folder", icons.FOLDER, "Open a scene folder", "Photos, cameras, splats, masks"),
