@@ -387,7 +387,7 @@ class _FunctionProvider:
         return fingerprint_of(self.name)
 
     def label_map(self, picture: Picture) -> Stage[IntArray]:
-        """What the function returns."""
+        """The return value of the function."""
         yield Progress("Make masks", 0, 1)
         return dense_labels(np.asarray(self.function(picture.image), np.int32))[0]
 

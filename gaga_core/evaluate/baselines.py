@@ -128,7 +128,7 @@ class MaskGroups:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What a baseline may use."""
+    """Input of a baseline."""
 
     gaussians: Gaussians
     views: tuple[Camera, ...]  # with masks, by name

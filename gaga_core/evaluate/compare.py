@@ -236,7 +236,7 @@ _BANKS: Mapping[str, AssociateConfig] = {
 
 @dataclass(frozen=True)
 class CompareConfig:
-    """What is compared."""
+    """Settings of a comparison."""
 
     variants: tuple[str, ...] = tuple(TITLES)  # of these, in this order
     sparse: tuple[str, ...] = ("robust", "paper")  # variants of the sparse-view protocol
@@ -274,7 +274,7 @@ class CompareConfig:
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What every run reads."""
+    """Input of every run."""
 
     gaussians: Gaussians
     train: tuple[Camera, ...]

@@ -79,7 +79,7 @@ PhotoSide = Literal["photo", "truth", "errors"]
 
 @dataclass(frozen=True)
 class PhotoFilmConfig:
-    """What a film through the photos shows."""
+    """Settings of a film through the photos."""
 
     left: PhotoSide = "photo"
     right: What = "groups"
@@ -173,7 +173,7 @@ def _centred(picture: UInt8Array, size: tuple[int, int]) -> UInt8Array:
 
 
 class Verdict(IntEnum):
-    """What is said of a pixel."""
+    """Judgement of a pixel."""
 
     VOID = 0  # no true object is there
     RIGHT = 1  # the group that stands for the true object

@@ -153,7 +153,7 @@ PUBLISHED_RULE = "boxes of a detector, masks of SAM in them"  # how prompts were
 
 @dataclass(frozen=True)
 class Conditions:
-    """How one scene was scored."""
+    """Conditions under which one scene was scored."""
 
     split: str = ""  # rule that parted the views
     n_train: int = 0
@@ -202,7 +202,7 @@ def absent_scenes(dataset: str, scenes: Sequence[str]) -> tuple[str, ...]:
 
 
 def sentences(dataset: str, scenes: Sequence[tuple[str, Conditions]]) -> list[str]:
-    """What every table of a data set says about how it was made."""
+    """Conditions that every table of a data set states."""
     if not scenes:
         return []
     found = []

@@ -43,7 +43,7 @@ class GroupQuality:
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """What `quality_stage` found."""
+    """Result of `quality_stage`."""
 
     groups: Mapping[int, GroupQuality] = field(default_factory=dict)
 

@@ -30,7 +30,7 @@ _SPLAT = 32  # bytes of a splat in a .splat
 
 @dataclass(frozen=True)
 class PageContent:
-    """What a web page shows in addition to the splats; world of the scene."""
+    """Content of a web page in addition to the splats; world of the scene."""
 
     title: str = ""  # empty: the name of the file
     start: Shot | None = None  # first view; None: the first bookmark, else photo, else all

@@ -119,7 +119,7 @@ _SEEN = 2.0  # voxels: a vertex no farther from a view's depth has its color
 
 @dataclass(frozen=True)
 class MeshConfig:
-    """How fine a mesh is."""
+    """Resolution of a mesh."""
 
     voxels: int = 96  # along the longest side of the object
 

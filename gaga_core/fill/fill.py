@@ -311,14 +311,14 @@ _BASE = 3.0  # cells: what is finer is texture
 
 @dataclass(frozen=True, eq=False)
 class _Shadow:
-    """What takes it off."""
+    """The correction that removes it."""
 
     factors: DoubleArray  # (H, W, 3)
     is_cast: bool  # its outline is that of the object
 
 
 class Work:
-    """What is found, part by part of the object."""
+    """Findings for each part of the object."""
 
     def __init__(
         self,
@@ -478,7 +478,7 @@ _VISIBLE = 1.02  # factor of a color from which on it is changed
 
 @dataclass(frozen=True, eq=False)
 class Filling:
-    """What filling changes. Nothing is changed yet."""
+    """Changes of a fill; nothing is changed yet."""
 
     removed: LongArray  # (R,) rows of the object
     unseen: LongArray  # (U,) rows that no view ever saw and that the object hid
@@ -507,7 +507,7 @@ def fillable(scene: Scene) -> LongArray:
 
 
 def fill_title(scene: Scene, indices: AnyArray) -> str:
-    """What the edit is called in the history."""
+    """Title of the edit in the history."""
     if scene.has(State.DELETED)[indices].all():
         return "Fill what was deleted"
     groups = np.unique(scene.labels[indices])

@@ -111,7 +111,7 @@ class Inpainter:
         return np.where(hole[:, :, None], np.clip(result, 0, 1), color)
 
     def _answer(self, message: str) -> Stage[DoubleArray]:
-        """What the process sends next; its errors are raised here."""
+        """The next message of the process; its errors are raised here."""
         try:
             while not self._pipe.poll(_SECONDS):
                 yield Progress(_STAGE, 0, 0, message)

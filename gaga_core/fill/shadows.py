@@ -151,7 +151,7 @@ _PULLS = 4  # steps towards them
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Where a stain may be, and with what it is compared."""
+    """Area of a possible shadow, and the area to compare it with."""
 
     log: DoubleArray  # (H, W, 3) colors, without the fall-off of light
     may: BoolArray  # (H, W)

@@ -16,7 +16,7 @@ from gaga_core.raster.base import Rasterizer
 
 @dataclass(frozen=True)
 class FillConfig:
-    """How a hole is found and filled."""
+    """Settings to find and fill a hole."""
 
     lighten: bool = True  # take the object's shadow off the surface that it stood on
     most_views: int = 64  # photos that are looked at, spread over those that show the object

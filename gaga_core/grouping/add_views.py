@@ -44,7 +44,7 @@ _SEEN_BACK = 0.15  # ... where neighbours say the same of the rest
 
 @dataclass(frozen=True, eq=False)
 class FormerGroups:
-    """What was saved of an association."""
+    """A saved association."""
 
     bank: MemoryBank
     labels: IntArray  # (N,) 0 = none

@@ -97,13 +97,13 @@ def growth_stage(
 
 @dataclass(frozen=True, eq=False)
 class MaskSplats:
-    """Who lies behind a mask. ``gated`` is a subset of ``behind``."""
+    """The Gaussians behind a mask. ``gated`` is a subset of ``behind``."""
 
     gated: BoolArray  # (N,) G(m): the depth gate of section 3.2 lets them through
     behind: BoolArray  # (N,) everything whose centre projects into the mask, at any depth
 
     def of(self, has_gate: bool) -> BoolArray:
-        """Who counts (N,) with the gate or without."""
+        """The Gaussians (N,) that count, with the gate or without."""
         return self.gated if has_gate else self.behind
 
 

@@ -102,7 +102,7 @@ class IdentityField:
 
 @dataclass(frozen=True, eq=False)
 class Identity:
-    """What a scene's Gaussians are: the field, and for each Gaussian a label to select it by."""
+    """The identities of a scene: the field, and for each Gaussian a label to select it by."""
 
     field: IdentityField
     labels: IntArray  # (N,) 1..G, 0 = none; what the field decodes
@@ -118,7 +118,7 @@ class Identity:
 
 @dataclass(frozen=True)
 class LiftFigures:
-    """What a mode counted and measured; None where it has no such figure."""
+    """Figures of a mode; None where it has no such figure."""
 
     from_bank: int | None = None  # Gaussians labelled by the memory bank alone
     from_neighbours: int | None = None  # Gaussians that no view shows, labelled by neighbours

@@ -76,7 +76,7 @@ class Dataset:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What the reader of a layout found out about a scene."""
+    """A scene as the reader of a layout found it."""
 
     cameras: Iterable[Camera]
     photos: Mapping[str, Path]  # by view name

@@ -58,7 +58,7 @@ class ViewBox:
 
 @dataclass(frozen=True, eq=False)
 class ClickedObject:
-    """What the clicks mean."""
+    """Answer to the clicks."""
 
     splats: IntArray  # (K,) ascending
     n_clicks: int
@@ -145,7 +145,7 @@ def _view(project: Project, views: Sequence[Camera], name: str) -> Camera:
 
 
 def _on_surface(project: Project, views: Sequence[Camera], click: ViewClick) -> Click:
-    """Where a click meets the surface."""
+    """Point of the surface under a click."""
     camera = _view(project, views, click.view)
     where = f"({click.u:g}, {click.v:g}) in {click.view}"
     if not (0 <= click.u < camera.width and 0 <= click.v < camera.height):
@@ -177,7 +177,7 @@ _GATE = GateConfig(iqr_floor=0.02, guard_near=True)
 
 @dataclass(frozen=True, eq=False)
 class Lifted:
-    """What the model's masks mean in 3D."""
+    """Object of the model's masks in 3D."""
 
     splats: IntArray  # (K,) rows of the Gaussians, ascending
     n_views: int  # whose masks voted

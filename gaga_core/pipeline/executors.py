@@ -74,7 +74,7 @@ class SceneTask:
     starts: Path | None = None  # a line for each start of this run; None: starts are not counted
 
     def n_starts(self) -> int:
-        """How often a worker has started it in this run."""
+        """Number of times that a worker started it in this run."""
         if self.starts is None or not self.starts.is_file():
             return 0
         return len(self.starts.read_text(encoding="utf-8").splitlines())
@@ -82,7 +82,7 @@ class SceneTask:
 
 @dataclass(frozen=True)
 class SceneOutcome:
-    """What became of one scene."""
+    """Result of one scene."""
 
     scene: str  # `SceneTask.name`
     stages_run: tuple[str, ...] = ()
@@ -93,7 +93,7 @@ class SceneOutcome:
 
 @dataclass(frozen=True)
 class ScenesReport:
-    """What became of all."""
+    """Results of all scenes."""
 
     outcomes: tuple[SceneOutcome, ...] = field(default=())  # by name
     page: Path | None = None  # gaga-run.html, once it is written
@@ -442,14 +442,14 @@ def _run_local(tasks: Sequence[SceneTask], config: RunConfig, engine: EngineConf
 
 
 def _exit_reason(status: int | None) -> str:
-    """What an exit status says of a process."""
+    """Meaning of an exit status of a process."""
     if status is not None and status < 0:
         return f"ended by signal {signal.Signals(-status).name}"
     return f"exit status {status}"
 
 
 def _received(connection: Connection) -> SceneOutcome | None:
-    """What a worker sent; None when it died."""
+    """The message of a worker; None when it died."""
     with connection:
         try:
             outcome = connection.recv()
@@ -557,7 +557,7 @@ def _n_dask_workers(client: "Client", engine: EngineConfig) -> int:
 
 
 def _dask_outcome(future: "Future[SceneOutcome]", task: SceneTask) -> SceneOutcome | None:
-    """What came back of a scene; None when its worker ended without an answer."""
+    """The result of a scene; None when its worker ended without an answer."""
     from distributed import KilledWorker
 
     if future.status == "finished":

@@ -57,7 +57,7 @@ SETTINGS, CHECKPOINT = "settings.json", "train.npz"  # of a training, in the wor
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """What was done."""
+    """Result of a reconstruction."""
 
     scene: Path
     stages_run: tuple[str, ...]  # of sfm, train
@@ -213,7 +213,7 @@ class PhotoFind:
 
     @property
     def name(self) -> str:
-        """What to call it."""
+        """Its name."""
         return (self.photos or self.scene).name
 
     def seconds(self, config: ReconstructConfig) -> float:

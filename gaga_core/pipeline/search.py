@@ -262,7 +262,7 @@ def train_views(project: Project) -> tuple[Camera, ...]:
 
 
 def work_of(project: Project) -> Path:
-    """Where a project's index lies."""
+    """Path of a project's index."""
     return project.path or project.default_path
 
 
@@ -293,7 +293,7 @@ _FLAT, _SUPPORT = 0.2, 5.0  # a flat group this many times the median size carri
 
 @dataclass(frozen=True)
 class Description:
-    """What was found out about the groups of a scene."""
+    """Findings about the groups of a scene."""
 
     words: Mapping[int, str]  # by group, of those without a name
     background: frozenset[int]  # groups that are what objects stand on, hang on, or lie before

@@ -104,7 +104,7 @@ _BLOCK = 1 << 24  # bytes hashed between two steps
 
 @dataclass(frozen=True)
 class SegmentReport:
-    """What was done."""
+    """Result of a segmentation."""
 
     provider: str
     folder: Path  # of the label maps

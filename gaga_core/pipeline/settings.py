@@ -77,7 +77,7 @@ class ReconstructConfig:
         return replace(config, moving_only=self.turntable)
 
     def ladder(self) -> "LadderConfig":
-        """How long the photos may be tried to be placed."""
+        """Settings of the attempts to place the photos, with their time limit."""
         from gaga_core.placing.ladder import LadderConfig
 
         return LadderConfig(minutes=self.place_minutes or PLACE_MINUTES[self.quality])
@@ -103,7 +103,7 @@ class ReconstructConfig:
 
 @dataclass(frozen=True)
 class SegmentConfig:
-    """How pictures are given to a provider of masks."""
+    """Settings of pictures for a provider of masks."""
 
     longest_side: int = setting(1600, "Longest side", "pixels", least=0)
     """Larger photos are shrunk to this many pixels, and so are their label maps; 0 = never."""
@@ -124,7 +124,7 @@ Engine = Literal["local", "dask"]
 
 @dataclass(frozen=True)
 class EngineConfig:
-    """Who runs many scenes."""
+    """Workers that run many scenes."""
 
     engine: Engine = "local"
     workers: int = setting(2, "Workers", least=1)

@@ -357,7 +357,7 @@ def _verdict(check: str, level: Literal["warning", "error"] | None, text: str) -
 
 
 def level_below(value: float, bounds: tuple[float, float]) -> Literal["warning", "error"] | None:
-    """How bad ``value`` is under the bounds of a warning and of an error; None = fine."""
+    """Severity of ``value`` by the bounds of a warning and of an error; None = fine."""
     if value < bounds[1]:
         return "error"
     return "warning" if value < bounds[0] else None

@@ -29,7 +29,7 @@ _MOST_THIRDS = 8  # third photos of each
 
 @dataclass(frozen=True, eq=False)
 class Cycles:
-    """What the triplets of photos say. T triplets."""
+    """Consistency of triplets of photos. T triplets."""
 
     photos: LongArray  # (T, 3) indices
     errors: DoubleArray  # (T,) degrees between the turn around a triplet and none
@@ -78,7 +78,7 @@ _NAMED = 3  # photos named in a sentence
 
 @dataclass(frozen=True, eq=False)
 class MatchFacts:
-    """What the matching says before there is any model. A photos, Q pairs."""
+    """Result of the matching before there is a model. A photos, Q pairs."""
 
     names: tuple[str, ...]  # (A,) by name
     n_features: LongArray  # (A,)
@@ -98,14 +98,14 @@ class MatchFacts:
 
 @dataclass(frozen=True)
 class DiagnosisConfig:
-    """What counts as blurred, empty, apart or still."""
+    """Thresholds for blurred, empty, separate and static photos."""
 
     blurred: float = 0.05  # sharpness under which a photo may be blurred ...
     blurred_share: float = 0.25  # ... if it is under this share of the sharp ones' sharpness
     few_features: int = 300  # median of the photos
     covered: float = 0.45  # share of a picture that holds features, median
     linked: int = 15  # verified matches that link two photos
-    still: float = 0.5  # share of a pair's matches that stand still
+    still: float = 0.5  # share of a pair's matches that are static
     still_pairs: float = 0.3  # share of the pairs of which that is true
     open_cycle: float = 35.0  # degrees that the turns around three photos may miss by
     open_share: float = 0.15  # of the triplets, from which objects are said to repeat
@@ -114,7 +114,7 @@ class DiagnosisConfig:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What may keep photos from being placed."""
+    """Reasons that may keep photos from being placed."""
 
     blurred: tuple[str, ...]  # names
     groups: tuple[tuple[str, ...], ...]  # photos that are linked by matches, largest group first
@@ -172,7 +172,7 @@ class Diagnosis:
         )
 
     def why_out(self, name: str, placed: Collection[str] = ()) -> str:
-        """Why the photo ``name`` has no place, in a few words."""
+        """Reason why the photo ``name`` is not placed, in a few words."""
         if name in placed:
             return "shows another scene"
         if name in self.blurred:

@@ -27,7 +27,7 @@ _MATCH_SIDE = 1000  # pixels: photos are matched at this size
 
 @dataclass(frozen=True)
 class PoseCheckConfig:
-    """How many photos are looked at."""
+    """Number of photos to check."""
 
     runs: int = 8  # places in the list of photos ...
     length: int = 3  # ... and photos next to each other that are taken at each

@@ -128,7 +128,7 @@ def _matches(
 
 @dataclass(frozen=True, eq=False)
 class _Matching:
-    """What a database holds: A photos by name, Q pairs that were matched."""
+    """Content of a database: A photos by name, Q pairs that were matched."""
 
     images: list[pycolmap.Image]  # (A,)
     cameras: list[pycolmap.Camera]  # (A,) of each photo

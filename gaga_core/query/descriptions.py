@@ -115,7 +115,7 @@ _NUMBER = re.compile(r" \d+$")
 
 @dataclass(frozen=True)
 class _Said:
-    """What is true of a group."""
+    """Facts of a group."""
 
     what: str  # "red box, large"
     place: str  # "behind"; "" = nowhere in particular

@@ -263,7 +263,7 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """What a search looks at."""
+    """Data that a search reads."""
 
     facts: GroupFacts
     names: tuple[str, ...]  # by row of facts

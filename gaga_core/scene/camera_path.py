@@ -309,7 +309,7 @@ _Angle = Annotated[float, msgspec.Meta(gt=0, lt=math.pi)]
 
 
 class ShotEntry(msgspec.Struct):
-    """Where a camera stands, see `Shot`."""
+    """Pose of a camera, see `Shot`."""
 
     eye: tuple[_Number, _Number, _Number]
     quat: tuple[_Number, _Number, _Number, _Number]
@@ -346,7 +346,7 @@ class PathEntry(msgspec.Struct):
 
 
 def bookmarks_entry(bookmarks: tuple[Bookmark, ...]) -> list[dict[str, object]]:
-    """What a project keeps of bookmarks."""
+    """Bookmarks in a project."""
     return [{"name": b.name, "key": b.key, **_shot_entry(b.shot)} for b in bookmarks]
 
 
@@ -363,7 +363,7 @@ def bookmarks_of(content: object) -> tuple[Bookmark, ...]:
 
 
 def path_entry(path: CameraPath) -> dict[str, object]:
-    """What a project, or a file, keeps of a path."""
+    """A path in a project or a file."""
     return {
         "kind": _KIND,
         "format": 1,

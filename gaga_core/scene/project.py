@@ -345,7 +345,7 @@ def read_labels(path: Path, n_gaussians: int) -> tuple[IntArray, UInt8Array | No
 
 @dataclass(frozen=True, eq=False)
 class OpenedGroups:
-    """What a scene begins with; fields of `Scene`."""
+    """Initial values of a scene; fields of `Scene`."""
 
     labels: IntArray  # (N,)
     confidence: UInt8Array | None  # (N,) 0..255
@@ -498,7 +498,7 @@ class SavedElsewhereError(GagaError):
 
 @dataclass(eq=False)
 class Project:
-    """What a window or command has open."""
+    """The document that a window or command has open."""
 
     scene: Scene
     model_path: Path
@@ -541,7 +541,7 @@ class Project:
 
     @property
     def default_path(self) -> Path:
-        """Where a first save goes."""
+        """Path of the first save."""
         if self.folder is not None:
             return self.folder.work
         path, n = self.model_path.with_suffix(".gaga"), 1

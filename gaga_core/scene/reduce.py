@@ -168,7 +168,7 @@ _ESTIMATE = "Estimate the loss"
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """What fewer splats are made of."""
+    """Input of a reduction."""
 
     removed: LongArray  # (K,) splats of the scene that are merged
     splats: Gaussians  # (M,) what they become, world
@@ -180,7 +180,7 @@ class Reduction:
 
     @property
     def n_after(self) -> int:
-        """How many of the splats that were looked at are left."""
+        """Number of the considered splats that are left."""
         return self.n_before - len(self.removed) + len(self.splats)
 
 
@@ -297,7 +297,7 @@ def _motion(scene: Scene, splat: int) -> Frame:
 
 
 def reduce_title(scene: Scene, splats: AnyArray, found: Reduction) -> str:
-    """What the edit is called in the history, with what it lost."""
+    """Title of the edit in the history, with the loss."""
     groups = np.unique(scene.labels[reducible(scene, splats)])
     name = f" of {group_name(scene, int(groups[0]))}" if len(groups) == 1 and groups[0] else ""
     return f"Reduce splats{name} to {found.n_after:,} ({loss_text(found.psnr)})"

@@ -105,7 +105,7 @@ def scored_masks(
 
 @dataclass(frozen=True)
 class ModelCard:
-    """What is written next to masks about where they come from."""
+    """The source of masks, written next to them."""
 
     model: str  # name of the model
     licence: str = ""

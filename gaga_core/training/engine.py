@@ -25,7 +25,7 @@ class Engine(Protocol):
 
     @property
     def n_splats(self) -> int:
-        """How many splats there are now."""
+        """Current number of splats."""
         ...
 
     def advance(self, state: TrainState) -> None:

@@ -50,7 +50,7 @@ class _Photo:
 
     @property
     def place(self) -> tuple[int, int, int]:
-        """What kernels know of a source."""
+        """Data of a source for the kernels."""
         return self.offset, self.camera.width, self.camera.height
 
 

@@ -164,7 +164,7 @@ _REDUCE_CHANGED = "The scene changed while splats were merged. Try again."
 
 @dataclass
 class ReducePlan:
-    """What is chosen in the sheet, and what is known of it."""
+    """The choices of the sheet, and the estimate of their loss."""
 
     what: ReduceWhat = "scene"
     percent: int = 50  # of the splats that are kept

@@ -62,7 +62,7 @@ _FILLED = 0.6  # of the triangles of a ball: most objects are thinner
 
 @dataclass(frozen=True)
 class ExportPlan:
-    """What is to be written. ``path`` is a folder for objects and for cameras of COLMAP."""
+    """The export to write. ``path`` is a folder for objects and for cameras of COLMAP."""
 
     path: Path
     what: What = "scene"
@@ -72,7 +72,7 @@ class ExportPlan:
 
 @dataclass(frozen=True)
 class ExportSummary:
-    """What a plan will write."""
+    """The files that a plan will write."""
 
     n_splats: int  # of cameras: 0
     n_files: int
@@ -112,7 +112,7 @@ def _cameras_stage(session: Session, path: Path, options: ExportOptions) -> Stag
 
 
 def page_content(session: Session) -> PageContent:
-    """What a web page shows in addition to the splats; it begins with the present view."""
+    """Content of a web page in addition to the splats; it begins with the present view."""
     document = session.need()
     project = replace(document.project, scene=document.scene)
     found = document.feature(SearchState).described
@@ -205,7 +205,7 @@ def form_of_name(name: str) -> SplatFormat | None:
 
 
 def folder(session: Session) -> Path:
-    """Where exports go unless another place is chosen: never a hidden folder of ours."""
+    """The default folder of exports: never a hidden folder of ours."""
     place = session.project
     if place is None:
         return paths.exports()

@@ -30,7 +30,7 @@ class Reading:
 
 @dataclass
 class ClickedPoints:
-    """What was clicked in a document with the tool Measure, or Align to ground."""
+    """Points clicked in a document with the tool Measure, or Align to ground."""
 
     points: tuple[Point, ...] = ()  # measured: in the frame of the opened file; ground: world
     former_tool: ToolName = ToolName.PICK  # that comes back after the ground tool

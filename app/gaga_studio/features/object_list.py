@@ -43,7 +43,7 @@ class Part:
 
     @property
     def name(self) -> str:
-        """What it is called in the list."""
+        """Its name in the list."""
         return f"part {self.key[-1] + 1}"
 
 
@@ -86,7 +86,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class ListFilter:
-    """What objects must be like to be listed: nothing, or a range of some measures."""
+    """Conditions for objects to be listed: none, or ranges of some measures."""
 
     ranges: Mapping[Measure, Range] = field(default_factory=dict)
 
@@ -148,7 +148,7 @@ class FolderSums:
 
 @dataclass
 class ObjectListView:
-    """What a document's list remembers; nothing of it is saved."""
+    """State of a document's list; it is not saved."""
 
     closed: frozenset[str] = frozenset()  # folders
     closed_groups: frozenset[int] = frozenset()  # objects, of those that others lie under

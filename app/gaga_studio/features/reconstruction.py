@@ -23,7 +23,7 @@ _ANYWAY, _STOP = "Use it anyway", "Cancel"
 
 @dataclass(frozen=True)
 class ReconstructionPlan:
-    """What to make of the photos that were found."""
+    """The plan of a reconstruction from the photos that were found."""
 
     config: "ReconstructConfig"
     scene: Path  # folder to write

@@ -156,7 +156,7 @@ def is_shown(session: Session, left: Side, right: Side) -> bool:
 
 
 def why_not(session: Session, side: Side) -> str:
-    """Why a side cannot be shown; "" when it can."""
+    """The reason why a side cannot be shown; "" when it can."""
     document = session.document
     if document is None:
         return "No scene is open."

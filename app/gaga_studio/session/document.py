@@ -296,7 +296,7 @@ class Document:
         return self.read.selected_oriented_box(self.history.is_previewing)
 
     def selected_axes(self) -> DoubleArray:
-        """How the first selected splat's object was turned (3, 3): its own axes as columns."""
+        """Rotation of the first selected splat's object (3, 3): its own axes as columns."""
         chosen = self.read.selected_indices()
         if len(chosen) == 0:
             return np.eye(3)

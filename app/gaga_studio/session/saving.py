@@ -27,7 +27,7 @@ COPY, ELSEWHERE, RELOAD = "Save with a copy", "Save elsewhere…", "Reload"
 
 @dataclass(frozen=True)
 class How:
-    """What a save may do."""
+    """Permissions of a save."""
 
     copies_model: bool = False
     overwrites: bool = False
@@ -150,7 +150,7 @@ def _question(
     then: Callable[[], None] | None,
     how: How,
 ) -> UserQuestion | None:
-    """What to ask when a save failed with ``error``; None when there is nothing to choose."""
+    """The question after a save failed with ``error``; None when there is no choice."""
     document = session.need()
     if isinstance(error, ModelChangedError):
         choices: tuple[str, ...] = (COPY, ELSEWHERE, RELOAD, "Cancel")

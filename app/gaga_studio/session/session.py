@@ -210,7 +210,7 @@ class Session:
 
     @property
     def project(self) -> Project | None:
-        """What is open."""
+        """The open project, if any."""
         return self.document.project if self.document is not None else None
 
     @property
@@ -220,7 +220,7 @@ class Session:
 
     @property
     def shown(self) -> Scene | None:
-        """What the picture shows: the open scene, or splats that are being trained."""
+        """The scene in the picture: the open one, or splats that are being trained."""
         return self.training.scene if self.training is not None else self.scene
 
     @property

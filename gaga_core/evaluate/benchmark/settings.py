@@ -13,7 +13,7 @@ Preset = Literal["robust", "paper"]
 
 @dataclass(frozen=True)
 class FindConfig:
-    """Who answers: a detector in the first view, else an index of pictures, else words alone."""
+    """Answer by a detector in the first view, else an index of pictures, else words alone."""
 
     detector: Path | None = None  # folder of a Grounding DINO or OWLv2 model
     embedder: Path | None = None  # folder of a CLIP or SigLIP model
@@ -26,7 +26,7 @@ class FindConfig:
 
 @dataclass(frozen=True)
 class BenchmarkConfig:
-    """What is run over every scene."""
+    """Settings of the runs over every scene."""
 
     preset: Preset = "robust"
     """robust: groups by the consensus of all views. paper: the published method to the letter."""
@@ -41,7 +41,7 @@ class BenchmarkConfig:
     seed: int = 0
     """Of the choice of those views."""
     find: FindConfig = field(default_factory=FindConfig)
-    """Who answers text prompts."""
+    """The method that answers text prompts."""
     pred: Path | None = None
     """Score the predictions of this folder (<scene>/<view>.png, or <scene>/<view>/<prompt>.png)
     and run nothing."""
@@ -75,7 +75,7 @@ class BenchmarkConfig:
 
     @property
     def title(self) -> str:
-        """What is scored, for tables."""
+        """The scored predictions, for tables."""
         if self.pred is not None:
             return "given predictions"
         kind = self.lifted_by

@@ -227,7 +227,7 @@ class Move:
 
 @dataclass(frozen=True, eq=False)
 class Repair:
-    """What an association becomes by a `Move`."""
+    """Result of a `Move` on an association."""
 
     bank: MemoryBank
     labels: IntArray  # (N,)
@@ -237,7 +237,7 @@ class Repair:
     n_splats: int  # that changed theirs
 
     def sentence(self) -> str:
-        """What happened."""
+        """Summary of the move."""
         others = self.n_masks - 1
         masks = "no other mask" if others < 1 else f"{others} more mask{'s' * (others > 1)}"
         return f"{masks.capitalize()} followed, {self.n_splats:,} splats changed their object."

@@ -173,7 +173,7 @@ _COARSE = np.array([1.73, -2.25, 1.91, -1.4, 2.53, 4.22, 0.91, -2.61, 1.38, -1.0
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """What the views say of pairs of neighbouring small pieces."""
+    """Evidence of the views on pairs of neighbouring small pieces."""
 
     first: LongArray  # (B,) < second
     second: LongArray  # (B,)

@@ -20,7 +20,7 @@ _POLL_S = 0.02
 
 
 class Owner(msgspec.Struct, frozen=True):
-    """Who writes to a folder."""
+    """The writer of a folder."""
 
     program: str
     user: str
@@ -110,7 +110,7 @@ def lock_folder(folder: Path, *, patience_s: float = 0.0) -> FolderLock:
 
 
 def owner_of(folder: Path) -> Owner | None:
-    """Who said last that the folder is theirs; None when it is not known."""
+    """The last known writer of the folder; None when it is not known."""
     file = folder / OWNER
     if not file.is_file():
         return None

@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class SceneFolder:
-    """What lies in a scene folder. Pictures, masks and splats are not read yet."""
+    """Content of a scene folder. Pictures, masks and splats are not read yet."""
 
     root: Path
     model_path: Path | None  # the splats, None if there are none yet

@@ -54,7 +54,7 @@ ImportedMasks = IntArray | MaskList  # a label map (H, W) int32, 0 = none, or ma
 
 @dataclass(frozen=True, eq=False)
 class MaskSource:
-    """What was recognised, and how to read each view."""
+    """The recognised format, and the reader of each view."""
 
     form: str  # "label maps", "SAM lists", ...
     said: str  # one sentence for people

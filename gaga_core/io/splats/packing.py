@@ -56,7 +56,7 @@ _log = logging.getLogger(__name__)
 
 
 def damaged(name: str) -> GagaError:
-    """What is wrong with a file whose sizes do not fit."""
+    """The error of a file whose sizes do not fit."""
     return GagaError(f"{name} is truncated or damaged. Copy or export it again.")
 
 

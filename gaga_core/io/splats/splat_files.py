@@ -73,7 +73,7 @@ class SplatFormat(StrEnum):
 
     @property
     def suffix(self) -> str:
-        """What a file of this form ends in."""
+        """Suffix of a file of this form."""
         return {"compressed-ply": ".compressed.ply", "spz4": ".spz"}.get(self.value, f".{self}")
 
 

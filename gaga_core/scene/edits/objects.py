@@ -235,7 +235,7 @@ def split_off(
 
 @dataclass(frozen=True, eq=False)
 class Parting:
-    """How some splats are cut into two parts or more."""
+    """Partition of some splats into two parts or more."""
 
     level: int  # that cuts them
     ids: LongArray  # (P,) labels of the parts at that level, the largest first

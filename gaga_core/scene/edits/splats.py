@@ -158,7 +158,7 @@ def append_made(
 def _at_end(
     scene: Scene, labels: IntArray, state: State
 ) -> tuple[PackedInts, int, int, int, int, int, tuple[str, ...]]:
-    """What `AppendSplats` has of the scene."""
+    """Data of the scene for `AppendSplats`."""
     sizes = scene.n_rows_of_files, len(scene), len(scene.placements), scene.gaussians.sh.shape[1]
     packed = PackedInts.of(labels.astype(np.int32))
     return packed, int(state), *sizes, tuple(scene.gaussians.extra)

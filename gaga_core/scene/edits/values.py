@@ -215,21 +215,21 @@ class SetBank(SetField, frozen=True, tag="bank"):
 
 
 class SetConfidence(SetField, frozen=True, tag="confidence"):
-    """How sure the splats are of their groups, by row of the opened file."""
+    """Confidence of the splats' groups, by row of the opened file."""
 
     before: Kept[UInt8Array] | None
     after: Kept[UInt8Array] | None
 
 
 class SetIdentities(SetField, frozen=True, tag="identities"):
-    """Where labels come from, and those of the other source."""
+    """Source of the labels, and labels of the other source."""
 
     before: Kept[Identities]
     after: Kept[Identities]
 
 
 class SetFrame(SetField, frozen=True, tag="frame"):
-    """How the whole scene was moved."""
+    """Motion of the whole scene."""
 
     before: Frame
     after: Frame

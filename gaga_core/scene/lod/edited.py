@@ -30,7 +30,7 @@ _EMPTY = np.array([np.inf] * 3 + [-np.inf] * 3, np.float32)  # box
 
 @dataclass(frozen=True, eq=False)
 class NodeFacts:
-    """What the edits of a scene mean for the nodes of its tree."""
+    """Effect of the edits of a scene on the nodes of its tree."""
 
     mixed: BoolArray  # (M,) splats below were not all treated alike
     # (M,) ... some of them are hidden or stand elsewhere, so they merge differently

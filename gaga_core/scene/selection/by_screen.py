@@ -28,7 +28,7 @@ _CHUNK = 65536
 
 @dataclass(frozen=True, eq=False)
 class Screen:
-    """Where the centre of each splat is drawn."""
+    """Projected centre of each splat."""
 
     pixel: IntArray  # (N,) row * width + column; -1 = cannot be selected in this picture
     width: int

@@ -129,7 +129,7 @@ def click_graph_stage(
 
 @dataclass(frozen=True, eq=False)
 class _Looked:
-    """What was rendered, by name of the view."""
+    """Renderings by name of the view."""
 
     depths: DepthMaps
     masks: dict[str, ViewMasks]
@@ -297,7 +297,7 @@ class Click:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What some clicks mean."""
+    """Answer to some clicks."""
 
     clicks: tuple[Click, ...]
     nodes: BoolArray  # (n,) chosen

@@ -209,7 +209,7 @@ class Installed:
 
 @dataclass
 class _Meter:
-    """How much of all files is here, and how fast it came."""
+    """Bytes of all files that are here, and their rate."""
 
     title: str
     total: int
@@ -268,7 +268,7 @@ def download(
 
 
 def parts_folder(model: KnownModel) -> Path:
-    """Where the files of an unfinished download lie."""
+    """The folder of an unfinished download."""
     return models_folder() / _PARTS / model.name
 
 

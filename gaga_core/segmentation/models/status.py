@@ -116,7 +116,7 @@ class ModelStatus:
 
     @property
     def good_for(self) -> str:
-        """What it is good for, in words."""
+        """Its purpose in words."""
         purpose = _PURPOSES[self.model.purpose]
         return f"{purpose}; {self.model.note}" if self.model.note else purpose
 

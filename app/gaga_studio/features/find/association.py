@@ -64,7 +64,7 @@ class FindOptions:
 
 
 def lift_mode(settings: Settings, preset: str = "") -> LiftMode | None:
-    """How identities are made once objects are found by ``preset`` (default: that of the settings).
+    """The mode of identities once objects are found by ``preset`` (default: that of the settings).
 
     None: not at all.
     Preset paper trains them, as published. Robust leaves them: its labels are votes either way.
@@ -221,7 +221,7 @@ def associate_project_stage(
 
 @dataclass(frozen=True, eq=False)
 class LiftedScene:
-    """What a lift says of the rows of the opened file."""
+    """Result of a lift for the rows of the opened file."""
 
     labels: IntArray  # (M,)
     confidence: FloatArray  # (M,) 0..1
@@ -317,12 +317,12 @@ _SECONDS_PER_STEP = 0.02  # of identities from zeros, 16,384 pixels each
 
 
 def training_seconds(config: LiftConfig) -> float:
-    """How long identities take to train, roughly."""
+    """Estimated time to train identities."""
     return config.paper.iterations * _SECONDS_PER_STEP
 
 
 def training_text(config: LiftConfig) -> str:
-    """What follows an association when identities are trained."""
+    """A sentence on the training of identities after an association."""
     n, seconds = config.paper.iterations, duration_text(training_seconds(config))
     return (
         f"Then {n:,} training steps, {seconds}. Cancel keeps the objects; the next run continues."

@@ -55,7 +55,7 @@ class ClickState:
 
 
 def key_of(scene: Scene) -> object:
-    """What changes when splats are added or moved, so that a graph is no longer theirs."""
+    """Values that change when splats are added or moved, so that a graph is outdated."""
     revision = scene.revision
     return revision.splats, revision.placement, revision.placements
 

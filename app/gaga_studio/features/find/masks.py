@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class ModelsState:
-    """What the sheet of models shows: the known models here, terms that wait for an answer."""
+    """State of the sheet of models: the known models here, terms that wait for an answer."""
 
     entries: tuple[ModelStatus, ...] = ()  # as last looked at; empty = look when it is shown
     offered: Listing | None = None  # its licence and size are shown, the user has not answered

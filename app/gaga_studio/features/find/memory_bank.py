@@ -68,7 +68,7 @@ class Timeline:
 
 
 class KnownViews:
-    """What was found in the masks of the views of a document."""
+    """Findings in the masks of the views of a document."""
 
     def __init__(self) -> None:
         self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
@@ -81,7 +81,7 @@ class KnownViews:
 
 
 class ObjectQuality:
-    """What was measured of the objects of a document."""
+    """Measured quality of the objects of a document."""
 
     def __init__(self) -> None:
         self.by_labels: dict[str, Quality] = {}  # by digest of the labels

@@ -57,7 +57,7 @@ _PAUSE_S = 0.35  # without a key before a noun is looked up: the word may not be
 
 @dataclass(frozen=True, eq=False)
 class SceneMeasurements:
-    """What a search needs to know of one state of a scene."""
+    """Facts of one state of a scene that a search reads."""
 
     key: object  # of the state
     facts: GroupFacts
@@ -139,7 +139,7 @@ class SearchState:
 
     @property
     def n_left_out(self) -> int:
-        """How many that fit the filter of the list leaves out."""
+        """Number of fitting objects that the filter of the list leaves out."""
         return sum(hit.fits for hit in self._found) - len(self.meant)
 
     @property
