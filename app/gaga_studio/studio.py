@@ -314,7 +314,7 @@ class Studio:
             self.session.notify(Level.WARNING, f"{explain_os_error(error, home)} {lost}")
         self.window.run()
 
-    # --- what the window calls
+    # --- called by the window
 
     def _hooks(self) -> Hooks:
         session, guarded = self.session, self._guard.wrap

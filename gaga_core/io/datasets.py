@@ -225,7 +225,7 @@ def _missing(scene: DatasetScene, wanted: set[str]) -> Iterable[str]:
         )
 
 
-# --- what the readers share
+# --- shared by the readers
 
 
 def _photos_of(root: Path, *folders: str) -> dict[str, Path]:

@@ -95,7 +95,7 @@ def setting(id_: str, title: str, name: SettingSwitch) -> Command:
     return Command(id_, title, run, is_on=lambda s: getattr(s.settings, name))
 
 
-# --- conditions: why a command cannot be run now
+# --- conditions: reasons why a command is disabled
 
 
 def first_of(*reasons: Reason) -> Reason:
@@ -161,7 +161,7 @@ nothing_pointed = needs(
 )
 
 
-# --- what features take of a document
+# --- values of a document that features need
 
 
 class Preview(Generic[T]):

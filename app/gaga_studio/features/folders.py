@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _NEW = "Folder"  # what a new one is called until it has a name
 
-# --- which folders are meant
+# --- chosen folders
 
 
 @notifies
@@ -158,7 +158,7 @@ def delete(session: Session, *folders: str) -> bool:
     return session.edit(lambda scene: edits.delete_folder(scene, *folders, title=f"Delete {what}"))
 
 
-# --- all that is in one
+# --- the content of a folder
 
 
 def sums(session: Session) -> dict[str, FolderSums]:
@@ -174,7 +174,7 @@ def is_alone(table: ObjectTable, own: FolderSums) -> bool:
     return 0 < own.n_splats == n_shown and not own.n_hidden
 
 
-# --- which object lies under which
+# --- objects under other objects
 
 
 @notifies

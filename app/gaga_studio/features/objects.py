@@ -126,7 +126,7 @@ def delete_floaters(session: Session) -> bool:
     return session.edit(lambda scene: edits.delete(scene, found, f"Delete {len(found):,} floaters"))
 
 
-# --- everything
+# --- all splats
 
 
 @notifies
@@ -218,7 +218,7 @@ def isolated(session: Session) -> str:
     return ", ".join(names)
 
 
-# --- level of detail of objects that no model made: of all, seen while dragged, and of one
+# --- levels of detail of objects from regions: of all, shown while dragged, and of one
 
 
 def preview_level(session: Session, level: int) -> None:

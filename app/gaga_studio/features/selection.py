@@ -66,7 +66,7 @@ def select_groups(session: Session, groups: Sequence[int], how: How = "set") -> 
     return done
 
 
-# --- everything
+# --- all splats
 
 
 @dataclass
@@ -229,7 +229,7 @@ def _change(session: Session, title: str, change: Callable[[Scene, IntArray], In
     return document.select(change(document.settled().scene, splats), "set", title)
 
 
-# --- selections with a name
+# --- named selections
 
 
 @notifies

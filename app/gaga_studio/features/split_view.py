@@ -173,7 +173,7 @@ def why_not(session: Session, side: Side) -> str:
     return ""
 
 
-# --- what the graphics card draws
+# --- sides drawn by the graphics card
 
 
 def right_view(session: Session, view: ViewState) -> ViewState:

@@ -285,7 +285,7 @@ class CameraRig:
             self._stop()
         return True
 
-    # --- inside
+    # --- private
 
     def _axes(self, pose: Pose) -> DoubleArray:
         """Rows right, down, forward (3, 3), world: the rotation of ``cam_from_world``."""

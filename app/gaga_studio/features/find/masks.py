@@ -202,7 +202,7 @@ class MaskPreview:
     seconds: float  # 0: it was there already
 
 
-# --- who can make masks
+# --- providers of masks
 
 
 def providers() -> tuple[ProviderEntry, ...]:

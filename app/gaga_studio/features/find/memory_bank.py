@@ -96,7 +96,7 @@ NEW, NONE = -1, 0
 _CHANGED = "The objects changed meanwhile. Try again."
 
 
-# --- a mask that belongs elsewhere
+# --- move a mask to another object
 
 
 @notifies
@@ -161,7 +161,7 @@ def repaired_labels(scene: Scene, before: IntArray, after: IntArray) -> IntArray
     return labels
 
 
-# --- an object that is two
+# --- split an object by its masks
 
 
 @notifies
@@ -200,7 +200,7 @@ def split_by_masks(session: Session) -> bool:
     return session.jobs.start(f"Split {name}", stages.prepared("Vote again", stage), None, done)
 
 
-# --- what both read
+# --- shared by both repairs
 
 
 def evidence_of(session: Session, document: Document) -> "Evidence":

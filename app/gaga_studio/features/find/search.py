@@ -321,7 +321,7 @@ _LONGEST = 800  # longest side, pixels, of the picture for a detector
 EXAMPLES = "“red”, “the largest”, “yellow left of the bowl”"
 
 
-# --- every frame that the box is drawn in
+# --- every frame with the search box
 
 
 def tick(session: Session, kept: Kept | None = None) -> None:
@@ -386,7 +386,7 @@ def type_text(session: Session, text: str, size: tuple[int, int]) -> None:
         session.document.feature(SearchState).type(text, camera)
 
 
-# --- taking an answer
+# --- selecting an answer
 
 
 def take_hit(session: Session, at: int | None = None, *, flies: bool = True) -> bool:

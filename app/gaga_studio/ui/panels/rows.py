@@ -487,7 +487,7 @@ class ObjectRow:
             if not commands.command(command_id).enabled(self.session):
                 command_buttons.command_item(self.session, command_id)
 
-    # --- what is shown
+    # --- content
 
     def _swatch(self) -> None:
         """A dot in the color of the object; a click changes it."""
