@@ -86,7 +86,7 @@ MaybeNumber = Number | UnsetType
 MaybeVector = Vector | UnsetType
 MaybeMatrix = Matrix | UnsetType
 
-# --- the target of an operation ------------------------------------------------------------------
+# --- the target of an operation -----------------------------------------------------------------
 
 
 def given(value: _T | UnsetType, default: _T) -> _T:
@@ -182,7 +182,7 @@ def _reach(scene: Scene, splats: IntArray, reach: MaybeNumber) -> float:
     return reach
 
 
-# --- the operation type --------------------------------------------------------------------------
+# --- the operation type -------------------------------------------------------------------------
 
 # Parameters that stand for the field "groups", and those that are no field.
 _OF_GROUPS = {"splats": splats_of, "objects": groups_of, "group": one_object_of}

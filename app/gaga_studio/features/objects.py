@@ -218,7 +218,7 @@ def isolated(session: Session) -> str:
     return ", ".join(names)
 
 
-# --- levels of detail of objects from regions: of all, shown while dragged, and of one
+# --- levels of detail of objects: of all, shown while dragged, and of one
 
 
 def preview_level(session: Session, level: int) -> None:
