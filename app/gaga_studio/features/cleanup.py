@@ -318,7 +318,7 @@ def _snapshot(session: Session, plan: ReducePlan) -> tuple[Scene, Sequence[Camer
 def _no_cleaning(session: Session) -> str:
     if shown(session) is not None:
         return ""
-    return no_scene(session) or "There is no preview of a cleaning. Use Clean up first."
+    return no_scene(session) or "There is no clean-up preview. Use Clean up first."
 
 
 def _not_ready(session: Session) -> str:

@@ -204,4 +204,4 @@ def test_it_says_what_it_needs(new_session: Callable[[], Session], at_table: Ses
     assert "No scene" in command("object.fill").enabled(new_session())
     selection.select_none(at_table)
     assert "nothing was deleted" in command("object.fill").enabled(at_table)
-    assert "no preview" in command("object.fill_apply").enabled(at_table)
+    assert "no fill preview" in command("object.fill_apply").enabled(at_table)
