@@ -16,23 +16,21 @@ from tests.display import xvfb
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 _OURS = ("gaga", ".gaga", "torchelastic", "dask")  # how names of what we leave would begin
 # What is not in `make quick`: windows, programs, placement, training, fills, models, and files of
-# tests that took more than three seconds in all.
+# tests that take more than three seconds in all.
 _SLOW_FOLDERS = frozenset(
     (
-        *("window", "commands", "captures", "faults", "fuzz", "soak", "web", "gpu", "docs"),
-        *("pipeline", "reconstruct", "placing", "training", "fill", "cli", "segmentation"),
-        *("query", "demo"),
+        *("window", "captures", "faults", "fuzz", "soak", "web", "gpu", "docs", "tools"),
+        *("pipeline", "placing", "training", "fill", "cli", "segmentation", "query"),
     )
 )
 _SLOW_FILES = frozenset(
     (
-        *("test_reconstruction", "test_two_writers", "test_benchmark", "test_compare"),
-        *("test_benchmark_prompts", "test_app_folder", "test_packaging", "test_readme"),
-        *("test_entry_points", "test_fill", "test_click_model", "test_level_of_detail"),
-        *("test_probe", "test_thumbnails", "test_truncated_while_read", "test_first_steps"),
-        *("test_session", "test_saving", "test_tools", "test_edits", "test_splat_files"),
-        *("test_history_copy", "test_parents", "test_proxy_mesh", "test_region_tools"),
-        *("test_requests", "test_saved_by_0_1_0", "test_objects", "test_consensus"),
+        *("test_api", "test_app_folder", "test_association", "test_autosave", "test_benchmark"),
+        *("test_benchmark_prompts", "test_benchmark_splats", "test_cameras", "test_click_object"),
+        *("test_commands", "test_compare", "test_entry_points", "test_fill", "test_first_steps"),
+        *("test_masks", "test_operators", "test_packaging", "test_probe", "test_readme"),
+        *("test_reconstruction", "test_requests", "test_search", "test_session"),
+        *("test_splat_files", "test_truncated_while_read", "test_two_writers"),
     )
 )
 _SLOW_FIXTURES = frozenset(("gl", "display", "ycb_table", "garden", "placed_room"))

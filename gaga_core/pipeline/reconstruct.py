@@ -41,8 +41,8 @@ from gaga_core.pipeline.place import (
     write_entry,
 )
 from gaga_core.pipeline.settings import ReconstructConfig
+from gaga_core.placing.checks import check_poses_stage
 from gaga_core.placing.photos import UNREAD_SUFFIXES, is_video, list_photos, unread_kinds
-from gaga_core.placing.pose_check import check_poses_stage
 from gaga_core.placing.undistort import ORIGINALS
 from gaga_core.placing.video import expected_frames
 from gaga_core.progress import Progress, Stage

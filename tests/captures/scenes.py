@@ -19,7 +19,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.images import read_rgb
 from gaga_core.io.video import ffmpeg_program
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
-from tests.core.reconstruct.photo_scenes import texture, write_photos
+from tests.core.placing.photo_scenes import texture, write_photos
 from tools.demo.scene import build, photo_cameras, posed
 
 SIZE = (400, 300)  # width, height of a photo, pixels

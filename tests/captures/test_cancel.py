@@ -9,7 +9,7 @@ from gaga_core.placing.ladder import LadderConfig, Placement, place_stage
 from gaga_core.placing.photos import PhotoSet, list_photos, prepare_photos
 from gaga_core.placing.sfm import SfmConfig
 from gaga_core.progress import run_stage
-from tests.core.reconstruct.photo_scenes import write_photos
+from tests.core.placing.photo_scenes import write_photos
 
 _SFM = SfmConfig(feature_side=320, n_features=1500, doubled=False)
 _ALL = LadderConfig(enough=1.01)  # so that every attempt is made

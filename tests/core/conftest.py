@@ -1,7 +1,9 @@
 """Fixtures of the core's tests that are costly to make."""
 
 import json
+import multiprocessing
 from dataclasses import dataclass
+from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,7 @@ from gaga_core.placing.metrics import SfmFacts
 from gaga_core.placing.photos import PhotoSet, list_photos, prepare_photos, read_photo_set
 from gaga_core.placing.sfm import SfmConfig, require_overlap, run_matching, run_step
 from gaga_core.progress import Stage, run_stage
-from tests.core.reconstruct.photo_scenes import walk_cameras, write_photos
+from tests.core.placing.photo_scenes import walk_cameras, write_photos
 from tests.made import made_once
 
 
@@ -54,3 +56,11 @@ def placed_room(tmp_path_factory: pytest.TempPathFactory) -> PlacedRoom:
     facts = SfmFacts.load(root / "work" / "facts.npz")
     photos = read_photo_set(root / "photos.json")
     return PlacedRoom(photos, walk_cameras(8), root / "work", facts)
+
+
+@pytest.fixture(scope="session")
+def programs() -> ForkServerContext:
+    """Starts processes in which the core and torch are imported already."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["pytest", "torch", "tests.core.scene.two_writers"])
+    return context

@@ -29,7 +29,7 @@ from gaga_core.progress import run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.scene import Scene
 from tests.core.grouping.true_masks import permuted, true_map
-from tests.core.reconstruct.photo_scenes import FOCAL, write_photos
+from tests.core.placing.photo_scenes import FOCAL, write_photos
 from tests.scenes import Synthetic, objects_scene
 
 Version = str  # "A" or "B"

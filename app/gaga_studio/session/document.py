@@ -75,7 +75,7 @@ class SaveState:
 class Closes(Protocol):
     """State of a feature that ends something when its document is closed."""
 
-    def closed(self, session: "Session") -> None:
+    def on_close(self, session: "Session") -> None:
         """End it."""
         ...
 
@@ -104,11 +104,11 @@ class Document:
             self._features[kind] = kind()
         return cast(T, self._features[kind])
 
-    def closed(self, session: "Session") -> None:
+    def on_close(self, session: "Session") -> None:
         """Tell the features that end something when the document is closed."""
         for state in self._features.values():
             if isinstance(state, Closes):
-                state.closed(session)
+                state.on_close(session)
 
     @property
     def name(self) -> str:

@@ -336,7 +336,7 @@ class Session:
     def _forget(self) -> None:
         if self.document is not None:
             saving.release(self.document.lock)
-            self.document.closed(self)
+            self.document.on_close(self)
         # What a notice offers is about the scene that it was made for.
         self.notices = tuple(notice for notice in self.notices if not notice.command)
         self.document = self.live = self.active_view = self.photos = self.training = None

@@ -21,7 +21,7 @@ from gaga_studio.features.commands import run
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, PhotoCompareMode, RenderRequests, ViewState
-from gaga_studio.ui.viewport import view_cube
+from gaga_studio.ui.viewport import gizmo
 
 _POINTS = np.array([[0.2, 0.1, 0.0], [-0.3, 0.2, 0.1], [0.0, -0.2, 0.3]])
 
@@ -131,7 +131,7 @@ def test_orthographic_shows_near_and_far_alike_and_the_pivot_as_before() -> None
 
 @pytest.mark.parametrize("axis", ["front", "back", "left", "right", "top", "bottom"])
 def test_the_cube_s_faces_are_the_axis_views(axis: str) -> None:
-    side = {name.lower(): normal for name, normal in view_cube._SIDES}[axis]
+    side = {name.lower(): normal for name, normal in gizmo._SIDES}[axis]
     by_name, by_cube = CameraRig(), CameraRig()
     for rig in (by_name, by_cube):
         rig.frame_scene(np.full(3, -1.0), np.full(3, 1.0))
@@ -144,8 +144,8 @@ def test_the_cube_s_faces_are_the_axis_views(axis: str) -> None:
     a, b = (rig.camera(800, 600).cam_from_world for rig in (by_name, by_cube))
     np.testing.assert_allclose(a, b, atol=1e-9)
     # From there the middle of the cube's picture is this face.
-    assert view_cube.hit(by_cube.cube, 0, 0) == side
-    assert view_cube.name_of(side) == axis
+    assert gizmo.hit(by_cube.cube, 0, 0) == side
+    assert gizmo.name_of(side) == axis
 
 
 def test_a_click_on_the_cube_hits_what_looks_at_the_eye() -> None:
@@ -159,13 +159,13 @@ def test_a_click_on_the_cube_hits_what_looks_at_the_eye() -> None:
             side = (x, y, z)
         rig.look_from(side)
         rig.update(1)
-        assert view_cube.hit(rig.cube, 0, 0) == side  # a corner is in the middle, too
+        assert gizmo.hit(rig.cube, 0, 0) == side  # a corner is in the middle, too
         rig.orbit(float(rng.uniform(-300, 300)), float(rng.uniform(-100, 100)))
         u, v = rng.uniform(-2, 2, 2)
-        found = view_cube.hit(rig.cube, float(u), float(v))
+        found = gizmo.hit(rig.cube, float(u), float(v))
         if found is not None:
             assert (rig.cube @ np.array(found))[2] < 0.7
-        assert view_cube.hit(rig.cube, 1.9, 1.9) is None
+        assert gizmo.hit(rig.cube, 1.9, 1.9) is None
 
 
 def test_the_photo_lies_exactly_over_the_picture(session: Session) -> None:

@@ -1,7 +1,5 @@
 """Clean up: a preview that changes nothing, one entry when applied, and cleaning first."""
 
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -228,12 +226,6 @@ def test_a_save_is_without_the_colors_of_the_preview(
     export.export(session, "scene", target)
     finish(session)
     np.testing.assert_array_equal(read_ply(target).sh, session.need().scene.gaussians.sh)
-
-
-def test_cleaning_is_imported_when_it_runs() -> None:
-    code = "import sys, gaga_studio.studio; print('gaga_core.scene.cleanup' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
 
 
 @pytest.fixture

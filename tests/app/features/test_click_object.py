@@ -16,7 +16,7 @@ from gaga_studio.session.view import ToolName
 from gaga_studio.tools.gestures import KeyState
 from tests.app.tools.hand import H, Hand, W, titles
 from tests.color_oracle import Answer, ColorOracle, clicked_things
-from tests.core.models.hub_server import fresh_models
+from tests.core.segmentation.models.hub_server import fresh_models
 from tests.scenes import objects_scene
 
 BALL = 0.28  # radius

@@ -20,8 +20,8 @@ from gaga_studio.session.notices import Level, Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.viewport.viewport import preview_badge
 from tests.app.looks import finish, snapshot
-from tests.core.scene.fill import models
-from tests.core.scene.fill.tables import BOX, TABLE, table_with_box
+from tests.core.fill import models
+from tests.core.fill.tables import BOX, TABLE, table_with_box
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from gaga_studio.features.find import association, masks
 from gaga_studio.features.find.masks import MaskPreview, MaskRequest, ModelsState
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
-from tests.core.models.hub_server import Hub, fresh_models, serve
+from tests.core.segmentation.models.hub_server import Hub, fresh_models, serve
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from gaga_studio.features.reconstruction import ReconstructionPlan
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, TrainingUpdate, smoothed
-from tests.core.reconstruct.photo_scenes import write_photos
+from tests.core.placing.photo_scenes import write_photos
 from tests.scenes import objects_scene
 
 TINY = ReconstructConfig(iterations=30, max_side=96)

@@ -24,8 +24,8 @@ from gaga_studio.tools.pick import surface_point
 from tests.app.floaters import GROUP, planted
 from tests.app.looks import snapshot
 from tests.app.window.driver import KEY, Driver, drive
-from tests.core.scene.fill import models
-from tests.core.scene.fill.tables import BOX, table_with_box
+from tests.core.fill import models
+from tests.core.fill.tables import BOX, table_with_box
 from tests.scenes import objects_scene
 
 pytestmark = pytest.mark.window

@@ -22,8 +22,8 @@ from gaga_studio.session.view import Mode
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.color_oracle import ColorOracle
-from tests.core.models.hub_server import Hub, fresh_models, serve
-from tests.core.reconstruct.photo_scenes import write_photos
+from tests.core.placing.photo_scenes import write_photos
+from tests.core.segmentation.models.hub_server import Hub, fresh_models, serve
 from tests.scenes import objects_scene
 
 pytestmark = pytest.mark.window

@@ -107,13 +107,14 @@ def test_opening_editing_and_saving_import_neither_torch_nor_transformers(tmp_pa
 import sys
 from pathlib import Path
 import gaga_studio.studio
+from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 session = Session()
 session.open(Path({str(tmp_path / "scene")!r}))
 session.jobs.wait()
 session.tick(0.1)
 assert session.scene is not None
-associate.associate(session)
+association.associate(session)
 session.jobs.wait()
 session.tick(0.1)
 session.save()

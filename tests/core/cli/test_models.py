@@ -12,7 +12,7 @@ from gaga_core.segmentation.models.catalogue import CATALOGUE, known_model
 from gaga_core.segmentation.models.download import read_lock
 from tests.app.folders import write_scene
 from tests.core.cli.calls import answer, refusal
-from tests.core.models.hub_server import COMMIT, Hub, fresh_models, serve
+from tests.core.segmentation.models.hub_server import COMMIT, Hub, fresh_models, serve
 
 Capture = pytest.CaptureFixture[str]
 TINY = known_model("sam2.1-tiny")

@@ -27,10 +27,8 @@ from gaga_core.training.settings import TrainConfig
 from gaga_core.training.train import train
 from gaga_core.training.views import TrainView, TrainViews
 from gaga_core.scene.objects import object_table
-from gaga_core.scene.selection.click_graph import click_graph_stage
 from gaga_core.scene.selection.by_screen import pick
 from gaga_core.scene.selection.click import click_graph_stage
-from gaga_core.scene.selection.picking import pick
 from gaga_core.scene.scene import Scene
 from gaga_core.pipeline.compile_kernels import warm_up_stage
 from tests.scenes import objects_scene

@@ -13,7 +13,7 @@ from gaga_core.pipeline import run
 from gaga_core.pipeline.run import RunConfig, missing_stages, run_folder
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
-from tests.core.reconstruct.photo_scenes import write_photos
+from tests.core.placing.photo_scenes import write_photos
 from tests.core.segmentation.fake_provider import Quarters
 
 TINY = ("--iterations", "30", "--max-side", "96")

@@ -61,7 +61,7 @@ class Timeline:
     waited_s: float = 0.0  # at this step
     former_mode: Mode = Mode.COLOR  # that comes back when the replay is closed
 
-    def closed(self, session: Session) -> None:
+    def on_close(self, session: Session) -> None:
         """Show what was shown before the replay."""
         if self.is_open and session.view.mode is Mode.GROUPS:
             session.view.mode = self.former_mode

@@ -1,0 +1,48 @@
+"""What is told of models on this machine: here or not, how long a photo takes."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gaga_core.segmentation.models import status
+from gaga_core.segmentation.models.catalogue import CATALOGUE, known_model
+from gaga_core.segmentation.models.status import all_models, status_of
+from tests.core.segmentation.models.conftest import TINY
+
+
+def test_an_estimate_comes_before_the_first_use_and_a_measurement_after(models: Path) -> None:
+    estimate = status.seconds_a_photo(TINY)
+    assert estimate is not None
+    assert 0.05 < estimate[0] < 3600
+    assert not estimate[1]
+    larger = status.seconds_a_photo(known_model("sam2.1-large"))
+    assert larger is not None
+    ratio = known_model("sam2.1-large").gigaflop / TINY.gigaflop
+    assert larger[0] / estimate[0] == pytest.approx(ratio), "this machine is timed once"
+    assert status.seconds_a_photo(known_model("sam-huge")) is None, "its work is not known"
+    for seconds in (12.5, 9.25):
+        status.record(TINY.name, seconds)
+        assert status.seconds_a_photo(TINY) == (seconds, True)
+    status.record(TINY.name, 0.0)
+    assert status.measured(TINY.name) == 9.25
+    (models / "speed.json").write_text("{")
+    assert status.measured(TINY.name) is None, "damaged: measured again"
+    assert status.seconds_a_photo(TINY) is not None
+
+
+def test_the_list_tells_every_model_and_a_folder_put_there_by_hand(models: Path) -> None:
+    folder = models / TINY.name
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text(json.dumps({"model_type": "sam2"}))
+    (folder / "model.safetensors").write_bytes(b"w")
+    assert [entry.model for entry in all_models()] == list(CATALOGUE)
+    entry = status_of(TINY)
+    assert entry.path == folder
+    assert entry.lock is None
+    assert entry.to_json()["commit"] == ""
+    for other in all_models():
+        assert json.loads(json.dumps(other.to_json()))["page"] == other.model.page
+        assert (other.seconds is None) <= (not other.is_measured)
+        assert other.model.purpose == "masks" or other.seconds is None
+    assert status_of(known_model("sam3")).model.is_gated

@@ -1,0 +1,145 @@
+"""Multi-view stereo: points lie on the surfaces that photos show, and only there."""
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import DoubleArray, UInt8Array
+from gaga_core.camera import Camera
+from gaga_core.progress import run_stage
+from gaga_core.training.start import first_splats_stage
+from gaga_core.training.stereo import stereo_points_stage
+from gaga_core.training.stereo_kernels import count_agreeing
+from gaga_core.training.views import TrainView
+from tests.core.training.train_scenes import CPU, short
+from tests.scenes import orbit_cameras
+
+_RADIUS = 0.5  # of a ball at the origin; the floor is at z = -_RADIUS
+
+
+def _texture(p: DoubleArray) -> DoubleArray:
+    """Color (..., 3) in 0..1 of places in space: waves of many lengths."""
+    rng = np.random.default_rng(4)
+    waves = rng.normal(0, 12, (24, 3))
+    phases, amounts = rng.uniform(0, 6, 24), rng.normal(0, 0.3, (24, 3))
+    result: DoubleArray = np.clip(0.5 + np.sin(p @ waves.T + phases) @ amounts * 0.5, 0, 1)
+    return result
+
+
+def _photo(camera: Camera) -> TrainView:
+    """A ball on a floor, cast ray by ray."""
+    v, u = np.indices((camera.height, camera.width))
+    K = camera.K
+    rays = np.stack([(u + 0.5 - K[0, 2]) / K[0, 0], (v + 0.5 - K[1, 2]) / K[1, 1], u * 0 + 1.0], -1)
+    rays = rays @ camera.world_from_cam[:3, :3].T
+    eye = camera.position
+    a, b = (rays**2).sum(-1), rays @ eye
+    root = b**2 - a * (eye @ eye - _RADIUS**2)
+    to_ball = np.where(root > 0, (-b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
+    with np.errstate(divide="ignore"):
+        to_floor = (-_RADIUS - eye[2]) / rays[..., 2]
+    depth = np.minimum(to_ball, np.where(to_floor > 0, to_floor, np.inf))
+    seen = np.isfinite(depth)
+    color = np.zeros((*depth.shape, 3))
+    color[seen] = _texture(eye + rays[seen] * depth[seen, None])
+    return TrainView(camera, (color * 255).astype(np.uint8))
+
+
+def _off(points: DoubleArray) -> DoubleArray:
+    """Distance of points to the nearer of the two surfaces."""
+    ball = np.abs(np.linalg.norm(points, axis=1) - _RADIUS)
+    result: DoubleArray = np.minimum(ball, np.abs(points[:, 2] + _RADIUS))
+    return result
+
+
+@pytest.fixture(scope="module")
+def views() -> tuple[TrainView, ...]:
+    cameras = orbit_cameras(14, width=96, height=72, radius=2.0)
+    return tuple(_photo(camera) for camera in cameras)
+
+
+@pytest.fixture(scope="module")
+def known() -> DoubleArray:
+    """Some points, as structure from motion finds them."""
+    rng = np.random.default_rng(1)
+    on_ball = rng.normal(size=(30, 3))
+    on_ball *= _RADIUS / np.linalg.norm(on_ball, axis=1, keepdims=True)
+    on_floor = np.c_[rng.uniform(-1.5, 1.5, (30, 2)), np.full(30, -_RADIUS)]
+    return np.concatenate([on_ball, on_floor])
+
+
+def _found(
+    known: DoubleArray, views: tuple[TrainView, ...], most: int = 10**6
+) -> tuple[DoubleArray, UInt8Array]:
+    return run_stage(stereo_points_stage(known, views, most))
+
+
+def test_points_lie_on_the_surfaces_in_their_colors(
+    known: DoubleArray, views: tuple[TrainView, ...]
+) -> None:
+    points, colors = _found(known, views)
+    assert len(points) > 2000
+    off = _off(points)
+    assert np.median(off) < 0.005
+    assert np.quantile(off, 0.98) < 0.03
+    assert np.median(np.abs(colors / 255 - _texture(points))) < 0.06
+
+
+def test_what_no_other_photo_confirms_is_left_out(
+    known: DoubleArray, views: tuple[TrainView, ...]
+) -> None:
+    """Photos of noise match nothing: no point comes of them, and few of the others are lost."""
+    rng = np.random.default_rng(0)
+    noise = [rng.integers(0, 256, v.picture.shape).astype(np.uint8) for v in views]
+    noisy = tuple(TrainView(v.camera, picture) for v, picture in zip(views, noise, strict=True))
+    assert len(_found(known, noisy[:5])[0]) < 10
+    one = (*views[:5], noisy[5], *views[6:8])
+    points, _ = _found(known, one)
+    assert len(points) > 800
+    assert np.quantile(_off(points), 0.98) < 0.03
+
+
+def test_a_surface_is_taken_from_the_first_photo_that_shows_it() -> None:
+    """Three depth maps of one camera; the third is off by 2 % and confirms nothing."""
+    shape = (5, 7)
+    one = np.random.default_rng(0).uniform(0.5, 1, shape).astype(np.float32)
+    one[2, 3] = 0  # no depth here
+    maps = np.concatenate([one.ravel(), one.ravel(), 1.02 * one.ravel()]).astype(np.float32)
+    places = np.array([[35, 7, 5], [70, 7, 5]])
+    M, t = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3))
+    for is_before in (True, False):
+        counts, is_new = np.zeros(shape, np.int32), np.ones(shape, np.bool_)
+        before = np.array([is_before, is_before])
+        count_agreeing(one, maps, places, M, t, before, 0.01, counts, is_new)
+        np.testing.assert_array_equal(counts, one > 0)
+        np.testing.assert_array_equal(is_new, (one == 0) | (not is_before))
+
+
+def test_the_points_do_not_depend_on_threads(
+    known: DoubleArray, views: tuple[TrainView, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GAGA_THREADS", "1")
+    one = _found(known, views[:5], 500)
+    monkeypatch.setenv("GAGA_THREADS", "3")
+    three = _found(known, views[:5], 500)
+    assert len(one[0]) == 500
+    np.testing.assert_array_equal(one[0], three[0])
+    np.testing.assert_array_equal(one[1], three[1])
+
+
+def test_without_shared_points_nothing_is_found(views: tuple[TrainView, ...]) -> None:
+    assert len(_found(np.zeros((0, 3)), views)[0]) == 0
+    assert len(_found(np.full((9, 3), 50.0), views)[0]) == 0
+
+
+def test_a_training_starts_from_them(known: DoubleArray, views: tuple[TrainView, ...]) -> None:
+    """Up to as many as the settings say and the cap on splats allows."""
+    colors = np.full((len(known), 3), 128, np.uint8)
+
+    def first(stereo: int, cap: int) -> int:
+        config = short(5, stereo=stereo, cover=0).with_cap(cap)
+        return len(run_stage(first_splats_stage(known, colors, views[:5], config, CPU)))
+
+    assert first(0, 1000) == len(known)
+    assert first(300, 1000) == 300
+    assert first(300, 200) == 200
+    assert first(30, 1000) == len(known)

@@ -1,0 +1,68 @@
+"""Few photos: the result is the splats that drew the held-out views best, not the last ones."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.gaussians import Gaussians
+from gaga_core.progress import run_stage
+from gaga_core.training.settings import TrainConfig
+from gaga_core.training.train import Trained, train, train_stage
+from gaga_core.training.views import TrainView, TrainViews
+from tests.core.training.train_scenes import CPU, Known, assert_same, followed, short, stop_at
+
+
+@pytest.fixture(scope="module")
+def contrary(known: Known) -> Known:
+    """Held-out views show the first splats: whatever the photos teach is wrong there."""
+    views = []
+    for view in known.views.test:
+        image = np.clip(CPU.render(known.initial, view.camera).image, 0, 1)
+        views.append(TrainView(view.camera, (image * 255 + 0.5).astype(np.uint8)))
+    return replace(known, views=TrainViews(known.views.train, tuple(views)))
+
+
+def config(**changes: object) -> TrainConfig:
+    return short(30, measure_every=0.2, snapshot_seconds=0.0, sh_degree=1, **changes)
+
+
+def previewed(known: Known, settings: TrainConfig) -> tuple[Trained, list[Gaussians]]:
+    updates, trained = followed(train_stage(known.initial, known.views, settings, CPU))
+    return trained, [u.gaussians for u in updates if u.gaussians is not None]
+
+
+def test_the_best_measured_splats_are_the_result(contrary: Known) -> None:
+    trained, previews = previewed(contrary, config())
+    best = max(trained.measured, key=lambda m: m.psnr)
+    assert best.iteration == trained.kept < 30
+    assert trained.quality is not None
+    assert trained.quality.psnr == best.psnr > trained.measured[-1].psnr
+    then = previews[trained.kept - 1]
+    n_sh = then.sh.shape[1]
+    assert_same(replace(trained.gaussians, sh=trained.gaussians.sh[:, :n_sh].copy()), then)
+    assert not trained.gaussians.sh[:, n_sh:].any()
+    assert trained.gaussians.sh_degree == 1
+
+
+def test_the_last_ones_where_nothing_was_better_or_photos_are_many(contrary: Known) -> None:
+    for settings in (replace(config(), measure_every=1.0), config(keep_best=False)):
+        trained, previews = previewed(contrary, settings)
+        assert trained.kept == 30
+        assert_same(trained.gaussians, previews[-1])
+    assert TrainConfig().keeps_best(49)
+    assert not TrainConfig().keeps_best(50)
+    nothing = TrainViews(contrary.views.train, ())
+    assert train(contrary.initial, nothing, config(), CPU).kept == 30
+
+
+@pytest.mark.parametrize("stopped", [6, 13])
+def test_the_best_ones_survive_a_stop(contrary: Known, tmp_path: Path, stopped: int) -> None:
+    settings, file = config(), tmp_path / "training.npz"
+    whole = train(contrary.initial, contrary.views, settings, CPU)
+    stop_at(stopped, contrary.initial, contrary.views, settings, file)
+    again = train_stage(contrary.initial, contrary.views, settings, CPU, checkpoint=file)
+    resumed = run_stage(again)
+    assert (resumed.kept, resumed.measured) == (whole.kept, whole.measured)
+    assert_same(resumed.gaussians, whole.gaussians)
