@@ -1,4 +1,4 @@
-"""What `gaga_core` offers to scripts and notebooks: a dozen functions, and a `Scene` of objects.
+"""The interface of `gaga_core` for scripts and notebooks: functions, and a `Scene` of objects.
 
 Everything here runs to its end and shows a bar on standard error, or calls ``on_progress`` at each
 step instead. Errors that a person can fix are `GagaError`. What lies behind are the stages and
@@ -387,7 +387,7 @@ class _FunctionProvider:
         return fingerprint_of(self.name)
 
     def label_map(self, picture: Picture) -> Stage[IntArray]:
-        """What the function returns."""
+        """The return value of the function."""
         yield Progress("Make masks", 0, 1)
         return dense_labels(np.asarray(self.function(picture.image), np.int32))[0]
 

@@ -116,7 +116,7 @@ def group_palette(n_groups: int) -> FloatArray:
 def shades(hue: IntArray, shade: IntArray) -> FloatArray:
     """Colors (K, 3) of hues (K,), numbered from 0 as in `group_palette`.
 
-    ``shade`` (K,) is any number >= 0: it tells things of one hue apart by lightness alone.
+    ``shade`` (K,) is any number >= 0: it tells objects of one hue apart by lightness alone.
     """
     return _group_colors(hue, shade, np.full(len(hue), _CHROMA[0])).astype(np.float32)
 

@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Setting:
-    """What the window shows of a field, and which values it may have."""
+    """Title, unit and limits of a field."""
 
     title: str
     unit: str = ""

@@ -75,7 +75,7 @@ from gaga_studio.ui.viewport import training
 from gaga_studio.ui.viewport.training import PlanSheet
 from gaga_studio.ui.viewport.viewport import PictureState, ViewportPanel
 
-# --- What the panels and dialogs remember between frames; each part is defined next to its owner.
+# --- State of the panels and dialogs between frames; each part is defined next to its owner.
 
 
 @dataclass
@@ -154,7 +154,7 @@ def panels(session: Session, ui: UiState, picture: ViewportPanel) -> tuple[Panel
     )
 
 
-# --- What answers the requests of the session.
+# --- Handlers of the requests of the session.
 
 _POPUPS = {
     Request.SHORTCUTS: sheets.KEYS,
@@ -199,7 +199,7 @@ def _popup(name: str) -> Callable[[Session], object]:
     return lambda _: imgui.open_popup(name)
 
 
-# --- What becomes of an error while something is drawn: it is told, and the frame goes on.
+# --- Errors while drawing: they become notices, and the frame continues.
 # An error that leaves a child window, a popup or a table open would end the process at the end of
 # the frame. So the toolkit's stacks are put back to where they were before.
 
@@ -209,7 +209,7 @@ Act = Callable[[], object]
 class Guard:
     """Calls what the window wants drawn. ``tell`` gets the place and the error.
 
-    A place that fails in every frame in the same way is told of once.
+    A place that fails in every frame in the same way is reported once.
     """
 
     def __init__(self, tell: Callable[[str, Exception], None]) -> None:
@@ -221,7 +221,7 @@ class Guard:
         return lambda: self.call(place, act)
 
     def call(self, place: str, act: Act) -> None:
-        """Call ``act``; whatever it raises is told, never passed on."""
+        """Call ``act``; report what it raises, never pass it on."""
         stacks = _stacks()
         try:
             act()
@@ -248,7 +248,7 @@ def _stacks() -> imgui.internal.ErrorRecoveryState | None:
 
 
 def _put_back(stacks: imgui.internal.ErrorRecoveryState) -> None:
-    """Close what was opened since; in silence, for the error itself is told."""
+    """Close what was opened since, silently: the error itself is reported."""
     io = imgui.get_io()
     said = [f"config_error_recovery_enable_{what}" for what in ("assert", "tooltip", "debug_log")]
     kept = [getattr(io, name) for name in said]
@@ -314,7 +314,7 @@ class Studio:
             self.session.notify(Level.WARNING, f"{explain_os_error(error, home)} {lost}")
         self.window.run()
 
-    # --- what the window calls
+    # --- called by the window
 
     def _hooks(self) -> Hooks:
         session, guarded = self.session, self._guard.wrap
@@ -423,7 +423,7 @@ class Studio:
         session, ui, call = self.session, self.ui, self._guard.call
         is_covered = ui.scene.picture.evidence.decision is not None or session.live is not None
         steps = partial(first_steps.draw, session, ui.area, self._steps, is_covered=is_covered)
-        # A place of its own for each: a failure is told once while the same place goes on failing.
+        # One place for each: a failure is reported once while the same place keeps failing.
         call("Commands", self._answer_request)
         call("File dialog", ui.files.draw)
         call("Dialogs", lambda: sheets.draw(session, ui.palette))

@@ -86,7 +86,7 @@ MaybeNumber = Number | UnsetType
 MaybeVector = Vector | UnsetType
 MaybeMatrix = Matrix | UnsetType
 
-# --- what an operation acts on ------------------------------------------------------------------
+# --- the target of an operation -----------------------------------------------------------------
 
 
 def given(value: _T | UnsetType, default: _T) -> _T:
@@ -182,7 +182,7 @@ def _reach(scene: Scene, splats: IntArray, reach: MaybeNumber) -> float:
     return reach
 
 
-# --- what an operation is -----------------------------------------------------------------------
+# --- the operation type -------------------------------------------------------------------------
 
 # Parameters that stand for the field "groups", and those that are no field.
 _OF_GROUPS = {"splats": splats_of, "objects": groups_of, "group": one_object_of}
@@ -258,7 +258,7 @@ def select_none(scene: Scene) -> Edit | None:
 
 @operation
 def invert(scene: Scene) -> Edit | None:
-    """Select what is not selected."""
+    """Invert the selection."""
     return edits.select(scene, algebra.inverted(scene))
 
 
@@ -382,7 +382,7 @@ def mirror(scene: Scene, splats: IntArray, axis: Axis, about: MaybeVector = UNSE
 
 @operation
 def reset_placement(scene: Scene, splats: IntArray) -> Edit | None:
-    """Put back to where the file has it."""
+    """Reset the placement to that of the file."""
     return edits.reset_placement(scene, splats)
 
 
@@ -460,7 +460,7 @@ def split_here(scene: Scene, group: int) -> Edit | None:
 
 @operation
 def join_here(scene: Scene, group: int) -> Edit | None:
-    """Join one object with those that are one thing with it a level coarser."""
+    """Join one object with those that are one with it a level coarser."""
     return edits.join_here(scene, group)
 
 
@@ -525,7 +525,7 @@ def delete_folder(scene: Scene, folder: Path) -> Edit | None:
 
 @operation
 def set_parent(scene: Scene, parent: OneGroup, objects: list[int]) -> Edit | None:
-    """Put objects under another object; what lies under them goes along."""
+    """Put objects under another object; those under them go along."""
     if not objects:
         raise GagaError('no object is selected. Give "groups", or select first.')
     return edits.set_parent(scene, objects, one_object_of(scene, (parent,)))
@@ -533,7 +533,7 @@ def set_parent(scene: Scene, parent: OneGroup, objects: list[int]) -> Edit | Non
 
 @operation
 def leave_parent(scene: Scene, objects: list[int]) -> Edit | None:
-    """Take objects out from under the object that they lie under, to where that is."""
+    """Take objects out from under their parent, to where that is."""
     return edits.leave_parent(scene, objects)
 
 
@@ -542,7 +542,7 @@ def leave_parent(scene: Scene, objects: list[int]) -> Edit | None:
 
 @operation
 def select_sphere(scene: Scene, centre: Vector, radius: Number, how: How = "set") -> Edit | None:
-    """Splats whose centre lies in a ball."""
+    """Splats whose centre is in a ball."""
     found = by_volume.in_sphere(scene, np.array(centre, np.float64), radius)
     return edits.select(scene, found, how)
 
@@ -567,7 +567,7 @@ def select_range(
     high: MaybeNumber = UNSET,
     how: How = "set",
 ) -> Edit | None:
-    """Splats by a number of theirs."""
+    """Splats by a number, such as size or opacity."""
     found = by_value.in_range(scene, column, given(low, -np.inf), given(high, np.inf))
     return edits.select(scene, found, how)
 
@@ -594,14 +594,14 @@ def keep_set(scene: Scene, splats: IntArray, name: Name) -> Edit | None:
 
 @operation
 def grow(scene: Scene, splats: IntArray, reach: MaybeNumber = UNSET) -> Edit | None:
-    """Add what lies within a distance of the selection."""
+    """Add splats within a distance of the selection."""
     grown = neighbourhood.grown(scene, splats, _reach(scene, splats, reach))
     return edits.select(scene, grown, "set", "Grow")
 
 
 @operation
 def shrink(scene: Scene, splats: IntArray, reach: MaybeNumber = UNSET) -> Edit | None:
-    """Remove what lies near the border of the selection."""
+    """Remove splats near the border of the selection."""
     shrunk = neighbourhood.shrunk(scene, splats, _reach(scene, splats, reach))
     return edits.select(scene, shrunk, "set", "Shrink")
 
@@ -617,7 +617,7 @@ def crop(
 
 @operation
 def delete_floaters(scene: Scene, groups: Chosen = UNSET, strength: Positive = 1.0) -> Edit | None:
-    """Delete splats that stand alone: of the groups, else of everything."""
+    """Delete isolated splats: of the groups, else of everything."""
     among = algebra.everything(scene) if groups is UNSET else splats_of(scene, groups)
     return edits.delete(scene, floaters(scene, among, strength), "Delete floaters")
 
@@ -685,7 +685,7 @@ def fill(
 
 @operation
 def reduce(scene: Scene, views: Views, splats: IntArray, share: Share) -> Edit | None:
-    """Merge neighbours that are alike until a share of the splats is left."""
+    """Merge similar neighbours until a share of the splats is left."""
     # SciPy's and numba's import takes long: only where something is merged.
     from gaga_core.raster import choose
     from gaga_core.scene.reduce import reduce_stage, reduce_title, reduced_edit

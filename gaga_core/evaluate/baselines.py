@@ -1,4 +1,4 @@
-"""What the paper's ablation compares the memory bank with, as far as it needs no other network.
+"""Baselines of the paper's ablation that need no other network.
 
 Each baseline gives every mask of every view a group, as the bank does; `label_gaussians` then
 labels the Gaussians by the same vote for all, so that only the association differs. ("All
@@ -128,7 +128,7 @@ class MaskGroups:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What a baseline may use."""
+    """Input of a baseline."""
 
     gaussians: Gaussians
     views: tuple[Camera, ...]  # with masks, by name

@@ -204,7 +204,7 @@ _BANKS: Mapping[str, AssociateConfig] = {
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What every run reads."""
+    """Input of every run."""
 
     gaussians: Gaussians
     train: tuple[Camera, ...]

@@ -30,7 +30,7 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.project import Project
 
-# --- Pictures of what is true of a photo: its true map in colors, and where groups are wrong.
+# --- Ground truth of a photo as pictures: its true map in colors, and where groups are wrong.
 
 
 TRUTH = Path("gt") / "instance"  # where a scene folder has its true maps
@@ -79,7 +79,7 @@ PhotoSide = Literal["photo", "truth", "errors"]
 
 @dataclass(frozen=True)
 class PhotoFilmConfig:
-    """What a film through the photos shows."""
+    """Settings of a film through the photos."""
 
     left: PhotoSide = "photo"
     right: What = "groups"
@@ -169,11 +169,11 @@ def _centred(picture: UInt8Array, size: tuple[int, int]) -> UInt8Array:
     return whole
 
 
-# --- Where a view's groups agree with the true objects, pixel by pixel.
+# --- Agreement of a view's groups with the true objects, pixel by pixel.
 
 
 class Verdict(IntEnum):
-    """What is said of a pixel."""
+    """Judgement of a pixel."""
 
     VOID = 0  # no true object is there
     RIGHT = 1  # the group that stands for the true object

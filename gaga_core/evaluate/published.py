@@ -1,8 +1,8 @@
-"""Figures that the paper prints, in percent, each with the table that it stands in.
+"""Figures that the paper prints, in percent, each with its table.
 
 Tables are called by what they compare. Replica and ScanNet are means over the scenes, counted with
 void as a label of both sides (the published evaluation code). The paper's groups come from masks of
-SAM or EntitySeg. What is not here is not known to us with certainty, and is left out.
+SAM or EntitySeg. Figures that are not known with certainty are left out.
 """
 
 import re
@@ -150,7 +150,7 @@ PUBLISHED_RULE = "boxes of a detector, masks of SAM in them"  # how prompts were
 
 @dataclass(frozen=True)
 class Conditions:
-    """How one scene was scored."""
+    """Conditions under which one scene was scored."""
 
     split: str = ""  # rule that parted the views
     n_train: int = 0
@@ -162,7 +162,7 @@ class Conditions:
 
 
 def departures(dataset: str, scene: str, of: Conditions) -> tuple[str, ...]:
-    """What is not as published, one phrase a thing; none for a data set that nobody published."""
+    """Differences from the published conditions, a phrase each; none for unpublished data sets."""
     published = PROTOCOLS.get(dataset)
     if published is None:
         return ()
@@ -199,7 +199,7 @@ def absent_scenes(dataset: str, scenes: Sequence[str]) -> tuple[str, ...]:
 
 
 def sentences(dataset: str, scenes: Sequence[tuple[str, Conditions]]) -> list[str]:
-    """What every table of a data set says about how it was made."""
+    """Conditions that every table of a data set states."""
     if not scenes:
         return []
     found = []

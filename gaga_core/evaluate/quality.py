@@ -1,4 +1,4 @@
-"""How good each group of an association is: its picture against the masks that made it."""
+"""Quality of each group of an association: its picture against the masks that made it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -43,7 +43,7 @@ class GroupQuality:
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """What `quality_stage` found."""
+    """Result of `quality_stage`."""
 
     groups: Mapping[int, GroupQuality] = field(default_factory=dict)
 

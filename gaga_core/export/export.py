@@ -57,7 +57,7 @@ _SPLAT = 32  # bytes of a splat in a .splat
 
 
 class MeshForm(StrEnum):
-    """What is written of an object in place of its splats."""
+    """Solid that is written in place of an object's splats."""
 
     MESH = "mesh"  # closed surface with colors
     COLLIDER = "collider"  # convex, at most 255 triangles
@@ -112,7 +112,7 @@ _RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written to one file."""
+    """Summary of one written file."""
 
     n_splats: int
     psnr: float | None = None  # dB, see `picture_loss_stage`; None: nothing was decimated

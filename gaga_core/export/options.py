@@ -1,4 +1,4 @@
-"""What an export changes on the way: less color, a crop, another origin, other units.
+"""Changes of an export: less color, a crop, another origin, other units.
 
 This module is light: the command reads it to explain its options.
 """
@@ -22,7 +22,7 @@ _LOWEST = 0.5  # percent of the centres may lie under the ground: a few stray on
 
 @dataclass(frozen=True)
 class PageContent:
-    """What a web page shows besides the splats; world of the scene."""
+    """Content of a web page in addition to the splats; world of the scene."""
 
     title: str = ""  # empty: the name of the file
     start: Shot | None = None  # first view; None: the first bookmark, else photo, else all

@@ -43,7 +43,7 @@ _NEAREST = 0.05  # of the scene's radius: what a camera looks at is not nearer
 
 
 def content_of(project: Project) -> PageContent:
-    """What a page shows of a project besides its splats."""
+    """Content of a page of a project in addition to its splats."""
     folder = project.placed_folder
     return PageContent(
         title=folder.root.resolve().name if folder is not None else project.model_path.stem,

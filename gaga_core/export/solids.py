@@ -1,4 +1,4 @@
-"""Solids that physics engines take in place of an object: a convex hull, and its oriented box."""
+"""Solids of objects: a convex hull, an oriented box, and the surface as a triangle mesh."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -73,7 +73,7 @@ def _normals(box: OrientedBox | None) -> DoubleArray:
     """Unit directions (P, 3) of the planes of a simplified hull."""
     sides = np.zeros((0, 3)) if box is None else np.vstack([box.axes.T, -box.axes.T])
     even = even_directions(_PLANES - len(sides))
-    if box is not None:  # even where the box is a cube: long things are wrapped as tightly
+    if box is not None:  # even where the box is a cube: long objects are wrapped as tightly
         even = even / np.maximum(box.size, 1e-6 * box.size.max()) @ box.axes.T
         even /= np.linalg.norm(even, axis=1, keepdims=True)
     return np.vstack([sides, even])
@@ -119,7 +119,7 @@ _SEEN = 2.0  # voxels: a vertex no farther from a view's depth has its color
 
 @dataclass(frozen=True)
 class MeshConfig:
-    """How fine a mesh is."""
+    """Resolution of a mesh."""
 
     voxels: int = 96  # along the longest side of the object
 

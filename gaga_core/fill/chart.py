@@ -1,4 +1,4 @@
-"""A surface as a picture in its own plane: which cells are known, and which are a hole."""
+"""A surface as a picture in its own plane, and colors continued into its holes."""
 
 from dataclasses import dataclass, replace
 

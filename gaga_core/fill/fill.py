@@ -107,7 +107,7 @@ def _gaps(
     _, _, alpha = drawn(both, chart.plane, chart.corner, chart.step, chart.shape, rasterizer)
     thin = chart.hole & (alpha < _THIN)
     every = max(1, round(chart.plane.spacing / chart.step))
-    # The thinnest cell of its surroundings; equal ones are told apart by their place.
+    # The thinnest cell of its surroundings; equal ones are distinguished by their place.
     order = np.arange(thin.size).reshape(thin.shape) * 1e-9
     key = np.where(thin, 1 - alpha + order, 0)
     peak = thin & (key >= ndimage.maximum_filter(key, size=every))
@@ -175,7 +175,7 @@ def _colored(
     return replace(fresh, sh=sh)
 
 
-# --- Look at a filled hole: whatever new splats change next to it is taken out again.
+# --- Check a filled hole: what new splats change next to it is undone.
 
 
 _VIEWS = 16  # of those that show most of the hole
@@ -305,20 +305,20 @@ def _on_plane(camera: Camera, chart: Chart) -> tuple[DoubleArray, BoolArray]:
 
 
 _RIM_SPLAT = 0.8  # spacings: largest deviation of a seen splat that is made again
-_THING = 3.0  # sizes of the object: what is larger is no thing that stands on the surface
+_THING = 3.0  # sizes of the object: what is larger is no object that stands on the surface
 _BASE = 3.0  # cells: what is finer is texture
 
 
 @dataclass(frozen=True, eq=False)
 class _Shadow:
-    """What takes it off."""
+    """The correction that removes it."""
 
     factors: DoubleArray  # (H, W, 3)
     is_cast: bool  # its outline is that of the object
 
 
 class Work:
-    """What is found, part by part of the object."""
+    """Findings for each part of the object."""
 
     def __init__(
         self,
@@ -335,7 +335,7 @@ class Work:
         self.points = gaussians.means.astype(np.float64)
         sizes = _sizes(self.points, labels)
         self.size = float(sizes[is_object].max())
-        # Other things that the photos showed.
+        # Other objects that the photos showed.
         self.is_thing = ~is_object & self.is_known & (sizes < _THING * self.size)
         self.inpainter: Inpainter | None = None  # None: colors continue the surroundings
         self.is_refused = False  # a hole that was found is left open
@@ -478,7 +478,7 @@ _VISIBLE = 1.02  # factor of a color from which on it is changed
 
 @dataclass(frozen=True, eq=False)
 class Filling:
-    """What filling changes. Nothing is changed yet."""
+    """Changes of a fill; nothing is changed yet."""
 
     removed: LongArray  # (R,) rows of the object
     unseen: LongArray  # (U,) rows that no view ever saw and that the object hid
@@ -507,7 +507,7 @@ def fillable(scene: Scene) -> LongArray:
 
 
 def fill_title(scene: Scene, indices: AnyArray) -> str:
-    """What the edit is called in the history."""
+    """Title of the edit in the history."""
     if scene.has(State.DELETED)[indices].all():
         return "Fill what was deleted"
     groups = np.unique(scene.labels[indices])

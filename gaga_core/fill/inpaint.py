@@ -3,7 +3,7 @@
 LaMa (Suvorov et al. 2022, "Resolution-robust Large Mask Inpainting with Fourier Convolutions") is
 published as ``big-lama.pt``: it takes an image (1, 3, H, W) and a mask (1, 1, H, W), 1 where it is
 to paint, both float32 0..1 with sides that 8 divides, and returns the image (1, 3, H, W), 0..1.
-Only torch reads it, in a process of its own that ends with the work, whatever a model does.
+Only torch reads it, in a separate process that ends with the work, whatever a model does.
 Nothing is ever downloaded.
 """
 
@@ -45,7 +45,7 @@ def why_no_model() -> str:
 
 
 class Inpainter:
-    """A model in a process of its own, which ends with the context.
+    """A model in a separate process, which ends with the context.
 
     TorchScript holds no Python, but it can run any operator of torch: only files of a trusted
     source are to be loaded. ``sha256``: of the file that is expected, hexadecimal; "" = any.
@@ -111,7 +111,7 @@ class Inpainter:
         return np.where(hole[:, :, None], np.clip(result, 0, 1), color)
 
     def _answer(self, message: str) -> Stage[DoubleArray]:
-        """What the process sends next; its errors are raised here."""
+        """The next message of the process; its errors are raised here."""
         try:
             while not self._pipe.poll(_SECONDS):
                 yield Progress(_STAGE, 0, 0, message)
@@ -146,7 +146,7 @@ def _serve(path: Path, pipe: Connection) -> None:
             pipe.send(_run(path.name, model, image, mask))
     except GagaError as error:
         pipe.send(str(error))
-    except EOFError:  # nobody asks any more
+    except EOFError:  # no more requests
         return
 
 

@@ -19,7 +19,7 @@ from gaga_core.fill.chart import Chart, blurred, tolerance_of
 # for the light: it is that of the object's own splats, moved along the surface by so much for each
 # unit of height. The light whose shadow explains the brightness of the surface best is taken
 # (between-class variance over all variance, Otsu 1979), and it is none when that explains little:
-# dark wood, stripes and the shadows of other things have other outlines.
+# dark wood, stripes and the shadows of other objects have other outlines.
 
 
 _TURNS = 24  # of the light around the object
@@ -49,7 +49,7 @@ def cast_shadow(
     """The shadow of the splats at ``own`` (K, 3), plane coordinates; None where there is none.
 
     ``dark``: (H, W) log of the light that is missing, up to a constant; ``foot``: (H, W) where the
-    object stands; ``taken``: (H, W) where other things do.
+    object stands; ``taken``: (H, W) where other objects do.
     """
     free = chart.known & ~ndimage.binary_dilation(taken, iterations=2) & ~foot
     ring = round(max(_LEAST_RING, _RING * np.sqrt(foot.sum())))
@@ -108,7 +108,7 @@ def _explained(dark: DoubleArray, bright: DoubleArray) -> tuple[float, float]:
     return depth, between / max(float(both.var()), 1e-9)
 
 
-# --- By how much light each place lacks.
+# --- The share of light that each place lacks.
 
 
 _DARK = 0.02  # color that counts as black
@@ -126,8 +126,8 @@ _FAR = 0.5  # sizes of the hole: what is farther away is its surroundings
 _RIM = 0.25  # sizes of the hole, where its shadow begins
 _AT_FOOT = 3.0  # cells from the hole
 _ONE_PIECE = 0.6  # share of the outline that lacks light without a break
-_LEAST_FOOT = 20  # cells on which a thing stands
-_BELOW = 0.03  # share of a thing's splats that are under what it stands on
+_LEAST_FOOT = 20  # cells on which an object stands
+_BELOW = 0.03  # share of an object's splats that are under its support
 _PENUMBRA = 0.1  # sizes of the foot over which a shadow's edge is soft
 _NEAR = 0.12  # sizes of the hole: so near to it a shadow is darkest
 _SHADOW = 0.05  # mean log factor there under which nothing is a shadow
@@ -151,7 +151,7 @@ _PULLS = 4  # steps towards them
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Where a stain may be, and with what it is compared."""
+    """Area of a possible shadow, and the area to compare it with."""
 
     log: DoubleArray  # (H, W, 3) colors, without the fall-off of light
     may: BoolArray  # (H, W)
@@ -170,7 +170,7 @@ def gains(
 ) -> DoubleArray:
     """Factors (H, W, 3) by which known cells are too dark next to the object's place; 1 elsewhere.
 
-    ``foot``: (H, W) where it stands; ``taken``: (H, W) where other things do: what is nearer to
+    ``foot``: (H, W) where it stands; ``taken``: (H, W) where other objects do: what is nearer to
     them is their shadow. ``cast``: the shadow that it casts. Without one there is no stain unless
     the rim of the foot is clearly darker than other places of the surface.
     """

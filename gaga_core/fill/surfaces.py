@@ -1,4 +1,4 @@
-"""The surfaces next to an object: planes through the splats around it."""
+"""The surfaces next to an object, and what the photos saw of them while it stood there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from gaga_core.raster.base import Rasterizer
 
 @dataclass(frozen=True)
 class FillConfig:
-    """How a hole is found and filled."""
+    """Settings to find and fill a hole."""
 
     lighten: bool = True  # take the object's shadow off the surface that it stood on
     most_views: int = 64  # photos that are looked at, spread over those that show the object
@@ -188,7 +188,7 @@ def _plane(points: DoubleArray, plane: DoubleArray, towards: DoubleArray, label:
     return Plane(origin, axes, np.zeros(0, np.int64), spacing, thickness, label)
 
 
-# --- What the photos' cameras saw while the object stood there.
+# --- Views of the photos' cameras with the object in place.
 
 
 _AROUND = 32  # cameras where there are no photos
@@ -212,7 +212,7 @@ class SeenView:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """All looked-at views, and which splats can be told from them."""
+    """All looked-at views, and which splats they determine."""
 
     views: tuple[SeenView, ...]
     known: BoolArray  # (N,) shown by the photos; what only shimmers through the object is not

@@ -3,7 +3,7 @@
 Nothing of the former views is done again: their decisions stay in the memory bank's log, and their
 votes count by the weight that was saved with the labels. Preset "paper": the bank goes on as in
 section 3.2, as if the new views came last. Preset "robust": a mask takes the group that most of its
-pixels show; masks of things that no former mask showed are left, and the consensus of the new views
+pixels show; masks of objects in no earlier mask are left, and the consensus of the new views
 finds the groups among them.
 """
 
@@ -44,7 +44,7 @@ _SEEN_BACK = 0.15  # ... where neighbours say the same of the rest
 
 @dataclass(frozen=True, eq=False)
 class FormerGroups:
-    """What was saved of an association."""
+    """A saved association."""
 
     bank: MemoryBank
     labels: IntArray  # (N,) 0 = none
@@ -70,7 +70,7 @@ def add_views_stage(
     # A label map without any mask leaves no decision: it would be new for ever.
     new = [camera for camera in others if load_labels(masks, camera)[0].any()]
     if not new:
-        raise GagaError("All views that have masks took part already. There is nothing to add.")
+        raise GagaError("All views with masks are used already. There is nothing to add.")
     if former.bank.levels is not None or masks.are_regions:
         raise GagaError(
             "Groups with levels of detail are made of all views at once. Leave --add out."
@@ -207,10 +207,10 @@ def _seen_labels(
 
 
 def _known(table: LongArray, guessed: LongArray) -> BoolArray:
-    """Which masks (M + 1,) are of things that former masks showed.
+    """Which masks (M + 1,) are of objects that former masks showed.
 
     ``table`` (M + 1, G + 1) counts pixels by what was seen, ``guessed`` also by what neighbours
-    labelled: the back of a thing whose front is known, as far as some of it is seen, too.
+    labelled: the back of an object whose front is known, as far as some of it is seen, too.
     """
     n_pixels, row = table.sum(axis=1), np.arange(len(table))
     seen = table[:, 1:].sum(axis=1)
@@ -224,7 +224,7 @@ def _of_several(table: csr_matrix, config: ConsensusConfig) -> LongArray:
     """Dense ids of the masks that show several groups, as `merged_masks` finds them by points.
 
     By pixels the others count together, a floor shows a little of all that stands on it, but not
-    those that the view shows more of: at the rim of each thing some of its floor shows.
+    those that the view shows more of: at the rim of each object some of its floor shows.
     """
     leaders, entries = Leaders.of(table), table.tocoo()
     area = np.asarray(table.sum(axis=0)).ravel()

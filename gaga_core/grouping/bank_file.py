@@ -1,4 +1,4 @@
-"""What an association leaves on disk: bank.npz (owners, preset, decision log) and labels.npz."""
+"""Files of an association: bank.npz (owners, preset, decision log) and labels.npz."""
 
 import hashlib
 from collections.abc import Sequence
@@ -57,7 +57,7 @@ def bank_of(arrays: dict[str, AnyArray]) -> MemoryBank:
 
 
 def bank_digest(bank: MemoryBank) -> str:
-    """What tells the groups of ``bank`` from those of another one: 32 hex digits."""
+    """Digest that identifies the groups of ``bank``: 32 hex digits."""
     state = hashlib.blake2b(np.ascontiguousarray(bank.group, np.int32).tobytes(), digest_size=16)
     state.update(f"{bank.n_groups} {bank.preset}".encode())
     for decision in bank.log:

@@ -1,4 +1,4 @@
-"""How a saved memory bank grew: which Gaussians each view gave to which group (figure 2)."""
+"""The growth of a saved memory bank: which Gaussians each view gave to which group (figure 2)."""
 
 from dataclasses import dataclass
 from itertools import groupby
@@ -71,7 +71,7 @@ def growth_stage(
     for i, (view, decisions) in enumerate(by_view):
         camera = cameras.get(view)
         if camera is None:
-            raise GagaError(f"{view} has no masks any more. Choose the masks of this bank.")
+            raise GagaError(f"{view} no longer has masks. Choose the masks of this bank.")
         yield Progress(STAGE, i, len(by_view), view)
         masks, mask_of = gated.rendered(camera, rasterizer)
         was_free = group < 0
@@ -92,18 +92,18 @@ def growth_stage(
     )
 
 
-# --- The Gaussians of one mask with the depth gate and without it (figure 3), and whose they are.
+# --- The Gaussians of one mask with and without the depth gate (figure 3), and their groups.
 
 
 @dataclass(frozen=True, eq=False)
 class MaskSplats:
-    """Who lies behind a mask. ``gated`` is a subset of ``behind``."""
+    """The Gaussians behind a mask. ``gated`` is a subset of ``behind``."""
 
     gated: BoolArray  # (N,) G(m): the depth gate of section 3.2 lets them through
     behind: BoolArray  # (N,) everything whose centre projects into the mask, at any depth
 
     def of(self, has_gate: bool) -> BoolArray:
-        """Who counts (N,) with the gate or without."""
+        """The Gaussians (N,) that count, with the gate or without."""
         return self.gated if has_gate else self.behind
 
 
@@ -115,7 +115,7 @@ def mask_splats(gated: GatedViews, camera: Camera, mask: int) -> MaskSplats:
     masks, mask_of = gated.gaussians_of(camera)
     at = int(np.searchsorted(masks.ids, mask))
     if mask <= 0 or at >= len(masks.ids) or masks.ids[at] != mask:
-        raise GagaError(f"{camera.name} has no mask {mask} any more. Use the masks of this bank.")
+        raise GagaError(f"{camera.name} no longer has mask {mask}. Use the masks of this bank.")
     behind = gaussians_of_masks(gated.gaussians.means, camera, masks, open_bounds(masks))
     return MaskSplats(mask_of == at, behind == at)
 

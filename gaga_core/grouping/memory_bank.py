@@ -15,7 +15,7 @@ Preset = Literal["paper", "robust"]  # see `associate.AssociateConfig.of`
 
 @dataclass(frozen=True)
 class Decision:
-    """Why a mask went where it went."""
+    """The decision on a mask, with its reason."""
 
     view: str  # name of the view
     mask: int  # id in that view's label map

@@ -19,7 +19,7 @@ from gaga_core.identity.training_step import majority, nearest
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 
-# --- A code for each group: unit vectors of R^16, spread as far from each other as they go.
+# --- A code for each group: unit vectors of R^16, as far apart as possible.
 # Encodings that are their group's code, with the codes as the classifier, decode to the group by
 # one inner product: the closed form of the paper's identity encoding, without training.
 

@@ -19,7 +19,7 @@ from gaga_core.io.files import atomic_write
 from gaga_core.raster.base import LabelFrame, Rasterizer
 from gaga_core.threads import run_chunks
 
-# --- Identity encodings as colors: what Gaussians the training holds for alike look alike.
+# --- Identity encodings as colors: similar encodings have similar colors.
 
 
 _TAILS = (1.0, 99.0)  # percentiles that become 0 and 255: few far encodings do not gray the rest
@@ -102,7 +102,7 @@ class IdentityField:
 
 @dataclass(frozen=True, eq=False)
 class Identity:
-    """What a scene's Gaussians are: the field, and for each Gaussian a label to select it by."""
+    """The identities of a scene: the field, and for each Gaussian a label to select it by."""
 
     field: IdentityField
     labels: IntArray  # (N,) 1..G, 0 = none; what the field decodes
@@ -118,7 +118,7 @@ class Identity:
 
 @dataclass(frozen=True)
 class LiftFigures:
-    """What a mode counted and measured; None where it has no such figure."""
+    """Figures of a mode; None where it has no such figure."""
 
     from_bank: int | None = None  # Gaussians labelled by the memory bank alone
     from_neighbours: int | None = None  # Gaussians that no view shows, labelled by neighbours

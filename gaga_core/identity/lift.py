@@ -53,7 +53,7 @@ class LiftConfig:
 
 @dataclass(frozen=True, eq=False)
 class LiftTask:
-    """What every mode reads: groups of Gaussians, and the views that they came from."""
+    """Input of every mode: groups of Gaussians, and the views that they came from."""
 
     gaussians: Gaussians
     cameras: tuple[Camera, ...]  # training views with label maps

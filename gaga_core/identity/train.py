@@ -128,7 +128,7 @@ class PaperConfig:
 
 @dataclass(frozen=True)
 class TimeEstimate:
-    """How long a run will take; the payload of the first progress, before anything is trained."""
+    """Estimated time of a run; the payload of the first progress, before anything is trained."""
 
     seconds: float
     seconds_per_step: float
@@ -183,7 +183,7 @@ def train_identity(
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """What does not change while training."""
+    """Constants of a training."""
 
     batches: Sequence[Batch]  # one a view
     near: IntArray  # (N, k) nearest neighbours, itself first

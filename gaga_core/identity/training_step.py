@@ -76,7 +76,7 @@ class IdentityGradients:
 
 @dataclass(frozen=True)
 class Fit:
-    """How well the layer reads the pixels of a batch."""
+    """Accuracy of the layer on the pixels of a batch."""
 
     loss: float  # mean cross-entropy, nats
     accuracy: float  # share of pixels with the right label

@@ -54,7 +54,7 @@ class DatasetScene:
     truth: MaskSet = field(default_factory=MaskSet)  # true label maps by view name, 0 = void
     prompts: PromptTruth | None = None
     truth_from: str = ""  # what the truth is, for tables: "ins_full", ...
-    missing: tuple[str, ...] = ()  # one sentence a thing that the scene lacks
+    missing: tuple[str, ...] = ()  # one sentence for each file that the scene lacks
 
     @property
     def name(self) -> str:
@@ -76,7 +76,7 @@ class Dataset:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What the reader of a layout found out about a scene."""
+    """A scene as the reader of a layout found it."""
 
     cameras: Iterable[Camera]
     photos: Mapping[str, Path]  # by view name
@@ -199,7 +199,7 @@ def _scene_of(root: Path, model: Path | None, layout: _Layout) -> DatasetScene:
 
 
 def _missing(scene: DatasetScene, wanted: set[str]) -> Iterable[str]:
-    """One sentence a thing that is not there."""
+    """One sentence for each file that is missing."""
     folder = scene.folder
     unposed = sorted(wanted - {camera.name for camera in folder.cameras})
     if unposed:
@@ -225,7 +225,7 @@ def _missing(scene: DatasetScene, wanted: set[str]) -> Iterable[str]:
         )
 
 
-# --- what the readers share
+# --- shared by the readers
 
 
 def _photos_of(root: Path, *folders: str) -> dict[str, Path]:

@@ -68,7 +68,7 @@ def _files(source: Path) -> Iterator[Path]:
 
 
 def _copied(folder: Path, name: Path) -> Path:
-    """Where a file of the assets lies in a copy."""
+    """Path of a file of the assets in a copy."""
     return folder / (_MODEL if name.name == _SHIPPED_MODEL else name)
 
 

@@ -1,4 +1,4 @@
-"""Files: written so that a failure loses nothing, told apart, and where our own assets lie."""
+"""Files: written so that a failure loses nothing, compared, and the paths of our assets."""
 
 import errno
 import hashlib

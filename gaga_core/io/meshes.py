@@ -26,7 +26,7 @@ class MeshFile(StrEnum):
 
     @property
     def suffix(self) -> str:
-        """What a file of this kind ends in."""
+        """Suffix of a file of this kind."""
         return f".{self}"
 
 

@@ -70,7 +70,9 @@ def associate_scene(
     if adds:
         former = _read_former(folder, len(gaussians), mask_path)
         if config.preset != former.bank.preset:
-            raise GagaError(f"These groups are of the preset {former.bank.preset}. Choose it.")
+            raise GagaError(
+                f"These groups were made with the preset {former.bank.preset}. Choose it."
+            )
         stage = add_views_stage(gaussians, cameras, mask_set, former, engine, config)
     else:
         stage = associate_stage(gaussians, cameras, mask_set, engine, config)
@@ -169,8 +171,8 @@ def _read_former(folder: SceneFolder, n_gaussians: int, mask_path: Path) -> Form
     entry = read_report_entry(folder.work / "report.json", "associate", AssociateEntry)
     if entry is not None and entry.mask_folder and not are_associated(folder, mask_path):
         raise GagaError(
-            f"These groups are of the masks in {entry.mask_folder}. Choose those, or associate "
-            "without --add."
+            f"These groups were made from the masks in {entry.mask_folder}. Choose those, or "
+            "associate without --add."
         )
     labels, confidence = read_groups(folder, n_gaussians)
     bank = load_bank(folder.work / "bank.npz")

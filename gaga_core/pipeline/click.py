@@ -58,7 +58,7 @@ class ViewBox:
 
 @dataclass(frozen=True, eq=False)
 class ClickedObject:
-    """What the clicks mean."""
+    """Answer to the clicks."""
 
     splats: IntArray  # (K,) ascending
     n_clicks: int
@@ -72,7 +72,7 @@ def click_stage(
     rasterizer: Rasterizer | None = None,
     prompter: Prompter | None = None,
 ) -> Stage[ClickedObject]:
-    """The splats that clicks on a thing and off it, in their order, select; a box comes first.
+    """The splats that clicks on an object and off it, in their order, select; a box comes first.
 
     Views are those of the scene folder, or the numbers from 0 of the views around a lone file of
     splats. With a ``prompter`` a model is asked, in the view of the first click. Raises
@@ -86,7 +86,7 @@ def click_stage(
     cameras = () if folder is None else folder.cameras
     views = click_views(cameras, algebra.world_means(scene, algebra.everything(scene)))
     if prompter is not None and box is not None:
-        raise GagaError("A model is asked by clicks. Give --click instead of --box.")
+        raise GagaError("A model segments by clicks. Give --click instead of --box.")
     places = [_on_surface(project, views, click) for click in clicks]
     frame = None if box is None else _view(project, views, box.view)
     if prompter is not None:
@@ -100,13 +100,15 @@ def click_stage(
         depth = engine.render(gaussians, frame).median_depth
         answer = boxed(graph, frame, (box.u0, box.v0, box.u1, box.v1), depth)
         if not answer.nodes.any():
-            raise GagaError(f"No whole object lies in the box in {box.view}. Give a larger one.")
+            raise GagaError(
+                f"There is no whole object in the box in {box.view}. Give a larger one."
+            )
     for place in places:
         answer = clicked(graph, answer, place)
     splats = graph.splats(answer.samples)
     splats = splats[algebra.selectable(project.scene)[splats]]
     if len(splats) == 0:
-        raise GagaError("Nothing is left of the object: the last clicks took all of it away.")
+        raise GagaError("Nothing is left of the object: the last clicks removed all of it.")
     return ClickedObject(splats, len(clicks) + (box is not None))
 
 
@@ -143,7 +145,7 @@ def _view(project: Project, views: Sequence[Camera], name: str) -> Camera:
 
 
 def _on_surface(project: Project, views: Sequence[Camera], click: ViewClick) -> Click:
-    """Where a click meets the surface."""
+    """Point of the surface under a click."""
     camera = _view(project, views, click.view)
     where = f"({click.u:g}, {click.v:g}) in {click.view}"
     if not (0 <= click.u < camera.width and 0 <= click.v < camera.height):
@@ -158,8 +160,8 @@ def _on_surface(project: Project, views: Sequence[Camera], click: ViewClick) -> 
 
 
 # --- Click to segment with a promptable model: masks of renderings, lifted and merged by votes.
-# The model is asked for the thing in the view that was clicked; its mask, where the depths pass
-# the gate (section 3.2 of the paper), votes for splats. Those show in views around the thing,
+# The model is asked for the object in the view that was clicked; its mask, where the depths pass
+# the gate (section 3.2 of the paper), votes for splats. Those show in views around the object,
 # where the clicks and the middle of what is chosen so far are the next prompts. A mask there that
 # does not fit what is chosen so far has no vote.
 
@@ -175,7 +177,7 @@ _GATE = GateConfig(iqr_floor=0.02, guard_near=True)
 
 @dataclass(frozen=True, eq=False)
 class Lifted:
-    """What the model's masks mean in 3D."""
+    """Object of the model's masks in 3D."""
 
     splats: IntArray  # (K,) rows of the Gaussians, ascending
     n_views: int  # whose masks voted
@@ -190,7 +192,7 @@ def model_clicks_stage(
     *,
     up: DoubleArray | None = None,
 ) -> Stage[Lifted]:
-    """The Gaussians of the thing that clicks mean, asked for in ``camera`` first.
+    """The Gaussians of the object that clicks mean, asked for in ``camera`` first.
 
     Raises ``GagaError`` when the view does not show the first click, or the model finds nothing.
     """
@@ -225,7 +227,7 @@ def _vote(
     chosen: BoolArray,  # (N,) so far
     votes: FloatArray,  # (N, 2) off, on: added to
 ) -> bool:
-    """Ask for the thing in one view and vote; False when the view has nothing to say."""
+    """Segment the object in one view and vote; False when the view has nothing to say."""
     frame = rasterizer.render(gaussians, view)
     shown = None
     if chosen.any():
@@ -282,7 +284,7 @@ def _best(
 
 
 def _ballot(mask: BoolArray, frame: Frame) -> IntArray:
-    """How each pixel votes (H, W): 1 on the thing, 0 off it, -1 not at all."""
+    """How each pixel votes (H, W): 1 on the object, 0 off it, -1 not at all."""
     depth = frame.median_depth
     low, high = depth_bounds(ViewMasks.of(mask.astype(np.int32)), depth, frame.alpha, _GATE)[1]
     passes = (depth > low) & (depth < high)

@@ -52,7 +52,7 @@ from gaga_core.progress import Progress, Stage, run_stage
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-# --- One scene of many as a task for any worker, and what became of it.
+# --- One scene of many as a task for any worker, and its result.
 # A worker may die at any moment. So every start of a task is a line in a file of the run
 # (`SceneTask.starts`), which is also how the run is stopped: a worker whose file is gone closes
 # its stage. Both need nothing but the folder that all workers see.
@@ -74,7 +74,7 @@ class SceneTask:
     starts: Path | None = None  # a line for each start of this run; None: starts are not counted
 
     def n_starts(self) -> int:
-        """How often a worker has started it in this run."""
+        """Number of times that a worker started it in this run."""
         if self.starts is None or not self.starts.is_file():
             return 0
         return len(self.starts.read_text(encoding="utf-8").splitlines())
@@ -82,7 +82,7 @@ class SceneTask:
 
 @dataclass(frozen=True)
 class SceneOutcome:
-    """What became of one scene."""
+    """Result of one scene."""
 
     scene: str  # `SceneTask.name`
     stages_run: tuple[str, ...] = ()
@@ -93,7 +93,7 @@ class SceneOutcome:
 
 @dataclass(frozen=True)
 class ScenesReport:
-    """What became of all."""
+    """Results of all scenes."""
 
     outcomes: tuple[SceneOutcome, ...] = field(default=())  # by name
     page: Path | None = None  # gaga-run.html, once it is written
@@ -148,7 +148,7 @@ def list_tasks(paths: Sequence[Path]) -> tuple[Path, tuple[SceneTask, ...]]:
         common = Path(os.path.commonpath([scene.parent for scene in found]))
     except ValueError as error:
         raise GagaError(
-            "The scenes lie on several drives. Run those of each drive alone."
+            "The scenes are on several drives. Run those of each drive separately."
         ) from error
     root = single if is_folder_of_scenes else common
     names = {scene: scene.relative_to(root).as_posix() for scene in found}
@@ -250,7 +250,7 @@ class _SignOfLife:
             raise CancelledError("The run was ended before it was complete.") from None
 
 
-# --- A page about many scenes that were run: what became of each, with a photo and its groups.
+# --- A page about many scenes that were run: the result of each, with a photo and its groups.
 
 
 PAGE = "gaga-run.html"  # in the folder of scenes
@@ -442,14 +442,14 @@ def _run_local(tasks: Sequence[SceneTask], config: RunConfig, engine: EngineConf
 
 
 def _exit_reason(status: int | None) -> str:
-    """What an exit status says of a process."""
+    """Meaning of an exit status of a process."""
     if status is not None and status < 0:
         return f"ended by signal {signal.Signals(-status).name}"
     return f"exit status {status}"
 
 
 def _received(connection: Connection) -> SceneOutcome | None:
-    """What a worker sent; None when it died."""
+    """The message of a worker; None when it died."""
     with connection:
         try:
             outcome = connection.recv()
@@ -557,7 +557,7 @@ def _n_dask_workers(client: "Client", engine: EngineConfig) -> int:
 
 
 def _dask_outcome(future: "Future[SceneOutcome]", task: SceneTask) -> SceneOutcome | None:
-    """What came back of a scene; None when its worker ended without an answer."""
+    """The result of a scene; None when its worker ended without an answer."""
     from distributed import KilledWorker
 
     if future.status == "finished":

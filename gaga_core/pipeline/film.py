@@ -38,7 +38,7 @@ def _check_kind(what: str) -> None:
 
 @dataclass(frozen=True)
 class Split:
-    """What lies left of the line in a film, and where the line is."""
+    """Content left of the line in a film, and the place of the line."""
 
     left: What = "rgb"
     at: float = 0.5  # share of the width that is left of the line
@@ -77,7 +77,7 @@ _KINDS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 
 @dataclass(frozen=True)
 class FilmConfig:
-    """What a film or a picture shows, and how."""
+    """Settings of a film or a picture."""
 
     what: What = "rgb"
     background: RGB = (0.0, 0.0, 0.0)
@@ -203,7 +203,7 @@ def painter_stage(
     *,
     transparent: bool = False,
 ) -> Stage[Painter]:
-    """Who draws the visible splats, edits applied. ``cameras`` give depth its range."""
+    """The renderer of the visible splats, edits applied. ``cameras`` give depth its range."""
     shown = np.flatnonzero(scene.visible)
     gaussians = yield from bake_stage(scene, indices=shown)
     if config.antialiased is not None:

@@ -28,7 +28,7 @@ _MOST = 0.75  # share of the numbered masks that must have a photo of their numb
 
 @dataclass(frozen=True)
 class ImportReport:
-    """What became of the masks."""
+    """Result of an import."""
 
     recognised: str  # one sentence: the form they came in
     name: str  # of the new mask folder

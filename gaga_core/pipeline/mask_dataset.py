@@ -50,7 +50,7 @@ _TINT = 0.6  # share of the group's color over the photo
 
 @dataclass(frozen=True)
 class MaskDataset:
-    """What was written."""
+    """The written files."""
 
     folder: Path
     views: tuple[str, ...]

@@ -131,7 +131,7 @@ def _film(video: Path, workspace: Path, config: ReconstructConfig) -> Stage[Phot
     return found
 
 
-# --- What the report says of a placement: photos that are in or out and why, and their links.
+# --- The report of a placement: placed and left out photos with reasons, and their links.
 
 
 _LINKED = 15  # verified matches that link two photos
@@ -247,7 +247,7 @@ class WrongModelError(GagaError):
     """The checks refuse the placement of the photos; ``finding`` says why and what to try."""
 
     def __init__(self, finding: str) -> None:
-        super().__init__(f"{finding} (--accept-wrong keeps it all the same.)")
+        super().__init__(f"{finding} (--accept-wrong keeps it anyway.)")
         self.finding = finding
 
 

@@ -57,7 +57,7 @@ SETTINGS, CHECKPOINT = "settings.json", "train.npz"  # of a training, in the wor
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """What was done."""
+    """Result of a reconstruction."""
 
     scene: Path
     stages_run: tuple[str, ...]  # of sfm, train
@@ -188,7 +188,7 @@ def _tidied(workspace: Path) -> Iterator[None]:
             shutil.rmtree(workspace, ignore_errors=True)
 
 
-# --- Photos without splats: what a path means, what was begun there, and how long it takes.
+# --- Photos without splats: what a path holds, which run to continue, and how long it takes.
 
 
 # Structure from motion of photos of a room, measured on two cores: seconds of one core.
@@ -213,7 +213,7 @@ class PhotoFind:
 
     @property
     def name(self) -> str:
-        """What to call it."""
+        """Its name."""
         return (self.photos or self.scene).name
 
     def seconds(self, config: ReconstructConfig) -> float:

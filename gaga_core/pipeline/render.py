@@ -58,7 +58,7 @@ def render_views(
 
 
 def _painter(folder: SceneFolder, what: What, model: Gaussians, engine: Rasterizer) -> _Paint:
-    """What writes the picture of a view."""
+    """The function that writes the picture of a view."""
     n = len(model)
     if what == "groups":
         read_groups(folder, n)  # its errors say what to do

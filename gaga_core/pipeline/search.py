@@ -262,7 +262,7 @@ def train_views(project: Project) -> tuple[Camera, ...]:
 
 
 def work_of(project: Project) -> Path:
-    """Where a project's index lies."""
+    """Path of a project's index."""
     return project.path or project.default_path
 
 
@@ -285,7 +285,7 @@ def _spread(cameras: Sequence[Camera], n: int) -> list[Camera]:
     return [cameras[i] for i in np.linspace(0, len(cameras) - 1, n).round().astype(int)]
 
 
-# --- Words for the groups of a scene that nobody has named, and which of them are background.
+# --- Words for the unnamed groups of a scene, and which of them are background.
 
 
 _FLAT, _SUPPORT = 0.2, 5.0  # a flat group this many times the median size carries or surrounds
@@ -293,10 +293,10 @@ _FLAT, _SUPPORT = 0.2, 5.0  # a flat group this many times the median size carri
 
 @dataclass(frozen=True)
 class Description:
-    """What was found out about the groups of a scene."""
+    """Findings about the groups of a scene."""
 
     words: Mapping[int, str]  # by group, of those without a name
-    background: frozenset[int]  # groups that are what things stand on, hang on, or lie before
+    background: frozenset[int]  # groups that are what objects stand on, hang on, or lie before
 
 
 def describe(

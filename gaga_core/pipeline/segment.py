@@ -42,7 +42,7 @@ from gaga_core.segmentation.regions import RegionsProvider
 # times over, since an object is found by the views that agree on it.
 
 
-_MOST = 20_000  # Gaussians that are looked at
+_MOST = 20_000  # Gaussians that are sampled
 _CELLS = 64  # of the coarse depth picture along its width
 _BEHIND = 1.08  # times the nearest depth of a cell: as far as that a Gaussian is seen
 _LEAST_LOGIT = -0.85  # opacity 0.3: fainter ones hide nothing and are not counted
@@ -104,7 +104,7 @@ _BLOCK = 1 << 24  # bytes hashed between two steps
 
 @dataclass(frozen=True)
 class SegmentReport:
-    """What was done."""
+    """Result of a segmentation."""
 
     provider: str
     folder: Path  # of the label maps
@@ -127,7 +127,7 @@ class SegmentReport:
             return failed
         n_done = len(self.made) + len(self.kept)
         stopped = f"The time was up after {n_done} photos; {len(self.left)} have no masks yet."
-        return (*failed, f"{stopped} The same command goes on there.")
+        return (*failed, f"{stopped} Run the same command to continue.")
 
     def to_json(self) -> dict[str, object]:
         """Plain values."""

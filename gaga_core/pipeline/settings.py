@@ -37,17 +37,17 @@ class ReconstructConfig:
     antialiased: bool = setting(False, "Antialiased")
     """Splats that also look right from nearer and farther away, in viewers with a mip mode."""
     exposure: bool = setting(False, "Photos differ in brightness")
-    """Photos differ in brightness or white balance: train that along, and leave it out."""
+    """Photos differ in brightness or white balance: train both for each, outside of the splats."""
     focal: float | None = setting(None, "Focal length", "pixels", above=0)
     """Focal length in pixels of the photos as they are; default: from EXIF, else estimated."""
     video_fps: float | None = setting(None, "Frames of each second", above=0, most=60)
-    """Frames to take of each second of a video; default: as it moves, the sharpest ones."""
+    """Frames to take of each second of a video; default: by its motion, the sharpest ones."""
     place_minutes: float | None = setting(None, "Minutes for placing", above=0, most=10_000)
     """Time for all attempts to place the photos; default: 20, 60 or 300 as the quality says."""
     foreground: str | None = setting(None, "Masks of the object")
     """Folder of masks of the object, NAME.png, black = background: the background is left out."""
     turntable: bool = setting(False, "Object on a turntable")
-    """The object turned in front of a camera that stood still: leave the background out."""
+    """The object turned in front of a fixed camera: leave the background out."""
     scene: int = setting(1, "Scene", least=1, most=9)
     """Which scene to make, by size, when the photos show several."""
     seed: int = 0
@@ -79,7 +79,7 @@ class ReconstructConfig:
         return replace(config, moving_only=self.turntable)
 
     def ladder(self) -> "LadderConfig":
-        """How long the photos may be tried to be placed."""
+        """Settings of the attempts to place the photos, with their time limit."""
         from gaga_core.placing.ladder import LadderConfig
 
         return LadderConfig(minutes=self.place_minutes or PLACE_MINUTES[self.quality])
@@ -105,7 +105,7 @@ class ReconstructConfig:
 
 @dataclass(frozen=True)
 class SegmentConfig:
-    """How pictures are given to a provider of masks."""
+    """Settings of pictures for a provider of masks."""
 
     longest_side: int = setting(1600, "Longest side", "pixels", least=0)
     """Larger photos are shrunk to this many pixels, and so are their label maps; 0 = never."""
@@ -185,7 +185,7 @@ Engine = Literal["local", "dask"]
 
 @dataclass(frozen=True)
 class EngineConfig:
-    """Who runs many scenes."""
+    """Workers that run many scenes."""
 
     engine: Engine = "local"
     workers: int = setting(2, "Workers", least=1)

@@ -1,7 +1,7 @@
 """Is a model of structure from motion right? A wrong one must not pass without a word.
 
 Mapping can place every photo and still be wrong: two halves turned against each other, a focal
-length that ran away, a wall that stands twice. The strongest witness is what the mapper did not
+length that diverged, a wall that appears twice. The strongest witness is what the mapper did not
 use up: the verified matches of every pair of photos, held against the poses of the model.
 """
 
@@ -32,11 +32,11 @@ from gaga_core.placing.photos import prepare_photos
 from gaga_core.placing.sfm import SfmConfig, option, run_matching, run_step
 from gaga_core.progress import Stage, mapped
 
-# --- How two clusters of cameras lie to each other, told by points that each of them sees alone.
+# --- The relative placement of two clusters of cameras, by points that each sees alone.
 # Where few points hold two halves of a model, an adjustment can fit all of them and be wrong: two
 # rays of one view on each side meet somewhere whatever the scale between the halves. A point that
-# at least two views of each side see stands twice when each side triangulates it by itself, and
-# the two places coincide only if the halves lie right. The similarity between them, and how far it
+# at least two views of each side see is triangulated by each side alone, and the two places
+# coincide only if the halves are placed right. The similarity between them, and how far it
 # moves when other points are drawn (Efron 1979, bootstrap), tell whether the halves hold each
 # other.
 
@@ -264,8 +264,8 @@ def _check_registered(facts: SfmFacts, s: SfmSummary, c: CheckConfig) -> list[Ve
             "clusters",
             "error",
             f"The placed photos fall into 2 groups, one of {bridge.side.sum()}. The few points "
-            "that both see do not tell how the groups lie to each other. Add photos in between, or "
-            "reconstruct each group alone.",
+            "that both see do not determine how the groups are placed relative to each other. Add "
+            "photos in between, or reconstruct each group alone.",
         )
     elif s.parts > 1 and not is_all:
         found += _verdict(
@@ -288,10 +288,10 @@ def _check_contradictions(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
         f"moved against each other. {cure}"
     )
     twice = (
-        f"{s.doubled:.0%} of the matched details stand in the model twice, at different places: "
+        f"{s.doubled:.0%} of the matched details are in the model twice, at different places: "
         f"walls may be doubled. {cure}"
     )
-    behind = f"{s.behind:.1%} of the points lie behind the camera that sees them. {cure}"
+    behind = f"{s.behind:.1%} of the points are behind the camera that sees them. {cure}"
     return [
         *_verdict("pairs", level_below(s.agreeing, c.agreeing), agree),
         *_verdict("doubled", _above(s.doubled, c.doubled), twice),
@@ -306,7 +306,7 @@ def _check_shape(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
             "reprojection",
             _above(s.reprojection, c.reprojection),
             f"Points are {s.reprojection:.1f} pixels off in the photos on average. Are there "
-            "photos of another lens or zoom, or moving things? Leave them out, or give "
+            "photos of another lens or zoom, or moving objects? Leave them out, or give "
             f"{option('--focal')}.",
         ),
         *_verdict(
@@ -324,7 +324,7 @@ def _check_shape(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
         *_verdict(
             "collapse",
             level_below(s.parallax, c.parallax),
-            f"The photos see a point under {s.parallax:.1f} degrees at most: the cameras stand "
+            f"The photos see a point under {s.parallax:.1f} degrees at most: the cameras are "
             "almost at one place for what they see. Walk around the scene; turning on the spot is "
             "not enough.",
         ),
@@ -372,7 +372,7 @@ def _verdict(check: str, level: Literal["warning", "error"] | None, text: str) -
 
 
 def level_below(value: float, bounds: tuple[float, float]) -> Literal["warning", "error"] | None:
-    """How bad ``value`` is under the bounds of a warning and of an error; None = fine."""
+    """Severity of ``value`` by the bounds of a warning and of an error; None = fine."""
     if value < bounds[1]:
         return "error"
     return "warning" if value < bounds[0] else None
@@ -394,7 +394,7 @@ _MATCH_SIDE = 1000  # pixels: photos are matched at this size
 
 @dataclass(frozen=True)
 class PoseCheckConfig:
-    """How many photos are looked at."""
+    """Number of photos to check."""
 
     runs: int = 8  # places in the list of photos ...
     length: int = 3  # ... and photos next to each other that are taken at each

@@ -17,9 +17,9 @@ from gaga_core.placing.metrics import AGAIN
 from gaga_core.placing.photos import PhotoSet
 from gaga_core.placing.sfm import option
 
-# --- Do the turns between three photos close? Where things repeat, pairs match well and still lie.
+# --- Do the rotations between three photos close? Where objects repeat, good matches are wrong.
 # A pair of photos that matched says how one camera is turned against the other. Around three
-# photos these turns come back to where they began. Where two of them show different things that
+# photos these turns come back to where they began. Where two of them show different objects that
 # look alike, they do not (Zach 2010, "Disambiguating visual relations using loop constraints").
 
 
@@ -29,7 +29,7 @@ _MOST_THIRDS = 8  # third photos of each
 
 @dataclass(frozen=True, eq=False)
 class Cycles:
-    """What the triplets of photos say. T triplets."""
+    """Consistency of triplets of photos. T triplets."""
 
     photos: LongArray  # (T, 3) indices
     errors: DoubleArray  # (T,) degrees between the turn around a triplet and none
@@ -78,7 +78,7 @@ _NAMED = 3  # photos named in a sentence
 
 @dataclass(frozen=True, eq=False)
 class MatchFacts:
-    """What the matching says before there is any model. A photos, Q pairs."""
+    """Result of the matching before there is a model. A photos, Q pairs."""
 
     names: tuple[str, ...]  # (A,) by name
     n_features: LongArray  # (A,)
@@ -98,30 +98,30 @@ class MatchFacts:
 
 @dataclass(frozen=True)
 class DiagnosisConfig:
-    """What counts as blurred, empty, apart or still."""
+    """Thresholds for blurred, empty, separate and static photos."""
 
     blurred: float = 0.05  # sharpness under which a photo may be blurred ...
     blurred_share: float = 0.25  # ... if it is under this share of the sharp ones' sharpness
     few_features: int = 300  # median of the photos
     covered: float = 0.45  # share of a picture that holds features, median
     linked: int = 15  # verified matches that link two photos
-    still: float = 0.5  # share of a pair's matches that stand still
+    still: float = 0.5  # share of a pair's matches that are static
     still_pairs: float = 0.3  # share of the pairs of which that is true
     open_cycle: float = 35.0  # degrees that the turns around three photos may miss by
-    open_share: float = 0.15  # of the triplets, from which things are said to repeat
+    open_share: float = 0.15  # of the triplets, from which objects are said to repeat
     fewest_cycles: int = 20  # triplets below which nothing is said
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What may keep photos from being placed."""
+    """Reasons that may keep photos from being placed."""
 
     blurred: tuple[str, ...]  # names
     groups: tuple[tuple[str, ...], ...]  # photos that are linked by matches, largest group first
     few_features: bool
     featureless: bool  # features in a small part of the pictures only
     still: bool  # most matches are of a background that does not move with the camera
-    repeats: float = 0.0  # share of triplets that contradict each other; 0: things do not repeat
+    repeats: float = 0.0  # share of triplets that contradict each other; 0: objects do not repeat
     alike: tuple[str, ...] = ()  # three photos that do
 
     def reasons(self, placed: Collection[str] = ()) -> tuple[str, ...]:
@@ -130,7 +130,7 @@ class Diagnosis:
         found = []
         if self.still:
             found.append(
-                "The background stands still while the object turns. Give "
+                "The background is static while the object turns. Give "
                 f"{option('--turntable')}, or masks of the object with {option('--foreground')}."
             )
         if self.blurred:
@@ -148,7 +148,7 @@ class Diagnosis:
         if self.featureless:
             found.append(
                 "Most of the picture is plain, as of an object on white. Put newspaper or a "
-                "patterned cloth under the object, and turn neither."
+                "patterned cloth under the object, and do not turn either."
             )
         elif self.few_features:
             found.append(
@@ -158,21 +158,21 @@ class Diagnosis:
         return tuple(found)
 
     def repeated(self) -> str:
-        """That things look alike and what to do about it; "" where they do not.
+        """That objects look alike and what to do about it; "" where they do not.
 
         Such matches can agree with each other on a wrong model, which then passes every check.
         """
         if not self.repeats or self.still:
             return ""
         return (
-            "Things that look alike stand at several places: "
+            "Similar-looking objects are at several places: "
             f"{self.repeats:.0%} of the photos that match in threes contradict each other, as "
-            f"{', '.join(self.alike)} do. Leave out photos that show only what repeats, or put "
-            "things there that are there once, and take photos that show two places at a time."
+            f"{', '.join(self.alike)} do. Leave out photos that show only what repeats, or "
+            "add unique objects to the scene, and take photos that show two places at a time."
         )
 
     def why_out(self, name: str, placed: Collection[str] = ()) -> str:
-        """Why the photo ``name`` has no place, in a few words."""
+        """Reason why the photo ``name`` is not placed, in a few words."""
         if name in placed:
             return "shows another scene"
         if name in self.blurred:

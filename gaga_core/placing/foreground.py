@@ -1,6 +1,6 @@
-"""Where the object is in the photos, when the background must not count.
+"""Masks of the object in the photos, when the background must not count.
 
-On a turntable the object turns and the room stands still: matches of the room say that nothing
+On a turntable the object turns and the room is static: matches of the room say that nothing
 moved. A mask keeps features to the object, and what lies outside is painted black before splats are
 trained on it.
 """
@@ -56,14 +56,14 @@ def masks_from_folder(photos: PhotoSet, folder: Path, target: Path) -> Stage[Non
 
 
 def masks_of_what_moves(photos: PhotoSet, pictures: Path, target: Path) -> Stage[None]:
-    """Write one mask for all photos of a camera that stood still: the part that something moved in.
+    """Write one mask for all photos of a fixed camera: the part in which something moved.
 
-    Raises ``GagaError`` when the photos differ in size, or nothing stands still.
+    Raises ``GagaError`` when the photos differ in size, or nothing is static.
     """
     chosen = photos.photos[:: max(1, len(photos.photos) // _MOST_PHOTOS)]
     if len({(photo.width, photo.height) for photo in photos.photos}) > 1:
         raise GagaError(
-            "The photos differ in size: the camera did not stand still. Give masks of the object "
+            "The photos differ in size: the camera was not fixed. Give masks of the object "
             f"with {option('--foreground')}."
         )
     stack = []
@@ -73,7 +73,7 @@ def masks_of_what_moves(photos: PhotoSet, pictures: Path, target: Path) -> Stage
     moving = moving_part(np.array(stack).std(axis=0).max(axis=2) > _MOVING_DEVIATION)
     if not _LEAST_SHARE < moving.mean() < 1 - _LEAST_SHARE:
         raise GagaError(
-            f"No background stands still in these photos. Leave {option('--turntable')} out, or "
+            f"These photos have no static background. Leave {option('--turntable')} out, or "
             f"give masks of the object with {option('--foreground')}."
         )
     target.mkdir(parents=True, exist_ok=True)

@@ -21,7 +21,7 @@ from gaga_core.placing.photos import PhotoSet
 from gaga_core.placing.sfm import SfmConfig, require_overlap, run_matching, run_step
 from gaga_core.progress import Progress, Stage, mapped
 
-# --- Photos of two scenes in one folder: which photos belong to which model.
+# --- Photos of two scenes in one folder: assign each photo to its model.
 # A mapping that cannot join its models leaves several. Those that share matches are parts of one
 # scene that did not hold together; those that share none are scenes of their own.
 
@@ -114,7 +114,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class Placement:
-    """What an attempt made of the photos."""
+    """Result of an attempt."""
 
     title: str
     reason: str  # why it was made; "" for the first
@@ -132,12 +132,12 @@ class Placement:
 
     @property
     def placed(self) -> frozenset[str]:
-        """Every photo that is placed, in whatever scene."""
+        """Every photo that is placed, in any scene."""
         return frozenset(name for names in self.scenes for name in names)
 
     @property
     def share(self) -> float:
-        """Share of all photos that are placed, in whatever scene."""
+        """Share of all photos that are placed, in any scene."""
         return sum(len(names) for names in self.scenes) / max(self.n_photos, 1)
 
 
@@ -151,7 +151,7 @@ class Ladder:
     out_of_time: bool
 
     def reasons(self) -> tuple[str, ...]:
-        """What keeps photos out, as far as it is known."""
+        """Known reasons that keep photos out."""
         return self.diagnosis.reasons(self.best.placed) if self.best.share < 1 else ()
 
 
@@ -216,7 +216,7 @@ def place_stage(
 
 
 class _State:
-    """What the attempts have brought so far."""
+    """Results of the attempts so far."""
 
     def __init__(
         self, photos: PhotoSet, ladder: LadderConfig, scene: int, priors: Mapping[str, float]
@@ -247,7 +247,7 @@ class _State:
     def is_hopeless(self, config: SfmConfig) -> bool:
         """Whether more attempts of this kind cannot help.
 
-        They would match a still background again, or things that look alike, or be held to a
+        They would match a still background again, or objects that look alike, or be held to a
         wrong focal length again.
         """
         best = self.best
@@ -265,11 +265,11 @@ class _State:
             self.best = placement
 
     def clock(self) -> str:
-        """How much of the time limit is used up."""
+        """Share of the time limit that is used up."""
         return f"{self.seconds / 60:.0f} of at most {self.ladder.minutes:.0f} min"
 
     def reason(self) -> str:
-        """Why another attempt is made."""
+        """Reason for another attempt."""
         best, n = self.best, len(self.photos.photos)
         placed = 0 if best is None else sum(len(names) for names in best.scenes)
         text = f"{placed} of {n} photos are placed."
@@ -282,7 +282,7 @@ class _State:
         return f"{text} {causes[0]}" if causes else text
 
     def explain(self) -> str:
-        """Why there is no model at all."""
+        """Reason why there is no model at all."""
         repeated = self.diagnosis.repeated()
         return " ".join(
             [self.failure, *([repeated] if repeated else []), *self.diagnosis.reasons()]

@@ -49,7 +49,7 @@ class SfmFacts:
 
 @dataclass(frozen=True)
 class MeasureConfig:
-    """What counts as agreement."""
+    """Thresholds of agreement."""
 
     pair_pixels: float = 8.0  # how far a match may be from its epipolar line, or its point
     strong: int = 60  # verified matches from which a pair must agree; the median if that is less

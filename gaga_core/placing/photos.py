@@ -1,4 +1,4 @@
-"""The photos of a reconstruction: listed, looked at one by one, and laid ready for matching.
+"""The photos of a reconstruction: listed, examined one by one, and prepared for matching.
 
 Cameras, phones and editors leave all kinds of files in a folder. What cannot be used is left out
 and named; what can be is turned upright, made 8-bit RGB, and shrunk if it is very large.
@@ -66,7 +66,7 @@ def _looks(picture: UInt8Array, side: int) -> FloatArray:
     return result
 
 
-# --- How sharp a picture is: the strength of its finest detail.
+# --- Sharpness of a picture: the strength of its finest detail.
 
 
 LOOK_SIDE = 640  # pixels: pictures are compared at this size
@@ -280,7 +280,7 @@ def _too_few(n: int, n_files: int, n_unread: int, notes: Sequence[str]) -> str:
 
 
 def _name_of(path: Path, root: Path, taken: set[str]) -> str:
-    """A file name whose stem no other photo has, whatever the case of its letters."""
+    """A file name whose stem no other photo has, ignoring the case of its letters."""
     inside = path.relative_to(root).with_suffix("").as_posix()
     plain = re.sub(r"[^\w.\-]+", "_", inside).strip("._") or "photo"
     stem, i = plain, 1

@@ -19,7 +19,7 @@ from gaga_core.placing.photos import Photo, PhotoSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads
 
-# --- Options that messages advise: what they are called in the command and in the window.
+# --- Names of the options that messages recommend, in the command and in the window.
 # The window's names are those of its sheet "Make splats" (Settings next to the offer).
 
 
@@ -107,7 +107,7 @@ class CameraGroup:
 
 @dataclass(frozen=True)
 class StepSettings:
-    """What the worker is told."""
+    """Settings of the worker."""
 
     step: str  # one of `worker.STEPS`
     workspace: str
@@ -238,7 +238,7 @@ def _explain(step: str, why: str) -> str:
     if step.startswith("map") and why == NO_MODEL:
         return (
             "The photos overlap, but no two of them show enough from two places to start from. "
-            "Take photos from more places, a step apart, of things with texture; or try "
+            "Take photos from more places, a step apart, of textured surfaces; or try "
             f"{option('--quality', 'full')}."
         )
     return (
@@ -252,7 +252,7 @@ def require_overlap(workspace: Path, n_photos: int) -> None:
     pairs = verified_pairs(workspace / "database.db")
     if not pairs:
         raise GagaError(
-            f"No two of the {n_photos} photos show the same things. Take photos that overlap by "
+            f"No two of the {n_photos} photos show the same place. Take photos that overlap by "
             "more than half, in a walk around the scene."
         )
 

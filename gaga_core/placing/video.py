@@ -17,7 +17,7 @@ from gaga_core.io.video import ffmpeg_program
 from gaga_core.placing.photos import LOOK_SIDE, sharpness
 from gaga_core.progress import Progress, Stage
 
-# --- How a film moves, and which of its frames are worth to be placed.
+# --- The motion of a film, and which of its frames to place.
 # Frames are chosen by what changes between them, not by the clock: a film that rests gives one
 # frame, one that hurries gives all of them. Among frames of about the same place the sharpest is
 # taken.
@@ -30,7 +30,7 @@ _CLEAR_PEAK = 0.08  # height of the peak of a phase correlation that is no chanc
 
 @dataclass(frozen=True)
 class MotionConfig:
-    """How far apart the chosen frames are."""
+    """Spacing of the chosen frames."""
 
     step: float = 0.05  # x width that the picture moves from one chosen frame to the next
     lost: float = 0.25  # x width: motion between two frames that show hardly the same
@@ -312,7 +312,7 @@ def _keep_sharpest(frames: list[Path], target: Path) -> Stage[tuple[Path, ...]]:
 
 @dataclass(frozen=True)
 class _Header:
-    """What the file says of itself."""
+    """Metadata of the file."""
 
     seconds: float  # 0 when it does not say
     rate: float  # frames of each second

@@ -26,10 +26,10 @@ from gaga_core.io.json_file import read_json
 from gaga_core.placing.foreground import MASKS
 from gaga_core.placing.sfm import CameraGroup, StepSettings
 
-# --- What the checks need to know of a model: plain arrays that the worker writes.
+# --- What the checks read of a model: plain arrays that the worker writes.
 
 
-_STILL = 0.004  # x width: a match that moved less stands still in the picture
+_STILL = 0.004  # x width: a match that moved less is static in the picture
 _CELLS = 12  # across and down, to see where a picture has features
 _TURN_MATCHES = 60  # from which a pair says how its cameras are turned
 _MATCHES_OF_PAIR = 100  # verified matches of a pair that are kept, evenly spread
@@ -128,7 +128,7 @@ def _matches(
 
 @dataclass(frozen=True, eq=False)
 class _Matching:
-    """What a database holds: A photos by name, Q pairs that were matched."""
+    """Content of a database: A photos by name, Q pairs that were matched."""
 
     images: list[pycolmap.Image]  # (A,)
     cameras: list[pycolmap.Camera]  # (A,) of each photo

@@ -13,7 +13,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray
 from gaga_core.query.index import GroupIndex, TextVectors
 
-# --- Nouns that groups are named with: what stands about in homes, shops, streets and gardens.
+# --- Nouns that groups are named with: objects of homes, shops, streets and gardens.
 
 
 _TEXT = """
@@ -96,7 +96,7 @@ def suggest_names(
 ) -> dict[int, str]:
     """Names by group for those that are sure; ``taken`` are names that people gave, kept as is.
 
-    ``vectors`` (W, D) belong to ``nouns``. Groups of one noun are told apart by a number: "mug",
+    ``vectors`` (W, D) belong to ``nouns``. Groups of one noun are distinguished by a number: "mug",
     "mug 2".
     """
     config = config or NameConfig()

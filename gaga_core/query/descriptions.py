@@ -1,4 +1,4 @@
-"""Words for groups that nobody has named: "red box, large", "blue thing behind".
+"""Words for unnamed groups: "red box, large", "blue object behind".
 
 Color, shape and size are measured; a place and at last a number tell apart what would be called
 the same. A description that is still true stays as it is when other groups come and go.
@@ -27,10 +27,10 @@ from gaga_core.scene.scene import Scene, State
 
 Shape = Literal["flat", "long", "tall", "box", "round", ""]
 
-_FLAT, _FLAT_WIDTH = 0.2, 0.4  # thinnest and middle extent of flat things, shares of the longest
-_LONG = 0.35  # middle extent of long things
-_UPRIGHT = 0.8  # height of long things that stand, share of the longest side
-_SAMPLE = 300  # splats of a group that are looked at
+_FLAT, _FLAT_WIDTH = 0.2, 0.4  # thinnest and middle extent of flat objects, shares of the longest
+_LONG = 0.35  # middle extent of long objects
+_UPRIGHT = 0.8  # height of long objects that stand, share of the longest side
+_SAMPLE = 300  # splats of a group that are sampled
 _FEWEST = 60
 _TURNS = 6  # about the vertical, within a quarter turn, that a box is tried at
 _EDGE = 94  # percentile of a coordinate at which a side lies
@@ -100,22 +100,22 @@ def _variation(values: DoubleArray) -> float:
 
 
 _LARGE, _SMALL = 2.2, 0.45  # sizes against the median of the objects
-_LEADS = 0.25  # share of the foremost color below which a thing of many hues is "colorful"
+_LEADS = 0.25  # share of the foremost color below which an object of many hues is "colorful"
 _HUE, _MANY_HUES = 0.09, 4  # share of a hue that counts, and how many of them are many
 _WHITE = 0.27  # of the grey: so much white, and the grey is its shade
-_MOSTLY = 0.5  # share of both from which on a thing is called white
+_MOSTLY = 0.5  # share of both from which on an object is called white
 _BESIDES_GREY = 0.32  # of both: so much of a hue tells more, as on a can with a label
 _SIDE = 0.3  # share of the objects at each end that are left, right, behind, in front
 _STILL_SIDE = 0.5  # the same for words that were given before
 _FEWEST_PLACED = 4  # objects in the view from which on there are sides
-_NOUNS: dict[Shape, str] = {"box": "box", "round": "round thing", "flat": "flat thing",
-                            "long": "long thing", "tall": "tall thing", "": "thing"}  # fmt: skip
+_NOUNS: dict[Shape, str] = {"box": "box", "round": "round object", "flat": "flat object",
+                            "long": "long object", "tall": "tall object", "": "object"}  # fmt: skip
 _NUMBER = re.compile(r" \d+$")
 
 
 @dataclass(frozen=True)
 class _Said:
-    """What is true of a group."""
+    """Facts of a group."""
 
     what: str  # "red box, large"
     place: str  # "behind"; "" = nowhere in particular
@@ -218,7 +218,7 @@ def _color(facts: GroupFacts, row: int) -> str:
 
 
 def _besides_grey(facts: GroupFacts, row: int) -> str:
-    """What people call a thing that is grey for the most part: "white" in shade, or the hue that
+    """What people call an object that is mostly grey: "white" in shade, or the hue that
     tells more of it; else "grey"."""
     share = dict(zip(NAMES, facts.colors[row].tolist(), strict=True))
     both = share["grey"] + share["white"]

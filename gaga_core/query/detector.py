@@ -31,7 +31,7 @@ class DetectConfig:
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """What a detector found."""
+    """Boxes that a detector found."""
 
     corners: FloatArray  # (B, 4) left, top, right, bottom, pixels of the picture
     scores: FloatArray  # (B,) 0..1, falling

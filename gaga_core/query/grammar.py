@@ -201,7 +201,7 @@ class Relation:
 
 @dataclass(frozen=True)
 class Phrase:
-    """What is asked for."""
+    """A parsed request."""
 
     traits: tuple[Trait, ...] = ()
     superlative: Superlative | None = None

@@ -1,4 +1,4 @@
-"""What can be said of a group without any model: where it is, how large, of which colors.
+"""Facts of a group that need no model: its place, size and colors.
 
 Measured in three passes over the splats, robust against strays: boxes hold the middle of each axis
 by opacity, colors are weighted with what is seen of a splat (opacity x its largest face x the
@@ -214,7 +214,7 @@ def _shape(moments: DoubleArray, sides: DoubleArray) -> tuple[DoubleArray, Doubl
 
 
 def _scattered(extents: DoubleArray, area: DoubleArray) -> BoolArray:
-    """Groups (G,) that are crumbs of other things over a large place, not one thing."""
+    """Groups (G,) that are fragments of other objects over a large area, not one object."""
     cover = 2 * np.pi * area / np.maximum(extents[:, 0] * extents[:, 1], 1e-30)
     long = extents[:, 0] > _LONG * np.median(extents[:, 0]) if len(extents) else extents[:, 0] > 0
     return (cover < _COVER) & long
@@ -228,7 +228,7 @@ def _background(
     frame: DoubleArray,
     cameras: Sequence[Camera],
 ) -> BoolArray:
-    """Groups (G,) that nobody means by "the largest": splats of no group; what surrounds half of
+    """Groups (G,) that are never meant by "the largest": splats of no group; what surrounds half of
     the cameras; flat ones as long as most of the scene, or under many of the other groups."""
     result = ids <= 0
     if len(ids) == 0:
@@ -254,7 +254,7 @@ def _background(
 
 # --- Colors of splats as seen from outside their group: what a person calls the group's color.
 # The white inside of a blue cup, and the sheen that spherical harmonics show in a few directions,
-# say nothing of the color by which somebody asks. Each group is drawn alone, orthographically, as
+# say nothing of the color that a search asks for. Each group is drawn alone, orthographically, as
 # a small picture of depths from a few directions; a splat counts as often as it lies at the front,
 # with the color that it has in those directions.
 
@@ -333,7 +333,7 @@ def seen_colors(
     return seen
 
 
-# --- Digests of groups: equal as long as a group has the same splats, looking the same.
+# --- Digests of groups: equal while a group has the same splats with the same look.
 
 
 _MIX = np.array([0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F], np.int64)

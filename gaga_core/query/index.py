@@ -108,7 +108,7 @@ _TEMPLATE = "a photo of a {}"
 
 @dataclass(frozen=True, eq=False)
 class IndexedViews:
-    """What an index looks at."""
+    """Data that an index is made from."""
 
     cameras: Sequence[Camera]
     labels_of: Callable[[Camera], IntArray]  # group map (H, W) at the camera's size
@@ -117,7 +117,7 @@ class IndexedViews:
 
 @dataclass(frozen=True)
 class IndexConfig:
-    """How groups are looked at."""
+    """Settings of the crops of groups."""
 
     n_views: int = 4  # best views of a group
     crop: int = 224  # pixels a side

@@ -1,4 +1,4 @@
-"""Search by words alone: names, colors, sizes, places. No model, no index: the box is never dead.
+"""Search by words alone: names, colors, sizes, places. No model, no index: the box always works.
 
 A text is parsed into a phrase (`grammar`); every trait and relation scores all groups 0..1, and the
 product ranks them; a superlative then orders those that fit. What was understood is said back.
@@ -18,7 +18,7 @@ from gaga_core.query.grammar import Phrase, Relation, Scale, Superlative, Trait,
 from gaga_core.query.group_facts import GroupFacts
 from gaga_core.query.spatial_relations import Sight, canonical_view, measure, relation_score, sight
 
-# --- One plain sentence of what a search understood.
+# --- Say what a search understood, in one plain sentence.
 
 
 _CURE = "name it, or index the scene with a model."
@@ -124,7 +124,7 @@ def _uses_view(phrase: Phrase) -> bool:
     return anchored or views or any(s.measure in lex.VIEW_MEASURES for s in scales)
 
 
-# --- How much groups have of what a single word says: a color, being floor or wall.
+# --- Score groups by a single word: a color, being floor or wall.
 
 
 _NOT_IN_BROWN = ("brown", "yellow", "gold")  # brown is the shade of all other warm colors
@@ -158,7 +158,7 @@ def presence(facts: GroupFacts, color: str) -> DoubleArray:
 
 
 def background_scores(noun: str, facts: GroupFacts) -> DoubleArray | None:
-    """Background groups (G,) that a noun means where nobody has named them: the floor, the walls,
+    """Background groups (G,) that a noun means where they are unnamed: the floor, the walls,
     the table that everything stands on. None for any other noun, or without background."""
     words = set(words_of(noun))
     behind: BoolArray = facts.background
@@ -263,7 +263,7 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """What a search looks at."""
+    """Data that a search reads."""
 
     facts: GroupFacts
     names: tuple[str, ...]  # by row of facts

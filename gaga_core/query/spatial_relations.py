@@ -1,4 +1,4 @@
-"""Where groups are: measures of them in space and in a view, and relations between two."""
+"""Places of groups: measures in space and in a view, and relations between two groups."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -27,7 +27,7 @@ def choose(name: str = "auto") -> Rasterizer:
             try:
                 return _cuda()
             except GagaError as error:
-                _log.warning("CUDA passed its self-test but is not to be had now: %s", error)
+                _log.warning("CUDA passed its self-test but is not available now: %s", error)
         wanted = "cpu"
     if wanted == "cpu":
         from gaga_core.raster.cpu.rasterizer import CpuRasterizer

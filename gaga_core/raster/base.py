@@ -1,4 +1,4 @@
-"""What every rasterizer can do: the operators that the method is made of.
+"""The interface of rasterizers: the operators that the method is made of.
 
 All backends share one image model (3D Gaussian Splatting, Kerbl 2023): EWA projection with the
 Jacobian clamped at 1.3 times the half field of view and 0.3 added to the diagonal of the 2D

@@ -87,7 +87,7 @@ def find_obstacle() -> str:
 
 
 def machine_key() -> str:
-    """What the verdict depends on, as one line."""
+    """Dependencies of the verdict, as one line."""
     parts = {
         "torch": _version("torch"),
         "gsplat": _version("gsplat"),
@@ -99,7 +99,7 @@ def machine_key() -> str:
 
 
 def cache_file() -> Path:
-    """Where the verdict is kept."""
+    """Path of the saved verdict."""
     from gaga_core.kernels import user_cache
 
     return user_cache() / "cuda.json"

@@ -26,13 +26,13 @@ from gaga_core.scene.frame import scale_of
 
 _TURNTABLE_KEYS = 16  # the curve stays within 0.06 % of the circle
 _PIECES = 64  # of a segment, when its length is measured
-_STILL = 1e-6  # share of the whole way below which a segment stands still
+_STILL = 1e-6  # share of the whole way below which a segment does not move
 _WIDEST = math.radians(175)  # field of view between keyframes
 
 
 @dataclass(frozen=True)
 class Shot:
-    """Where a camera stands and what it shows, whatever the size of the picture."""
+    """Pose and field of view of a camera, independent of the size of the picture."""
 
     eye: tuple[float, float, float]  # world
     quat: tuple[float, float, float, float]  # cam_from_world, wxyz, unit
@@ -309,7 +309,7 @@ _Angle = Annotated[float, msgspec.Meta(gt=0, lt=math.pi)]
 
 
 class ShotEntry(msgspec.Struct):
-    """Where a camera stands, see `Shot`."""
+    """Pose of a camera, see `Shot`."""
 
     eye: tuple[_Number, _Number, _Number]
     quat: tuple[_Number, _Number, _Number, _Number]
@@ -346,7 +346,7 @@ class PathEntry(msgspec.Struct):
 
 
 def bookmarks_entry(bookmarks: tuple[Bookmark, ...]) -> list[dict[str, object]]:
-    """What a project keeps of bookmarks."""
+    """Bookmarks in a project."""
     return [{"name": b.name, "key": b.key, **_shot_entry(b.shot)} for b in bookmarks]
 
 
@@ -363,7 +363,7 @@ def bookmarks_of(content: object) -> tuple[Bookmark, ...]:
 
 
 def path_entry(path: CameraPath) -> dict[str, object]:
-    """What a project, or a file, keeps of a path."""
+    """A path in a project or a file."""
     return {
         "kind": _KIND,
         "format": 1,

@@ -52,7 +52,7 @@ _N_LINKS = 6  # neighbours in the object that a splat is compared with
 
 
 class CleanReason(IntEnum):
-    """Why a splat comes in or goes."""
+    """Reason why a splat is added or removed."""
 
     NEIGHBOURS = 1  # its neighbours are of the object / of another
     INSIDE = 2  # comes in: the object is all around it
@@ -310,7 +310,7 @@ def _small_parts(
 
 @dataclass(frozen=True, eq=False)
 class CleanPreview:
-    """What cleaning would change. Nothing is changed yet."""
+    """Changes of a cleaning; nothing is changed yet."""
 
     group: int  # of the object; 0 for a free choice of splats
     before: IntArray  # (K,) rows of the object now, increasing
@@ -328,7 +328,7 @@ class CleanPreview:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many splats for which reason."""
+        """Number of splats by reason."""
         return {
             "neighbours_in": int((self.add_reasons == CleanReason.NEIGHBOURS).sum()),
             "inside": int((self.add_reasons == CleanReason.INSIDE).sum()),
@@ -354,7 +354,7 @@ class CleanPreview:
 def clean_object(
     scene: Scene, target: int | AnyArray, config: CleanConfig | None = None
 ) -> CleanPreview:
-    """What belongs to an object and what does not: a group id, or rows (K,) / a mask (N,).
+    """Which splats to add to an object and to remove: a group id, or rows (K,) / a mask (N,).
 
     ``scene`` is not changed: `cleaned_labels` makes the edit. Locked splats neither come nor go,
     deleted ones take no part, hidden ones do. The same scene gives the same preview. Raises
@@ -402,7 +402,7 @@ def cleaned_labels(scene: Scene, preview: CleanPreview, title: str = "Clean") ->
     Raises ``GagaError`` for a free choice of splats, which has no group to join.
     """
     if preview.group == 0:
-        raise GagaError("These splats are no one group. Group them first, or clean the selection.")
+        raise GagaError("These splats are not one group. Group them first, or clean the selection.")
     joined = np.full(len(preview.add), preview.group, np.int32)
     rows = np.concatenate([preview.add, preview.remove])
     labels = np.concatenate([joined, preview.remove_groups])
@@ -592,7 +592,7 @@ def delete_cleaned(
 ) -> Edit | None:
     """Take the labels (N,) of cleaned objects over, and delete these objects.
 
-    Their floaters, which are nobody's then, go too: they would be left hanging in the air.
+    Their floaters go too: they would be left in the air without an object.
     """
     wanted = np.array(groups, np.int32)
     floaters = np.isin(scene.labels, wanted) & (labels == 0)

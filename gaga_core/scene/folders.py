@@ -14,7 +14,7 @@ from gaga_core.errors import GagaError
 
 SEPARATOR = "/"
 MOST_LETTERS = 200  # of a name
-MOST_DEPTH = 32  # folders that lie in each other
+MOST_DEPTH = 32  # levels of nested folders
 
 
 @dataclass(frozen=True)

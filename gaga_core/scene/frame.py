@@ -1,4 +1,4 @@
-"""How the whole scene was moved since it was opened, and how long its unit is.
+"""The motion of the whole scene since it was opened, and the length of its unit.
 
 Splats move by their placements. What is kept apart from them, cameras of photos, bookmarks and the
 camera path, stays in the frame in which the scene was opened and is carried when it is read.

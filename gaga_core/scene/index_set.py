@@ -13,7 +13,7 @@ from gaga_core.arrays import AnyArray, BoolArray, IntArray, LongArray
 
 
 class Storage(Enum):
-    """How an `IndexSet` is stored."""
+    """Storage form of an `IndexSet`."""
 
     RUNS = "runs"  # (R, 2) int32 start, stop
     LIST = "list"  # (K,) int32

@@ -12,7 +12,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 
-GROUND = 112  # grey behind the object: dark and bright things stand out from it
+GROUND = 112  # grey behind the object: dark and bright objects stand out from it
 MOST_DRAWN = 60_000  # splats
 _FILLS = 0.9  # share of the side that the object takes
 _EDGE = 1.0  # percent of the splats that may lie outside on each side

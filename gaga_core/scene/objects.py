@@ -234,6 +234,8 @@ def uncertain(scene: Scene, splats: IntArray, below: float) -> IntArray:
     """
     column = scene.confidence_of()
     if column is None:
-        raise GagaError("How sure the splats are is not known. Use Find objects to learn it.")
+        raise GagaError(
+            "The confidence of the splats is not known. Use Find objects to measure it."
+        )
     free = ~scene.has(State.LOCKED | State.DELETED)[splats]
     return splats[free & (column[splats] < below * 255)]

@@ -18,7 +18,7 @@ _NEARLY = np.cos(np.radians(30.0))  # ups nearer than this are meant to be the s
 _FLATTEST = 0.15  # the cameras' right axes must spread over a plane this much better than along up
 _COLMAP_UP = np.array([0.0, -1.0, 0.0])  # of models without cameras: OpenCV axes, y down
 
-_SAMPLE = 50_000  # splats that are looked at
+_SAMPLE = 50_000  # splats that are sampled
 _SEEN = 0.3  # opacity from which on a splat shows a surface
 _THIN = 0.4  # of a splat's middle side: it lies along a surface
 _ALONG = 0.9  # cosine between the normal of a surface and an axis across which it lies
@@ -207,7 +207,7 @@ def ground_map(points: AnyArray, up: AnyArray, seen_from: AnyArray) -> DoubleArr
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max()
     if not size > _FLAT * longest**2:
         raise GagaError(
-            "The three points lie nearly on a line. Choose three corners of the ground, far apart."
+            "The three points are nearly on a line. Choose three corners of the ground, far apart."
         )
     normal /= size
     middle = corners.mean(axis=0)
@@ -234,8 +234,8 @@ def turn_between(start: DoubleArray, stop: DoubleArray) -> DoubleArray:
     return turn
 
 
-# --- Where splats stand as one: position, rotation and scale, absolute, and the motion between
-# two.
+# --- The placement of splats as a whole: absolute position, rotation and scale, and the motion
+# between two placements.
 # Rotation and scale count from how the file was opened or added, carried along when the scene is
 # moved as a whole. A map that shears keeps its shear when its rotation or scale is changed.
 

@@ -256,7 +256,7 @@ def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_op
         raise GagaError(f"{file} is damaged. {CURE}") from error
 
 
-# --- Files of splats that other programs change: noticed at every save, and replaced by a copy.
+# --- Files of splats that other programs changed: noticed at every save, and replaced by a copy.
 
 
 File = tuple[Path, str]  # and the fingerprint of its content
@@ -345,7 +345,7 @@ def read_labels(path: Path, n_gaussians: int) -> tuple[IntArray, UInt8Array | No
 
 @dataclass(frozen=True, eq=False)
 class OpenedGroups:
-    """What a scene begins with; fields of `Scene`."""
+    """Initial values of a scene; fields of `Scene`."""
 
     labels: IntArray  # (N,)
     confidence: UInt8Array | None  # (N,) 0..255
@@ -498,7 +498,7 @@ class SavedElsewhereError(GagaError):
 
 @dataclass(eq=False)
 class Project:
-    """What a window or command has open."""
+    """The document that a window or command has open."""
 
     scene: Scene
     model_path: Path
@@ -541,7 +541,7 @@ class Project:
 
     @property
     def default_path(self) -> Path:
-        """Where a first save goes."""
+        """Path of the first save."""
         if self.folder is not None:
             return self.folder.work
         path, n = self.model_path.with_suffix(".gaga"), 1
@@ -553,7 +553,7 @@ class Project:
 
 
 def open_path_stage(path: Path) -> Stage[Project]:
-    """Open whatever a person chose: a scene folder, splats, a saved project, exported objects.
+    """Open a path that a person chose: a scene folder, splats, a saved project, exported objects.
 
     A scene folder that has a saved project is opened with its edits; else with the groups of the
     last association, else with those that the model itself carries (`opened_labels`). Raises
@@ -690,7 +690,7 @@ def _open_saved(file: Path) -> Stage[Project]:
     if not is_same_model(model_path, entry.fingerprint):
         raise GagaError(
             f"{model_path} changed since this project was saved, so its edits do not fit. "
-            f"Put the former file back, or move {file} away to open the model without edits."
+            f"Put the previous file back, or move {file} away to open the model without edits."
         )
     root = _resolve(file.parent, document.folder) if document.folder else None
     folder = None

@@ -161,14 +161,14 @@ SHARES = (0.75, 0.5, 0.25, 0.1, 0.05)  # at which a loss is estimated
 _N_ESTIMATED = 100_000  # splats that an estimate merges; of more, some blocks are taken
 _N_BLOCKS = 8
 _N_VIEWS = 3  # of an estimate
-_N_MOTIONS = 64  # that are told apart: each is an addition of its own
+_N_MOTIONS = 64  # that are distinguished: each is a separate addition
 _OPAQUE = 0.5  # a pixel shows splats where they hide more than this
 _ESTIMATE = "Estimate the loss"
 
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """What fewer splats are made of."""
+    """Input of a reduction."""
 
     removed: LongArray  # (K,) splats of the scene that are merged
     splats: Gaussians  # (M,) what they become, world
@@ -180,7 +180,7 @@ class Reduction:
 
     @property
     def n_after(self) -> int:
-        """How many of the splats that were looked at are left."""
+        """Number of the considered splats that are left."""
         return self.n_before - len(self.removed) + len(self.splats)
 
 
@@ -297,7 +297,7 @@ def _motion(scene: Scene, splat: int) -> Frame:
 
 
 def reduce_title(scene: Scene, splats: AnyArray, found: Reduction) -> str:
-    """What the edit is called in the history, with what it lost."""
+    """Title of the edit in the history, with the loss."""
     groups = np.unique(scene.labels[reducible(scene, splats)])
     name = f" of {group_name(scene, int(groups[0]))}" if len(groups) == 1 and groups[0] else ""
     return f"Reduce splats{name} to {found.n_after:,} ({loss_text(found.psnr)})"

@@ -39,7 +39,7 @@ class State(IntFlag):
 
 @dataclass(frozen=True, eq=False)
 class Placements:
-    """One row per placement: where its splats stand and how they are colored.
+    """One row per placement: the pose and the color of its splats.
 
     A splat at p with SH color c is drawn at ``matrix @ (p, 1)`` with color ``color @ (c, 1)``:
     an affine color in which the DC coefficient gets scale and offset and the rest gets scale, so
@@ -117,7 +117,7 @@ class Labelling:
 
 @dataclass(frozen=True, eq=False)
 class Identities:
-    """Where the labels in use come from, and what identity encodings say besides."""
+    """The source of the labels in use, and what identity encodings say in addition."""
 
     source: LabelSource = "votes"  # of `Scene.labels`
     other: Labelling | None = None  # of the source that is not in use; None: there is none

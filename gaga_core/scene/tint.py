@@ -75,7 +75,7 @@ def _within(default: float, low: float, high: float) -> float:
 
 @dataclass(frozen=True)
 class Grade:
-    """How colors change; the defaults change nothing."""
+    """Change of colors; the defaults change nothing."""
 
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0)  # gain of red, green, blue, 0..4
     temperature: float = _within(0.0, -1, 1)  # cold .. warm

@@ -1,4 +1,4 @@
-"""What every source of 2D masks is: a picture in, a label map out.
+"""The interface of sources of 2D masks: a picture in, a label map out.
 
 A provider knows one picture at a time; that its ids do not agree between views is what the memory
 bank is for (section 3.2). Models that score their masks give `ScoredMasks`, and `flatten` makes one
@@ -106,7 +106,7 @@ def scored_masks(
 
 @dataclass(frozen=True)
 class ModelCard:
-    """What is written next to masks about where they come from."""
+    """The source of masks, written next to them."""
 
     model: str  # name of the model
     licence: str = ""

@@ -119,7 +119,7 @@ def available_providers() -> tuple[ProviderEntry, ...]:
 
 
 def promptable_models() -> tuple[ProviderEntry, ...]:
-    """The models here that can be asked for one thing, see `prompter_named`; those that are known
+    """The models here that can segment one object, see `prompter_named`; those that are known
     come first, the smallest of a family before the others."""
     return tuple(
         entry
@@ -175,7 +175,7 @@ def provider_named(
 def prompter_named(
     name: str, *, weights: Path | None = None, device: Device = "auto"
 ) -> "SamPrompter":
-    """The Segment Anything model called ``name``, ready to be asked for one thing; read when asked.
+    """The Segment Anything model called ``name``, ready to segment one object; read when used.
 
     ``weights`` as in `provider_named`. Raises ``GagaError`` for other models, and where it says
     what to put where.
@@ -183,7 +183,7 @@ def prompter_named(
     model = next((known for known in KNOWN if known.name == name), None)
     found = _weights_of(name, model, weights)
     if found.family != "sam":
-        raise GagaError(f"{name} cannot be asked for one thing. Choose a Segment Anything model.")
+        raise GagaError(f"{name} cannot segment a single object. Choose a Segment Anything model.")
     if importlib.util.find_spec("transformers") is None:
         raise GagaError(_NO_TRANSFORMERS)
     from gaga_core.segmentation.loading import choose_device

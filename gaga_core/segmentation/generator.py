@@ -33,7 +33,7 @@ class Encoded:
     decode: Callable[[FloatArray], tuple[Tensor, Tensor]]
     upscale: Callable[[Tensor], Tensor]  # logits (k, h, w) -> (k, H, W) at the picture's size
     shown: tuple[float, float]  # share of the logits' height and width that shows the picture
-    # points (n, 2) and which of them are on the thing (n,) -> logits (3, h, w), predicted IoU (3,)
+    # points (n, 2) and which of them are on the object (n,) -> logits (3, h, w), predicted IoU (3,)
     prompt: Callable[[FloatArray, BoolArray], tuple[Tensor, Tensor]]
     boxes: Callable[[FloatArray], Tensor]  # (n, 4) x0 y0 x1 y1 pixels -> logits (n, h, w)
 

@@ -110,7 +110,7 @@ def normalized(
 
 
 def first_line(error: BaseException) -> str:
-    """What an error says, in one line."""
+    """The text of an error in one line."""
     text = str(error).strip().splitlines()
     return text[0][:200] if text else type(error).__name__
 

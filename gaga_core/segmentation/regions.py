@@ -350,7 +350,7 @@ class RegionsProvider:
 
     @property
     def card(self) -> ModelCard:
-        """What is written next to the masks."""
+        """The card that is written next to the masks."""
         return ModelCard("regions (no model)", settings=asdict(self.config))
 
     @property

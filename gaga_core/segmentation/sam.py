@@ -120,22 +120,22 @@ def _side(size: int | list[int] | tuple[int, int]) -> int:
     return size if isinstance(size, int) else int(size[0])
 
 
-# --- A Segment Anything model that is asked for one thing: points on it and off it -> masks.
+# --- Segment one object with a Segment Anything model: points on it and off it -> masks.
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Masks of one thing (whole, part, subpart), the best first."""
+    """Masks of one object (whole, part, subpart), the best first."""
 
     masks: BoolArray  # (k, H, W)
     scores: FloatArray  # (k,) IoU that the model predicts
 
 
 class Prompter(Protocol):
-    """Asked for a thing in a picture."""
+    """Segments one object of a picture."""
 
     def __call__(self, image: UInt8Array, points: FloatArray, is_on: BoolArray) -> Candidates:
-        """Masks in ``image`` (H, W, 3) of the thing at ``points`` (n, 2) x, y in pixels, of which
+        """Masks in ``image`` (H, W, 3) of the object at ``points`` (n, 2) x, y in pixels, of which
         ``is_on`` (n,) are on it and the others off it; at least one is on it."""
         ...
 
@@ -148,11 +148,11 @@ class SamPrompter:
         self._model: Module | None = None
 
     def __call__(self, image: UInt8Array, points: FloatArray, is_on: BoolArray) -> Candidates:
-        """Ask the model. ``ValueError`` for wrong shapes and without a point on the thing."""
+        """Ask the model. ``ValueError`` for wrong shapes and without a point on the object."""
         check_shape("image", image, ("H", "W", 3), np.uint8)
         check_shape("points", points, (len(is_on), 2), np.float32)
         if not is_on.any():
-            raise ValueError("is_on: expected at least one point on the thing")
+            raise ValueError("is_on: expected at least one point on the object")
         encoded = self._encoded(image)
         logits, scores = encoded.prompt(points, is_on)
         order = torch.argsort(scores, descending=True, stable=True)
@@ -160,7 +160,7 @@ class SamPrompter:
         return Candidates(masks.cpu().numpy(), scores[order].float().cpu().numpy())
 
     def in_boxes(self, image: UInt8Array, corners: FloatArray) -> BoolArray:
-        """Masks (n, H, W) of the things in boxes (n, 4) left, top, right, bottom, pixels of
+        """Masks (n, H, W) of the objects in boxes (n, 4) left, top, right, bottom, pixels of
         ``image`` (H, W, 3): the single mask that the model gives a box."""
         check_shape("image", image, ("H", "W", 3), np.uint8)
         check_shape("corners", corners, ("n", 4), np.float32)

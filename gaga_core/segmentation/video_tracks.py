@@ -44,7 +44,7 @@ def load_follower(folder: Path, device: Device = "auto") -> Follow:
 
 
 def _session(frames: "Tensor", masks: BoolArray, side: int, place: torch.device) -> object:
-    """A film of frames (F, 3, side, side) whose first one shows the things ``masks`` (k, H, W)."""
+    """A film of frames (F, 3, side, side) whose first one shows the objects ``masks`` (k, H, W)."""
     from transformers.models.sam2_video.modeling_sam2_video import Sam2VideoInferenceSession
 
     height, width = masks.shape[1:]

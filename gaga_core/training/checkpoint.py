@@ -19,7 +19,7 @@ from gaga_core.training.optimizer import COLUMNS, Splats, of_columns
 from gaga_core.training.settings import TrainConfig
 from gaga_core.training.views import TrainViews
 
-# --- Differences of exposure and white balance between photos, trained along and then left out.
+# --- Exposure and white balance of each photo, trained with the splats and kept out of them.
 
 
 _BETA1, _BETA2 = 0.9, 0.99

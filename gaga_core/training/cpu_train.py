@@ -45,7 +45,7 @@ class CpuEngine:
 
     @property
     def n_splats(self) -> int:
-        """How many splats there are now."""
+        """Current number of splats."""
         return len(self._state.splats)
 
     def copied(self, state: TrainState) -> Gaussians:

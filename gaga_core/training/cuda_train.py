@@ -64,7 +64,7 @@ class CudaEngine:
 
     @property
     def n_splats(self) -> int:
-        """How many splats there are now."""
+        """Current number of splats."""
         return len(self._params["means"])
 
     def copied(self, state: TrainState) -> Gaussians:

@@ -1,4 +1,4 @@
-"""What drives a training: the part that the CPU's and the CUDA engine share."""
+"""The training loop that the engines of the CPU and of CUDA share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ class Engine(Protocol):
 
     @property
     def n_splats(self) -> int:
-        """How many splats there are now."""
+        """Current number of splats."""
         ...
 
     def advance(self, state: TrainState) -> None:
@@ -57,7 +57,7 @@ class Setting:
         return np.array(self.config.background, np.float32)
 
     def view(self, index: int, moment: float) -> TrainView:
-        """A view at the size of the moment."""
+        """A view at the current size."""
         return (self.half if moment <= self.config.half_until else self.views)[index]
 
     def rates(self, moment: float) -> Rates:
@@ -126,7 +126,7 @@ def is_due_for_reset(iteration: int, config: TrainConfig) -> bool:
     return done > 0 and done % every == 0 and done < config.at(density.stop)
 
 
-# --- Some splats left out at random in each step, against those that only suit single photos.
+# --- Dropout: splats left out at random in each step, against those that only suit single photos.
 # Where few photos see a place, a splat in front of it can repair the picture of one of them and is
 # in the way of every other view. Left out now and then, it is no longer needed for that, and those
 # behind it learn to draw the place themselves (Park 2025, DropGaussian).

@@ -1,4 +1,4 @@
-"""How far a rendered picture is from a photo: the training loss, SSIM, PSNR."""
+"""Differences of a rendered picture from a photo: the training loss, SSIM, PSNR."""
 
 import numpy as np
 

@@ -19,7 +19,7 @@ _CHUNK = 8192  # rows of one piece of work
 
 @dataclass(frozen=True, eq=False)
 class Splats:
-    """What is trained: raw parameters, and Adam's two running means of each, row for row.
+    """State of the training: raw parameters, and Adam's two running means of each, row for row.
 
     The arrays are changed in place by `adam_step`; operations on rows return new ones.
     """

@@ -1,4 +1,4 @@
-"""What a training starts from: points, what covers the holes between them, and a background."""
+"""The start of a training: points, splats that cover the holes between them, a background."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -50,7 +50,7 @@ class _Photo:
 
     @property
     def place(self) -> tuple[int, int, int]:
-        """What kernels know of a source."""
+        """Data of a source for the kernels."""
         return self.offset, self.camera.width, self.camera.height
 
 
@@ -78,7 +78,7 @@ def stereo_points_stage(
 ) -> Stage[tuple[DoubleArray, UInt8Array]]:
     """At most ``most`` points (Q, 3) world on the surfaces that several views see, with colors.
 
-    ``points`` of structure from motion tell which photos show the same, and how far things are. The
+    ``points`` of structure from motion tell which photos show the same, and how far they are. The
     result does not depend on the number of threads.
     """
     check_shape("points", points, ("P", 3))

@@ -191,7 +191,7 @@ def train(
 
 
 def _engine(state: TrainState, setting: Setting, rasterizer: Rasterizer) -> Engine:
-    """What trains where ``rasterizer`` draws."""
+    """The engine that trains where ``rasterizer`` draws."""
     if rasterizer.name == "cuda":
         # Loaded when CUDA was chosen: it imports torch.
         from gaga_core.training.cuda_train import CudaEngine
@@ -276,7 +276,7 @@ class _Watcher:
         return Progress(STAGE, state.iteration, len(state.losses), message, update)
 
 
-# --- What a training leaves to read: settings, curves and held-out quality for ``report.json``.
+# --- The report of a training: settings, curves and held-out quality for ``report.json``.
 
 
 _CURVE_POINTS = 500  # of the loss curve
@@ -286,7 +286,7 @@ Json = dict[str, "Json"] | Sequence["Json"] | str | int | float | bool | None
 
 @dataclass(frozen=True)
 class Cost:
-    """What a training took on this machine."""
+    """Time that a training took on this machine."""
 
     wall_seconds: float
     cpu_seconds: float  # of all threads together

@@ -106,7 +106,7 @@ def shrunk(picture: UInt8Array, width: int, height: int) -> UInt8Array:
     return np.array(image)
 
 
-# --- How well Gaussians draw views that they were not trained on.
+# --- Quality of Gaussians in views that they were not trained on.
 
 
 MEASURE_STAGE = "Measure on held-out views"

@@ -104,7 +104,9 @@ def test_two_arcs_with_a_gap_between(tmp_path: Path) -> None:
 def test_a_room_of_equal_walls(tmp_path: Path) -> None:
     """0.1.0 placed all of them, more than a radius off, with a warning about doubled details."""
     scenes.equal_walls(tmp_path / "in")
-    with pytest.raises(GagaError, match=r"look alike stand at several places.*contradict"):
+    with pytest.raises(
+        GagaError, match=r"Similar-looking objects are at several places.*contradict"
+    ):
         placed(tmp_path / "in", tmp_path / "scene")
 
 
@@ -136,7 +138,7 @@ def test_an_object_on_a_turntable(tmp_path: Path, given: str) -> None:
     photos, masks = tmp_path / "in", tmp_path / "masks"
     true = scenes.turntable(photos, masks)
     if given == "nothing":
-        with pytest.raises(GagaError, match=r"background stands still.*--turntable"):
+        with pytest.raises(GagaError, match=r"background is static.*--turntable"):
             placed(photos, tmp_path / "scene")
         return
     config = ReconstructConfig(only="sfm", turntable=True)

@@ -1,1 +1,1 @@
-"""What commands do to a session: one module a subject of the menus, with its state."""
+"""The commands on a session: one module for each subject of the menus, with its state."""

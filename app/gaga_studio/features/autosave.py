@@ -56,7 +56,7 @@ FILE = "history.npz"
 
 @dataclass(frozen=True, eq=False)
 class HistoryCopy:
-    """What undo and redo need, of E entries, as values that another thread may write."""
+    """The E entries of undo and redo, as values that another thread may write."""
 
     record: HistoryRecord
     contents: tuple[int, ...]  # (E + 1) of each state: states of one number are saved alike
@@ -151,7 +151,7 @@ class Recovery:
 
     @property
     def age(self) -> str:
-        """How long ago, in words: "5 minutes ago"."""
+        """The age in words: "5 minutes ago"."""
         minutes = max(int(time.time() - self.saved_at) // 60, 0)
         for size, unit in ((1440, "day"), (60, "hour"), (1, "minute")):
             if minutes >= size:
@@ -336,7 +336,7 @@ def _open_stage(folder: Path) -> Stage[tuple[Project, HistoryCopy | None]]:
 
 
 def _read_quality(file: Path) -> "dict[str, Quality]":
-    """What was measured of the objects, by digest of the labels; nothing when it is damaged."""
+    """Measured quality of the objects, by digest of the labels; empty when it is damaged."""
     if not file.is_file():
         return {}
     from gaga_core.evaluate.quality import Quality

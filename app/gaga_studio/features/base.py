@@ -1,4 +1,4 @@
-"""What a command is, the conditions that features compose, and the check at the end of a job."""
+"""The command type, conditions that features compose, and the check at the end of a job."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -48,7 +48,7 @@ class Command:
     aliases: tuple[str, ...] = ()
     enabled: Reason = lambda _: ""  # "" when it can be run, else why not
     is_on: Callable[[Session], bool] | None = None  # of what can be switched on and off
-    describe: Callable[[Session], str] | None = None  # title of the moment: "Undo Move chair"
+    describe: Callable[[Session], str] | None = None  # current title: "Undo Move chair"
 
     def title_now(self, session: Session) -> str:
         """Title for the menu at this moment."""
@@ -95,7 +95,7 @@ def setting(id_: str, title: str, name: SettingSwitch) -> Command:
     return Command(id_, title, run, is_on=lambda s: getattr(s.settings, name))
 
 
-# --- conditions: why a command cannot be run now
+# --- conditions: reasons why a command is disabled
 
 
 def first_of(*reasons: Reason) -> Reason:
@@ -149,7 +149,7 @@ _without_masks = needs(
     lambda session: len(session.masks), "This scene has no masks. Use Make masks, or Import masks."
 )
 no_masks = first_of(not_saveable, _without_masks)
-NO_BANK = "Nothing is known of the masks behind these objects. Use Find objects first."
+NO_BANK = "The masks of these objects are not known. Use Find objects first."
 no_shown_bank = first_of(
     needs(lambda session: session.need().scene.bank is not None, NO_BANK), _without_masks
 )
@@ -161,7 +161,7 @@ nothing_pointed = needs(
 )
 
 
-# --- what features take of a document
+# --- values of a document that features need
 
 
 class Preview(Generic[T]):

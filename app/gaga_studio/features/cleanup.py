@@ -44,9 +44,7 @@ from gaga_studio.session.session import Session
 if TYPE_CHECKING:
     from gaga_core.scene.cleanup import CleanPreview
 
-_CLEANUP_CHANGED = (
-    "The scene changed while the object was cleaned, so nothing is done. Try it again."
-)
+_CLEANUP_CHANGED = "The scene changed while the object was cleaned. Try again."
 _AS_IS = ExportOptions()
 Build = Callable[[Scene, Sequence[int], IntArray, str], Edit | None]
 
@@ -161,12 +159,12 @@ def to_clean(session: Session) -> tuple[int, ...]:
 
 ReduceWhat = Literal["selection", "objects", "scene"]
 REDUCE, ESTIMATE = "Reduce splats", "Estimate the loss"
-_REDUCE_CHANGED = "The scene changed while splats were merged, so nothing is done. Try it again."
+_REDUCE_CHANGED = "The scene changed while splats were merged. Try again."
 
 
 @dataclass
 class ReducePlan:
-    """What is chosen in the sheet, and what is known of it."""
+    """The choices of the sheet, and the estimate of their loss."""
 
     what: ReduceWhat = "scene"
     percent: int = 50  # of the splats that are kept
@@ -207,7 +205,7 @@ def open_reduce_plan(session: Session, plan: ReducePlan) -> None:
 
 
 def close_reduce_plan(session: Session, plan: ReducePlan) -> None:
-    """Stop the estimate that nobody waits for any more: other jobs would wait for its end."""
+    """Stop the estimate that is no longer needed: other jobs would wait for its end."""
     if plan.asked is None or plan.starts:
         return
     plan.asked = None
@@ -256,7 +254,11 @@ def what_is_known_of_loss(session: Session, plan: ReducePlan) -> str:
     if plan.curve is not None:
         level = loss_text(plan.curve.at(plan.percent / 100))
         is_lossless = level == loss_text(EXACT)
-        said = "Nearly nothing is lost" if is_lossless else f"About {level} against pictures of now"
+        said = (
+            "Nearly nothing is lost"
+            if is_lossless
+            else f"About {level} against the current pictures"
+        )
         return f"{said}; measured when it is done."
     if reason := why_not_reducible(session, plan.what):
         return reason
@@ -316,7 +318,7 @@ def _snapshot(session: Session, plan: ReducePlan) -> tuple[Scene, Sequence[Camer
 def _no_cleaning(session: Session) -> str:
     if shown(session) is not None:
         return ""
-    return no_scene(session) or "There is no preview of a cleaning. Use Clean up first."
+    return no_scene(session) or "There is no clean-up preview. Use Clean up first."
 
 
 def _not_ready(session: Session) -> str:

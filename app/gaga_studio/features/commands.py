@@ -186,7 +186,7 @@ _BY_KEYS = {
 
 
 def menu_of(chosen: Command) -> str:
-    """Title of the menu that a command stands in."""
+    """Title of the menu that holds a command."""
     return _MENU_OF[chosen.id]
 
 

@@ -63,7 +63,7 @@ _FILLED = 0.6  # of the triangles of a ball: most objects are thinner
 
 @dataclass(frozen=True)
 class ExportPlan:
-    """What is to be written. ``path`` is a folder for objects and for cameras of COLMAP."""
+    """The export to write. ``path`` is a folder for objects and for cameras of COLMAP."""
 
     path: Path
     what: What = "scene"
@@ -73,7 +73,7 @@ class ExportPlan:
 
 @dataclass(frozen=True)
 class ExportSummary:
-    """What a plan will write."""
+    """The files that a plan will write."""
 
     n_splats: int  # of cameras: 0
     n_files: int
@@ -113,7 +113,7 @@ def _cameras_stage(session: Session, path: Path, options: ExportOptions) -> Stag
 
 
 def page_content(session: Session) -> PageContent:
-    """What a web page shows besides the splats: it begins with the present view."""
+    """Content of a web page in addition to the splats; it begins with the present view."""
     document = session.need()
     project = replace(document.project, scene=document.scene)
     found = document.feature(SearchState).described
@@ -163,7 +163,7 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     n_listed = len(np.unique(scene.labels[splats])) if plan.form is SplatFormat.HTML else 0
     n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree, n_listed)
     if n_splats < len(splats):
-        lost = ("Neighbours are merged; afterwards you are told what that lost.", *lost)
+        lost = ("Neighbours are merged; the loss is measured afterwards.", *lost)
     return ExportSummary(n_splats, n_files, n_bytes, lost)
 
 
@@ -206,7 +206,7 @@ def form_of_name(name: str) -> SplatFormat | None:
 
 
 def folder(session: Session) -> Path:
-    """Where exports go unless another place is chosen: never a hidden folder of ours."""
+    """The default folder of exports: never a hidden folder of ours."""
     place = session.project
     if place is None:
         return paths.exports()
@@ -308,10 +308,12 @@ def export_stage(
         kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
         made = yield from export_scene_stage(scene, path, what=kind, options=options)
         said = f"Exported {made.n_splats:,} splats to {paths.shown(path)}."
-        psnr, of = made.psnr, "what was written"
+        psnr, of = made.psnr, "the export"
     if psnr is None:
         return said
-    return f"{said} Merged: pictures of {of} have {psnr:.1f} dB (PSNR) against those of before."
+    return (
+        f"{said} Merged: pictures of {of} have {psnr:.1f} dB (PSNR) against those before the merge."
+    )
 
 
 # --- films and pictures

@@ -49,7 +49,7 @@ def add_splats(session: Session, path: Path) -> None:
         if splats.is_antialiased != document.scene.gaussians.is_antialiased:
             session.notify(
                 Level.WARNING,
-                f"{path.name} was trained for another kind of drawing (antialiased or not) "
+                f"{path.name} was trained in another mode (classic or antialiased) "
                 "than this scene, so its fine parts may look thinner or thicker here.",
             )
         level_of_detail.offer(session)

@@ -26,10 +26,10 @@ from gaga_studio.session.session import Session
 if TYPE_CHECKING:
     from gaga_core.fill.fill import Filling
 
-_CHANGED = "The scene changed while the hole was looked at, so nothing is done. Try it again."
-_NO_PREVIEW = "There is no preview of a filling. Use Delete and fill first."
+_CHANGED = "The scene changed while the hole was analysed. Try again."
+_NO_PREVIEW = "There is no fill preview. Use Delete and fill first."
 _COVERED = "the place is covered already, or nothing around it continues well there."
-_REFUSED = "what would fill it hardly shows, or would change what the photos show next to it."
+_REFUSED = "the fill would be barely visible or would alter nearby surfaces."
 
 
 class Fill(Preview["Filling"]):
@@ -191,7 +191,7 @@ def _no_filling(session: Session) -> str:
 
 COMMANDS: tuple[Command, ...] = (
     Command("object.fill", "Delete and fill", start, enabled=why_not, describe=title),
-    Command("object.fill_apply", "Apply the filling", apply, enabled=_no_filling),
+    Command("object.fill_apply", "Apply the fill", apply, enabled=_no_filling),
     Command(
         "object.fill_lighten",
         "Take off its shadow",

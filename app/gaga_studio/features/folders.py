@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _NEW = "Folder"  # what a new one is called until it has a name
 
-# --- which folders are meant
+# --- chosen folders
 
 
 @notifies
@@ -54,7 +54,7 @@ def chosen(session: Session) -> tuple[str, ...]:
 
 
 def of_selection(session: Session) -> tuple[str, ...]:
-    """Return the chosen folders, else the one that the selected objects lie in."""
+    """Return the chosen folders, else the one that the selected objects are in."""
     if session.scene is None:
         return ()
     homes = {session.scene.folders.places.get(g, "") for g in session.selected_groups()}
@@ -95,7 +95,7 @@ def new_folder(session: Session) -> bool:
 
 
 def _common(places: Sequence[str]) -> str:
-    """The deepest folder in which all of these folders lie."""
+    """The deepest folder that contains all of these folders."""
     if not places:
         return ""
     ways = [[*reversed(parents_of(place)), place] for place in places]
@@ -158,7 +158,7 @@ def delete(session: Session, *folders: str) -> bool:
     return session.edit(lambda scene: edits.delete_folder(scene, *folders, title=f"Delete {what}"))
 
 
-# --- all that is in one
+# --- the content of a folder
 
 
 def sums(session: Session) -> dict[str, FolderSums]:
@@ -174,12 +174,12 @@ def is_alone(table: ObjectTable, own: FolderSums) -> bool:
     return 0 < own.n_splats == n_shown and not own.n_hidden
 
 
-# --- which object lies under which
+# --- objects under other objects
 
 
 @notifies
 def put_under(session: Session, parent: int, groups: Sequence[int]) -> bool:
-    """Put objects under another one; what lies under them goes along."""
+    """Put objects under another one; objects under them go along."""
     document = session.need()
     scene = document.settled().scene
     title = f"Put {document.names_of(groups)} under {document.name_of(parent)}"
@@ -191,7 +191,7 @@ def put_under(session: Session, parent: int, groups: Sequence[int]) -> bool:
 
 @notifies
 def leave_parent(session: Session) -> bool:
-    """Take the selected objects out from under the object that each of them lies under."""
+    """Take each of the selected objects out from under its parent."""
     document = session.need()
     scene = document.settled().scene
     groups = [group for group in session.selected_groups() if group in scene.folders.parent]
@@ -206,7 +206,7 @@ def leave_parent(session: Session) -> bool:
 
 @notifies
 def select_with_children(session: Session) -> bool:
-    """Select the selected objects whole, and all that lies under them."""
+    """Select the selected objects whole, and all objects under them."""
     document, groups = session.need(), session.selected_groups()
     if not groups:
         return False
@@ -304,21 +304,21 @@ _no_folder = first_of(
     no_folders,
     needs(of_selection, "Choose a folder in the list, or an object that is in one."),
 )
-_not_in_folder = first_of(no_folders, needs(_is_in_folder, "What is selected lies in no folder."))
+_not_in_folder = first_of(no_folders, needs(_is_in_folder, "The selection is in no folder."))
 _under_nothing = first_of(
     no_selection,
     needs(
         lambda session: (
             not session.need().scene.folders.parent.keys().isdisjoint(session.selected_groups())
         ),
-        "What is selected lies under no object. Drag it onto one.",
+        "The selection is under no object. Drag it onto one.",
     ),
 )
 _nothing_under = first_of(
     no_selection,
     needs(
         lambda session: session.need().scene.folders.under(*session.selected_groups()),
-        "Nothing lies under this object. Drag another one onto it.",
+        "There is nothing under this object. Drag another one onto it.",
     ),
 )
 COMMANDS: tuple[Command, ...] = (

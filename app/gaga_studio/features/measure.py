@@ -21,7 +21,7 @@ HELP = "Drag orbits, Backspace takes one back, Esc leaves."
 
 @dataclass(frozen=True)
 class Reading:
-    """What lies between the points, scene units and degrees."""
+    """Distances and angles of the points, scene units and degrees."""
 
     lengths: tuple[float, ...]  # from each point to the next
     angle: float | None  # at the second of three points
@@ -30,7 +30,7 @@ class Reading:
 
 @dataclass
 class ClickedPoints:
-    """What was clicked in a document with the tool Measure, or Align to ground."""
+    """Points clicked in a document with the tool Measure, or Align to ground."""
 
     points: tuple[Point, ...] = ()  # measured: in the frame of the opened file; ground: world
     former_tool: ToolName = ToolName.PICK  # that comes back after the ground tool

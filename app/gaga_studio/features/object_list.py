@@ -43,7 +43,7 @@ class Part:
 
     @property
     def name(self) -> str:
-        """What it is called in the list."""
+        """Its name in the list."""
         return f"part {self.key[-1] + 1}"
 
 
@@ -86,7 +86,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class ListFilter:
-    """What objects must be like to be listed: nothing, or a range of some measures."""
+    """Conditions for objects to be listed: none, or ranges of some measures."""
 
     ranges: Mapping[Measure, Range] = field(default_factory=dict)
 
@@ -137,7 +137,7 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class FolderSums:
-    """What is in a folder and in all that lie in it."""
+    """The content of a folder and of its subfolders."""
 
     n_objects: int
     n_splats: int
@@ -148,7 +148,7 @@ class FolderSums:
 
 @dataclass
 class ObjectListView:
-    """What a document's list remembers; nothing of it is saved."""
+    """State of a document's list; it is not saved."""
 
     closed: frozenset[str] = frozenset()  # folders
     closed_groups: frozenset[int] = frozenset()  # objects, of those that others lie under
@@ -166,7 +166,7 @@ class ObjectListView:
         self.open_parts = self.open_parts ^ {key}
 
     def toggle_group(self, group: int, is_open: bool) -> None:
-        """Open or close an object that others lie under, with its parts."""
+        """Open or close an object with others under it, and its parts."""
         self.closed_groups = (
             self.closed_groups | {group} if is_open else (self.closed_groups - {group})
         )
@@ -174,12 +174,12 @@ class ObjectListView:
         self.open_parts = parts if is_open else parts | {(group,)}
 
     def reveal_group(self, folders: Folders, group: int) -> None:
-        """Open all that a group lies in or under."""
+        """Open all folders and objects that a group is in or under."""
         self.closed_groups = self.closed_groups.difference(folders.above(group))
         self.reveal(folders.places.get(group, ""))
 
     def reveal(self, folder: str) -> None:
-        """Open a folder and all that it lies in; "" is the top."""
+        """Open a folder and all folders above it; "" is the top."""
         self.closed = self.closed - {folder, *parents_of(folder)}
 
     def follow(self, before: str, after: str) -> None:
@@ -290,7 +290,7 @@ class _LineMaker:
         return len(self._behind)
 
     def _object(self, row: int, depth: int, folder: str) -> None:
-        """Lines of an object and of all that lies under it: not recursive, chains may be long."""
+        """Lines of an object and of all objects under it: not recursive, chains may be long."""
         left = [(row, depth)]
         while left:
             row, depth = left.pop()
@@ -332,7 +332,7 @@ def folder_sums(table: ObjectTable, folders: Folders) -> dict[str, FolderSums]:
     return {path: FolderSums(*sums[i].tolist()) for path, i in number.items()}
 
 
-# --- What the filter of the object list looks at, and which objects it keeps.
+# --- The filter of the object list: its criteria, and the objects it keeps.
 
 
 _FULL: Range = (0.0, 1.0)  # of shares

@@ -41,7 +41,7 @@ Item = int | str  # an object with all that lies under it, or the path of a fold
 
 @notifies
 def hide(session: Session) -> bool:
-    """Hide the selected splats, and what lies under objects that are selected whole."""
+    """Hide the selected splats, and the objects under those that are selected whole."""
     return folders.edit_along(session, "Hide", edits.hide)
 
 
@@ -54,7 +54,7 @@ def isolate(session: Session) -> bool:
 
 @notifies
 def delete(session: Session) -> bool:
-    """Delete the selected splats, and what lies under objects that are selected whole."""
+    """Delete the selected splats, and the objects under those that are selected whole."""
     under = folders.along(session).groups
     said = folders.title_along(session.need(), "Deleted", under)
     if not folders.edit_along(session, "Delete", edits.delete):
@@ -115,18 +115,18 @@ def assign(session: Session, group: int, splats: IntArray | None = None) -> bool
 
 @notifies
 def delete_floaters(session: Session) -> bool:
-    """Delete splats that stand alone, of the selection or of everything."""
+    """Delete isolated splats, of the selection or of everything."""
     from gaga_core.scene.selection.neighbourhood import floaters
 
     scene, chosen = session.need().settled().scene, session.selected_indices()
     found = floaters(scene, chosen if len(chosen) else algebra.everything(scene))
     if len(found) == 0:
-        session.notify(Level.HINT, "No splat stands alone here.")
+        session.notify(Level.HINT, "There are no isolated splats here.")
         return False
     return session.edit(lambda scene: edits.delete(scene, found, f"Delete {len(found):,} floaters"))
 
 
-# --- everything
+# --- all splats
 
 
 @notifies
@@ -218,7 +218,7 @@ def isolated(session: Session) -> str:
     return ", ".join(names)
 
 
-# --- level of detail of objects that no model made: of all, seen while dragged, and of one
+# --- levels of detail of objects: of all, shown while dragged, and of one
 
 
 def preview_level(session: Session, level: int) -> None:
@@ -265,12 +265,12 @@ def split_here(session: Session) -> bool:
 
 @notifies
 def join_here(session: Session) -> bool:
-    """Join the selected object with those that are one thing with it one level coarser."""
+    """Join the selected object with those that are one object with it one level coarser."""
     group = one_object(session)
     name = session.need().name_of(group)
     edit = edits.join_here(session.need().settled().scene, group, f"Join {name} here")
     if edit is None:
-        raise GagaError(f"{name} is one thing at all levels. Select others too, and use Merge.")
+        raise GagaError(f"{name} is one object at all levels. Select others too, and use Merge.")
     return session.need().do(edit)
 
 
@@ -322,7 +322,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("object.merge", "Merge into one", merge, enabled=_not_several),
     Command(
         "object.separate",
-        "Separate into an object of its own",
+        "Separate into a new object",
         separate,
         "Shift+P",
         enabled=no_selection,

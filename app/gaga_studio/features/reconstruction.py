@@ -23,7 +23,7 @@ _ANYWAY, _STOP = "Use it anyway", "Cancel"
 
 @dataclass(frozen=True)
 class ReconstructionPlan:
-    """What to make of the photos that were found."""
+    """The plan of a reconstruction from the photos that were found."""
 
     config: "ReconstructConfig"
     scene: Path  # folder to write
@@ -76,11 +76,11 @@ def found_text(found: "PhotoFind") -> str:
     """Return what was found, in a sentence."""
     if found.going_on is not None:
         share = 100 * found.iteration / found.going_on.train().iterations
-        return f"The training of {found.name} was stopped at {share:.0f} %. It can go on there."
+        return f"The training of {found.name} stopped at {share:.0f} %. You can continue it."
     if found.is_video:
         return f"{found.name} is a video of about {found.n_photos} useful frames."
     if found.is_placed:
-        return f"{found.n_photos:,} photos with their places, and no splats yet."
+        return f"{found.n_photos:,} photos with known cameras, no splats yet."
     return f"{found.n_photos:,} photos, and no splats yet."
 
 

@@ -66,7 +66,7 @@ def select_groups(session: Session, groups: Sequence[int], how: How = "set") -> 
     return done
 
 
-# --- everything
+# --- all splats
 
 
 @dataclass
@@ -172,7 +172,7 @@ class Histograms:
 
 
 def by_range(session: Session, name: str, low: float, high: float, how: How = "set") -> bool:
-    """Select splats whose column lies in a range."""
+    """Select splats whose column is in a range."""
     return _select(session, name, how, lambda s: by_value.in_range(s, name, low, high))
 
 
@@ -229,7 +229,7 @@ def _change(session: Session, title: str, change: Callable[[Scene, IntArray], In
     return document.select(change(document.settled().scene, splats), "set", title)
 
 
-# --- selections with a name
+# --- named selections
 
 
 @notifies
@@ -376,7 +376,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("select.grow", "Grow", grow, enabled=no_selection),
     Command("select.shrink", "Shrink", shrink, enabled=no_selection),
     Command(
-        "select.alike", "Grow to what is alike (identity)", grow_by_identity, enabled=_no_encodings
+        "select.alike", "Grow to similar splats (identity)", grow_by_identity, enabled=_no_encodings
     ),
     Command("select.keep", "Keep the selection", keep_next_selection, enabled=no_selection),
     Command("object.uncertain", "Select uncertain splats", select_uncertain, enabled=no_confidence),

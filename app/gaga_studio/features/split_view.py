@@ -31,7 +31,7 @@ _GAIN = 4.0  # of the difference: a quarter of the range is white
 
 @dataclass(frozen=True)
 class PhotoPlacement:
-    """Where a photo lies over the picture: its corner and size in pixels of the picture."""
+    """Placement of a photo over the picture: its corner and size in pixels of the picture."""
 
     x: float
     y: float
@@ -69,7 +69,7 @@ def compared_photo(session: Session) -> Camera | None:
 
 
 def place_photo(photo: Camera, view: Camera) -> PhotoPlacement:
-    """Return where the photo lies in the picture of ``view``, which has the same pose.
+    """Return the placement of the photo in the picture of ``view``, which has the same pose.
 
     Exact for any principal point and for pixels that are not square.
     """
@@ -130,7 +130,7 @@ def go_to_a_photo(session: Session) -> None:
 # --- two sides
 
 AT_A_PHOTO = frozenset({Side.PHOTO, Side.TRUTH, Side.ERRORS})  # only at the camera of a photo
-_CHANGED = "The objects changed while this ran, so nothing is compared. Try it again."
+_CHANGED = "The objects changed meanwhile. Try again."
 LEFT = tuple(Side)
 RIGHT = (Side.PICTURE, Side.GROUPS, Side.TRUTH, Side.ERRORS)
 
@@ -156,7 +156,7 @@ def is_shown(session: Session, left: Side, right: Side) -> bool:
 
 
 def why_not(session: Session, side: Side) -> str:
-    """Why a side cannot be shown; "" when it can."""
+    """The reason why a side cannot be shown; "" when it can."""
     document = session.document
     if document is None:
         return "No scene is open."
@@ -173,7 +173,7 @@ def why_not(session: Session, side: Side) -> str:
     return ""
 
 
-# --- what the graphics card draws
+# --- sides drawn by the graphics card
 
 
 def right_view(session: Session, view: ViewState) -> ViewState:
@@ -286,7 +286,7 @@ def missing_text(session: Session) -> str:
     """Say why the groups of the other preset are not shown, while they are not known."""
     preset, running = other_preset(session), session.jobs.running
     if running is not None and running.title == _job_title(preset):
-        return f"The groups of the preset {preset} are on the way"
+        return f"The groups of the preset {preset} are being computed"
     return f"Groups of {preset} not known: close this split, open it again"
 
 

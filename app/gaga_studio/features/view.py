@@ -157,7 +157,7 @@ COMMANDS: tuple[Command, ...] = (
         "folder_colors",
         enabled=no_folders,
     ),
-    _look(SplatLook.AUTO, "Look that the file asks for"),
+    _look(SplatLook.AUTO, "Look that the file specifies"),
     _look(SplatLook.CLASSIC, "Classic look"),
     _look(SplatLook.ANTIALIASED, "Antialiased look (mip)"),
     Command("view.background", "Next background color", next_background),

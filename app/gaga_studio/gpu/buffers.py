@@ -19,7 +19,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene.scene import RGB, Placements, Revision, Scene, State
 
-# --- How splats are packed for the graphics card: 43 bytes each without view-dependent color.
+# --- Packing of splats for the graphics card: 43 bytes each without view-dependent color.
 # A splat of degree 3 takes 91 bytes in data textures; depth order and projected splats (`splats`)
 # add 28. The files of most trainers hold 248.
 
@@ -274,7 +274,7 @@ class SceneBuffers:
 
     @property
     def is_tinted(self) -> bool:
-        """Whether a color lies over those of the splats."""
+        """Whether a color is blended over those of the splats."""
         return "tint" in self._textures
 
     @property

@@ -121,7 +121,7 @@ class NodeReader:
         except Exception as error:  # noqa: BLE001  or a picture to save would wait forever
             _LOG.exception("level of detail")
             self.error = GagaError(f"The level of detail cannot be read ({error}).")
-        finally:  # however the thread ended, nobody may wait for it
+        finally:  # however the thread ended, no other may wait for it
             with self._changed:
                 self._ended, self._reading = True, -1
                 self._changed.notify_all()

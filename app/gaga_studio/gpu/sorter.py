@@ -119,7 +119,7 @@ class Sorter:
                         self._result = result
                         self._done = job.ticket if is_last else self._done
                         self._changed.notify_all()
-        finally:  # however the worker ended, nobody may wait for it
+        finally:  # however the worker ended, no thread may wait for it
             with self._changed:
                 self._ended = True
                 self._changed.notify_all()

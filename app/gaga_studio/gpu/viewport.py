@@ -21,7 +21,7 @@ from gaga_studio.gpu.sorter import DepthOrder, Sorter, SortJob
 from gaga_studio.gpu.splats import Look, SplatRenderer
 from gaga_studio.session.view import CentreColors, Mode, ViewState
 
-# --- How much of a picture one frame draws, so that the window answers meanwhile.
+# --- The part of a picture that one frame draws, so that the window stays responsive.
 
 _FIRST = 4096  # splats of the first part: what a splat costs is not known yet
 _MOST_GROWTH = 2.0  # from one part to the next: near splats, drawn last, cost more

@@ -1,1 +1,1 @@
-"""What is open and what panels read: no toolkit, no OpenGL; works without a window."""
+"""The open scene and the state that panels read: no toolkit, no OpenGL, no window needed."""

@@ -23,7 +23,7 @@ _THREE_QUARTERS = np.radians(30.0)  # from the front, of the first view without 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where the camera is, relative to the scene's up: what a bookmark would keep.
+    """Pose of the camera relative to the scene's up, as a bookmark keeps it.
 
     ``yaw`` turns around up, ``pitch`` looks down when negative, ``roll`` turns the picture
     clockwise; radians. The fields of view are the least that the picture shows both ways.
@@ -63,7 +63,7 @@ class CameraRig:
 
     @property
     def pivot(self) -> DoubleArray:
-        """What orbit turns around (3,), world."""
+        """Centre of the orbit (3,), world."""
         return self.pose.pivot
 
     @property
@@ -74,7 +74,7 @@ class CameraRig:
 
     @property
     def seen_from(self) -> DoubleArray:
-        """Where the picture is taken from (3,), world: far off when it is orthographic."""
+        """Position of the camera (3,), world: far off when it is orthographic."""
         return self._camera(self._size).position
 
     @property
@@ -171,7 +171,7 @@ class CameraRig:
         self._jump(replace(self._target(), pivot=np.array(centre), distance=distance), animated)
 
     def go_to(self, camera: Camera, *, animated: bool = True) -> None:
-        """Stand where ``camera`` stands, roll included, and show at least what it shows."""
+        """Move to the pose of ``camera``, roll included, and show at least what it shows."""
         yaw, pitch, roll = self._angles(camera.cam_from_world[:3, :3])
         distance = self._depth_of_interest(camera)
         fov_x = 2 * float(np.arctan(camera.width / 2 / camera.K[0, 0]))
@@ -285,7 +285,7 @@ class CameraRig:
             self._stop()
         return True
 
-    # --- inside
+    # --- private
 
     def _axes(self, pose: Pose) -> DoubleArray:
         """Rows right, down, forward (3, 3), world: the rotation of ``cam_from_world``."""
@@ -338,7 +338,7 @@ class CameraRig:
         return depth if depth > 0.05 * self.radius else self.radius
 
     def _target(self) -> Pose:
-        """Where a jump ends, or the present pose."""
+        """The pose at the end of a jump, or the present one."""
         return self._goal if self._goal is not None else self.pose
 
     def _jump(self, goal: Pose, animated: bool = True) -> None:

@@ -170,7 +170,7 @@ class Document:
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """Cameras of the photos where they stand around the scene as it is; () without a folder."""
+        """Cameras of the photos in the world of the scene as it is now; () without a folder."""
         folder, world = self.project.folder, self.world
         if folder is None:
             return ()
@@ -269,7 +269,7 @@ class Document:
         return self.read.selected_box(self.history.is_previewing)
 
     def selected_pose(self) -> Pose | None:
-        """Where the selection stands, about the middle of its box; None when nothing is selected.
+        """Placement of the selection, about the middle of its box; None when nothing is selected.
 
         Of several placements: as if nothing was turned or scaled. During a drag: as before it.
         """
@@ -296,7 +296,7 @@ class Document:
         return self.read.selected_oriented_box(self.history.is_previewing)
 
     def selected_axes(self) -> DoubleArray:
-        """How the first selected splat's object was turned (3, 3): its own axes as columns."""
+        """Rotation of the first selected splat's object (3, 3): its own axes as columns."""
         chosen = self.read.selected_indices()
         if len(chosen) == 0:
             return np.eye(3)
@@ -306,6 +306,6 @@ class Document:
         return axes if np.linalg.det(axes) > 0 else -axes
 
     def selected_centre(self) -> DoubleArray | None:
-        """Where the handles stand (3,), world; None when nothing is selected."""
+        """Position of the handles (3,), world; None when nothing is selected."""
         box = self.selected_box()
         return None if box is None else (box[0] + box[1]) / 2

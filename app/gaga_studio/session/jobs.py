@@ -28,7 +28,7 @@ _LEAST_FOR_ETA = 0.03  # below this share of what was left at first a rate is no
 
 @dataclass(frozen=True)
 class Job:
-    """What a panel shows of the work that is running."""
+    """Status of the running work for panels."""
 
     title: str
     stage: str  # the step it is in; the title until the first progress
@@ -313,7 +313,7 @@ class _Worker(threading.Thread):
             self.error = error
 
     def describe(self) -> Job:
-        """What to show now."""
+        """The current status."""
         progress = self.delivery.latest
         elapsed = time.monotonic() - self._started_at
         if progress is None:

@@ -12,7 +12,7 @@ from gaga_core.errors import GagaError
 
 
 class Level(StrEnum):
-    """How much a notice matters."""
+    """Severity of a notice."""
 
     HINT = "hint"  # nothing was done, and nothing went wrong
     INFO = "info"  # something was done

@@ -27,7 +27,7 @@ COPY, ELSEWHERE, RELOAD = "Save with a copy", "Save elsewhere…", "Reload"
 
 @dataclass(frozen=True)
 class How:
-    """What a save may do."""
+    """Permissions of a save."""
 
     copies_model: bool = False
     overwrites: bool = False
@@ -121,7 +121,7 @@ def look_at_files(session: "Session") -> bool:
 
 
 def stamps(project: Project) -> Stamps:
-    """What tells quickly that a file may have changed."""
+    """A quick sign that a file may have changed."""
     return tuple(_stamp(file) for path, _ in _files(project) for file in files_of_model(path))
 
 
@@ -150,7 +150,7 @@ def _question(
     then: Callable[[], None] | None,
     how: How,
 ) -> UserQuestion | None:
-    """What to ask when a save failed with ``error``; None when there is nothing to choose."""
+    """The question after a save failed with ``error``; None when there is no choice."""
     document = session.need()
     if isinstance(error, ModelChangedError):
         choices: tuple[str, ...] = (COPY, ELSEWHERE, RELOAD, "Cancel")
@@ -178,5 +178,5 @@ def _question(
     }
     text = str(error)
     if isinstance(error, ModelChangedError) and document.unsaved:
-        text += " To reload loses the unsaved edits."
+        text += " Reloading loses the unsaved edits."
     return UserQuestion(text, choices, lambda choice: actions[choice]())

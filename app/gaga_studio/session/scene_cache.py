@@ -1,4 +1,4 @@
-"""What panels read of a scene, computed once for each of its revisions."""
+"""Values that panels read of a scene, computed once for each of its revisions."""
 
 import hashlib
 import re
@@ -71,7 +71,7 @@ class SceneCache:
         return self._by("grouped", "splats labels", lambda: bool((self._scene.labels > 0).any()))
 
     def n_splats(self) -> int:
-        """How many splats there are, without deleted ones."""
+        """Number of splats, without deleted ones."""
         scene = self._scene
         return self._by("count", "splats state", lambda: int((~scene.has(State.DELETED)).sum()))
 

@@ -210,7 +210,7 @@ class Session:
 
     @property
     def project(self) -> Project | None:
-        """What is open."""
+        """The open project, if any."""
         return self.document.project if self.document is not None else None
 
     @property
@@ -220,7 +220,7 @@ class Session:
 
     @property
     def shown(self) -> Scene | None:
-        """What the picture shows: the open scene, or splats that are being trained."""
+        """The scene in the picture: the open one, or splats that are being trained."""
         return self.training.scene if self.training is not None else self.scene
 
     @property
@@ -265,7 +265,7 @@ class Session:
         if job is None:
             chosen("Quit")
             return
-        text = f"{job.title} is still running; what it has not finished is lost. Quit?"
+        text = f"{job.title} is still running; unfinished work is lost. Quit?"
         self.pending_question = UserQuestion(text, ("Quit", "Cancel"), chosen)
 
     def save(self, path: Path | None = None, then: Callable[[], None] | None = None) -> None:

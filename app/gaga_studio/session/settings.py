@@ -1,4 +1,4 @@
-"""What the program remembers between runs: recent files and preferences."""
+"""Settings kept between runs: recent files and preferences."""
 
 import json
 import logging

@@ -24,7 +24,7 @@ _MOST = 100  # files that are remembered, newest first
 
 @notifies
 def turn(session: "Session") -> bool:
-    """Turn everything half around x; a second time it stands as in the file.
+    """Turn everything half around x; a second time it is as in the file.
 
     The file is turned from then on whenever it is opened, if it does not say how it stands.
     """
@@ -49,7 +49,7 @@ def opened(session: "Session") -> bool:
         return False  # a saved project keeps how it stands
     if str(path.resolve()) in session.settings.upright:
         return _turn(session, is_content=False)
-    text = f"{path.name} does not say which way is up. Does it stand on its head?"
+    text = f"{path.name} does not say which way is up. Is it upside down?"
     session.notify(Level.HINT, text, COMMAND)
     return False
 
@@ -65,7 +65,7 @@ def _turn(session: "Session", *, is_content: bool) -> bool:
 
 
 def _is_open_question(path: Path) -> bool:
-    """Whether the file does not say how it stands."""
+    """Whether the file does not say which way is up."""
     if path.suffix.lower() != ".spz":
         return False
     try:

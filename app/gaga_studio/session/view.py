@@ -1,4 +1,4 @@
-"""How the scene is shown: what panels set and the viewport reads, and pictures for jobs."""
+"""The view of the scene: settings of panels that the viewport reads, and pictures for jobs."""
 
 import queue
 import threading
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Mode(StrEnum):
-    """What the color of the splats means."""
+    """Meaning of the color of the splats."""
 
     COLOR = "color"
     GROUPS = "groups"
@@ -35,7 +35,7 @@ class Mode(StrEnum):
 
 
 class SplatLook(StrEnum):
-    """How splats that are smaller than a pixel are drawn."""
+    """Drawing of splats that are smaller than a pixel."""
 
     AUTO = "auto"  # as the file's comments ask
     CLASSIC = "classic"  # every splat is widened by 0.3 pixels^2 (Kerbl 2023)
@@ -43,7 +43,7 @@ class SplatLook(StrEnum):
 
 
 class CentreColors(StrEnum):
-    """What the colors of the centres mean, in `Mode.CENTRES`."""
+    """Meaning of the colors of the centres, in `Mode.CENTRES`."""
 
     OWN = "own"  # the splats' own colors
     GROUPS = "groups"
@@ -106,7 +106,7 @@ class ViewportPoint:
 
 
 class Side(StrEnum):
-    """What lies on one side of the line in a split view."""
+    """Content of one side of a split view."""
 
     PHOTO = "photo"
     PICTURE = "picture"  # on the right as the view mode says
@@ -118,7 +118,7 @@ class Side(StrEnum):
 
 
 class PhotoCompareMode(StrEnum):
-    """What lies over the picture at a photo's camera."""
+    """Comparison drawn over the picture at a photo's camera."""
 
     OFF = "off"
     SWIPE = "swipe"  # two sides with a line between them that can be dragged

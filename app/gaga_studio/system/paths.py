@@ -1,4 +1,4 @@
-"""Where things lie on disk: settings, demo scene, log; and a look at one in the file manager."""
+"""Paths on disk: settings, demo scene, log; and showing a file in the file manager."""
 
 import logging
 import os
@@ -58,7 +58,7 @@ def shown(path: Path) -> str:
     return str(Path("~") / path.relative_to(home)) if inside else str(path)
 
 
-# --- The log file: what went wrong, in full, for the person who fixes it.
+# --- The log file: errors in full, for developers.
 
 _MOST_BYTES = 1 << 20
 
@@ -82,7 +82,7 @@ def start_log() -> Path | None:
     return path
 
 
-# --- Shows a file in the file manager of the system.
+# --- Show a file in the file manager of the system.
 
 
 def show(path: Path) -> None:
@@ -90,7 +90,7 @@ def show(path: Path) -> None:
     path = path.absolute()
     folder = path if path.is_dir() else path.parent
     if not folder.is_dir():
-        raise GagaError(f"{folder} is not there any more.")
+        raise GagaError(f"{folder} no longer exists.")
     command = _command(path, folder)
     if shutil.which(command[0]) is None:
         raise GagaError(f"No file manager was found. The folder is {folder}.")

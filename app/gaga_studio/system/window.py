@@ -15,7 +15,7 @@ from imgui_bundle import ImVec2, ImVec4, glfw_utils, hello_imgui, imgui, immapp
 from gaga_core.errors import GagaError
 from gaga_studio.system.key_queue import KeyQueue
 
-# --- Where the panels are docked: a wide and a compact layout, sized for the text that they hold.
+# --- Docking of the panels: a wide and a compact layout, sized for the text that they hold.
 # Docks keep their pixels when the window grows; text does not when its scale changes. So another
 # scale lays the panels out again, and a remembered layout in which there is no picture is
 # forgotten.

@@ -27,7 +27,7 @@ class MoveTool(ClickTool):
         return self._start is not None
 
     def handles(self, session: Session) -> DoubleArray | None:
-        """Where the handles stand, (4, 4) world; None when nothing is selected."""
+        """Pose of the handles, (4, 4) world; None when nothing is selected."""
         document = session.document
         centre = document.selected_centre() if document is not None else None
         if centre is None:

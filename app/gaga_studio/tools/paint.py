@@ -167,7 +167,7 @@ class EraseTool(_SurfaceBrush):
 
     def hint(self, session: Session) -> str:
         """What a drag does now."""
-        return "Drag over what is to be erased; what lies behind it stays. [ and ] change the size."
+        return "Drag over splats to erase them; those behind them stay. [ and ] change the size."
 
     def _on(self, scene: Scene, splats: np.ndarray) -> Edit | None:
         return edits.delete(scene, splats, f"Erase {len(splats):,} splats")
@@ -236,7 +236,7 @@ class CloneTool(_Brush):
         found = self._surface(session, place)
         if found is not None:
             self._source = session.need(), found
-            session.hint = "The source is set. Drag where the copies are to come."
+            session.hint = "The source is set. Drag where the copies should go."
 
     def hint(self, session: Session) -> str:
         """What a drag does now."""

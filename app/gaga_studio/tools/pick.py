@@ -54,7 +54,7 @@ class GroundTool(ClickTool):
         return f"{measure.ground_prompt(session)}  ·  {measure.GROUND_HELP}"
 
 
-# --- Click points of the surface and read what lies between them; drags orbit.
+# --- Click points of the surface and read their distances; drags orbit.
 
 
 class MeasureTool(ClickTool):
@@ -71,7 +71,7 @@ class MeasureTool(ClickTool):
         return f"{measure.prompt(session)}  ·  {measure.HELP}"
 
 
-# --- Click a thing to select it, whatever groups there are; drag a box around it.
+# --- Click an object to select it, with or without groups; drag a box around it.
 
 
 class ObjectTool(BoxDrag):

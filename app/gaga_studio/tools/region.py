@@ -7,7 +7,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view import Outline, ToolName
 from gaga_studio.tools.base import BoxDrag, PathShape, ViewportPoint, region_hint
 
-# --- Drag a rectangle: what lies in it is selected, whole objects or single splats.
+# --- Drag a rectangle: it selects whole objects or single splats.
 
 
 class RectTool(BoxDrag):

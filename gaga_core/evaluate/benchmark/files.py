@@ -19,7 +19,7 @@ VERSION = 2  # grows whenever the same settings give other figures
 
 
 def digest_of(path: Path | None) -> str:
-    """What tells a file or folder (with its files, two levels deep) from a later state of it:
+    """Stamp that tells a file or folder (with files, two levels deep) from a later state of it:
     names, sizes and times, not contents."""
     if path is None or not path.exists():
         return ""

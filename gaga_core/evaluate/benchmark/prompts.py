@@ -31,7 +31,7 @@ PROBABLE = 0.2  # probability of a group above which a pixel is its (likewise)
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What a method that answers text prompts may use."""
+    """Input of a method that answers text prompts."""
 
     scene: Scene  # the splats with their groups
     train: tuple[Camera, ...]

@@ -146,7 +146,7 @@ _TRACKED = "object_mask"  # associated by a tracker already: only on request
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What all runs over one scene read."""
+    """Input of all runs over one scene."""
 
     scene: DatasetScene
     config: BenchmarkConfig
@@ -259,7 +259,7 @@ def _with_splats(
 
 
 def _conditions(task: _Task, splats: str) -> Conditions:
-    """How the scene was scored, for tables."""
+    """Conditions of the scene's scores, for tables."""
     scene, config = task.scene, task.config
     queries = "" if scene.prompts is None or config.pred is not None else words_of(config.find)
     truth = scene.truth if scene.prompts is None else set(scene.prompts.views.values())
@@ -275,7 +275,7 @@ def _conditions(task: _Task, splats: str) -> Conditions:
 
 
 def _settings(dataset: Dataset, task: _Task) -> dict[str, object]:
-    """What the results of a scene depend on."""
+    """Dependencies of the results of a scene."""
     folder, config = task.scene.folder, task.config
     values: dict[str, object] = {
         "dataset": dataset.name,
@@ -373,7 +373,7 @@ def _run(task: _Task, share: float, gaussians: Gaussians | None) -> Stage[Benchm
 def _question(
     task: _Task, folder: SceneFolder, gaussians: Gaussians, labels: IntArray, maps: Sequence[Path]
 ) -> Question:
-    """What a method that answers the prompts may use."""
+    """Input of the method that answers the prompts."""
     prompts = task.scene.prompts
     wanted = set() if prompts is None else set(prompts.views.values())
     views = tuple(c for c in select_views(folder, "test") if c.name in wanted)

@@ -121,11 +121,11 @@ class BenchmarkReport:
         return values
 
     def made(self) -> list[str]:
-        """How the tables were made: split, truth, masks, scenes, splats, queries."""
+        """Conditions of the tables: split, truth, masks, scenes, splats, queries."""
         return sentences(self.dataset, [(s.scene, s.conditions) for s in self.scenes])
 
     def departures(self) -> list[str]:
-        """What is not as the paper has it: then its figures stand in a table of their own."""
+        """Differences from the paper; where there are any, its figures are in a separate table."""
         found = [d for s in self.scenes for d in departures(self.dataset, s.scene, s.conditions)]
         absent = absent_scenes(self.dataset, [s.scene for s in self.scenes])
         if absent and self.protocol == "instance":
@@ -134,7 +134,7 @@ class BenchmarkReport:
         return list(dict.fromkeys(found))
 
     def sentences(self) -> list[str]:
-        """What a person should know about the table."""
+        """Notes on the table."""
         found = [f"{scene}: {reason}" for scene, reason in self.failed.items()]
         for scene in self.scenes:
             whole = scene.runs[0]

@@ -187,7 +187,7 @@ def _logged(
     for old in bank.log:
         if old.view not in place:
             raise GagaError(
-                f"{old.view} has no masks any more. Choose the masks that were associated."
+                f"{old.view} no longer has masks. Choose the masks that were associated."
             )
         v = place[old.view]
         m = int(np.searchsorted(masks[v], old.mask))
@@ -227,7 +227,7 @@ class Move:
 
 @dataclass(frozen=True, eq=False)
 class Repair:
-    """What an association becomes by a `Move`."""
+    """Result of a `Move` on an association."""
 
     bank: MemoryBank
     labels: IntArray  # (N,)
@@ -237,7 +237,7 @@ class Repair:
     n_splats: int  # that changed theirs
 
     def sentence(self) -> str:
-        """What happened."""
+        """Summary of the move."""
         others = self.n_masks - 1
         masks = "no other mask" if others < 1 else f"{others} more mask{'s' * (others > 1)}"
         return f"{masks.capitalize()} followed, {self.n_splats:,} splats changed their object."

@@ -99,7 +99,7 @@ def two_sides(
 ) -> DoubleArray | None:
     """Side (D,) of each mask, 1 or -1, 0 = covers both; None when there are no two sides."""
     shared = covers.astype(np.float32) @ covers.T.astype(np.float32)
-    # Of what a mask covers, only what the other's view sees at all tells them apart.
+    # Of what a mask covers, only what the other's view sees at all distinguishes them.
     a = covers.astype(np.float32) @ sees.T.astype(np.float32)
     union = a + a.T - shared
     weight = np.where(union > 0, shared / np.maximum(union, 1), 0).astype(np.float64)

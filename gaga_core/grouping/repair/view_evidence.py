@@ -1,4 +1,4 @@
-"""What the views say about the splats, kept so that a repair need not render every view again.
+"""Evidence of the views on the splats, kept so that a repair need not render every view again.
 
 Depth maps are the expensive part of an association. What remains of them here is small: the
 accepted depths of each mask, and (for the view consensus) the mask that each surface point shows in
@@ -49,7 +49,7 @@ class Evidence:
         for camera in self.views:
             if camera.name == view:
                 return camera
-        raise GagaError(f"{view} has no masks any more. Choose the masks that were associated.")
+        raise GagaError(f"{view} no longer has masks. Choose the masks that were associated.")
 
     def masks_of(self, camera: Camera) -> ViewMasks:
         """The masks of a view, ids made dense."""

@@ -1,1 +1,1 @@
-"""What the preset ``robust`` adds to the association of the paper."""
+"""The preset ``robust``: additions to the association of the paper."""

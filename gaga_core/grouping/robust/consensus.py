@@ -170,7 +170,7 @@ def _normals(
 
 # --- Clusters of points by average linkage over the views that show them in one mask.
 # Time and memory grow with the pairs of points that some view shows in one mask, not with the
-# square of the points: points of things far apart are never looked at together.
+# square of the points: points of objects far apart are never looked at together.
 
 
 _ROWS = 256  # points in one piece of work
@@ -316,7 +316,7 @@ class ConsensusConfig:
     rare_views: int = 3  # ... but not those of so many views, ...
     sure_views: int = 2  # ... nor those that lead a mask in so many views, ...
     sure_support: float = 0.5  # ... if that is so large a share of the views that see them
-    whole_groups: int = 4  # a mask that shows so many clusters is of many things at once
+    whole_groups: int = 4  # a mask that shows so many clusters is of many objects at once
     whole_share: float = 0.5  # ... each with this share of the points that the view shows of it
     merged_share: float = 0.15  # a mask whose second group has this share of points holds both
 
@@ -378,9 +378,9 @@ def without_wholes(
     sizes: Sequence[int],  # rows of each view's table: masks + 1
     config: ConsensusConfig,
 ) -> IntArray:
-    """``mask_of`` without masks of many things at once: a table with all that stands on it.
+    """``mask_of`` without masks of many objects at once: a table with all that stands on it.
 
-    Segment Anything gives such wholes, and where few views see two things next to each other, one
+    Segment Anything gives such wholes, and where few views see two objects next to each other, one
     or two of them would outvote the rest. (Dropping under-segmented masks before clustering is from
     MaskClustering, Yan et al., CVPR 2024.)
     """

@@ -259,7 +259,7 @@ def follow_surfaces(
 
 @dataclass(frozen=True, eq=False)
 class _ViewObservations:
-    """What each view shows of each Gaussian."""
+    """The mask of each Gaussian in each view, with its weight."""
 
     masks: IntArray  # (N, V) mask of most of its pixels, 0 = none
     weights: FloatArray  # (N, V) summed blending weight

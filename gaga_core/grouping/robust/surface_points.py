@@ -53,7 +53,7 @@ def sample_points(
     max_points: int,
 ) -> Stage[DoubleArray]:
     """Points (S, 3) of the world, at least ``per_mask`` in each mask as far as it has pixels, and
-    more in larger ones: of a floor of few points those of things on it, at its rims, are most.
+    more in larger ones: of a floor of few points those of objects on it, at its rims, are most.
 
     View by view, a mask that already shows enough points of earlier views adds none, so their
     number grows with the scene, not with the number of views. When it would exceed ``max_points``,
@@ -182,7 +182,7 @@ def _ranks(sorted_ids: IntArray) -> LongArray:
     return place - np.searchsorted(sorted_ids, sorted_ids)
 
 
-# --- How many points of each cluster show in each mask of each view: mostly zeros, kept as such.
+# --- Counts of the points of each cluster in each mask of each view, as a sparse table.
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,8 @@ Weights-free regions respect outlines but cut objects into pieces, and what stan
 So the surface decides with them: samples of it (`surfels`) grow to small pieces (`pieces`), large
 planes are found (`sheets`), and borders between pieces are judged by two witnesses, the share of
 views that show both sides in one region, and the shape of the surface there (`borders`). Pieces
-join in the order of the evidence (`linkage`), which gives levels from fine pieces to whole things
-(`objects`); thin things on a surface stay apart from it (`enclosed`), what turns out to be two
-things is divided (`divided`), a surface is one on both sides of what lies across it (`spanned`),
+join in the order of the evidence (`linkage`), which gives levels from fine pieces to whole objects
+(`objects`); thin objects on a surface stay apart from it (`enclosed`), what turns out to be two
+objects is divided (`divided`), a surface is one on both sides of what lies across it (`spanned`),
 and what surrounds the scene becomes one group (`background`).
 """

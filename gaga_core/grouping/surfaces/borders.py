@@ -2,10 +2,10 @@
 
 Views: the share of them that show both sides in one region. Regions of several levels of detail
 count as so many views, because a single level is an accident of its threshold. Shape: concave
-creases and steps speak for two things, even and bulging borders for one (local convexity: Stein et
-al., CVPR 2014). Where the surface is even, views say nothing against one thing: print, shadows and
+creases and steps speak for two objects, even and bulging borders for one (local convexity: Stein et
+al., CVPR 2014). Where the surface is even, views say nothing against one object: print, shadows and
 texture part regions as well. Two pieces that both stand on a plane and meet in a crease are two
-things, too.
+objects, too.
 
 A piece of seven samples is no larger than what regions miss an outline by, so a border of larger
 pieces asks the views about all samples near it on either side. And splats that a training left
@@ -30,7 +30,7 @@ from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels, dense, outlines
 
-# --- Average linkage over a graph with signed evidence: who joins whom, and in what order.
+# --- Average linkage over a graph with signed evidence: which clusters join, and in what order.
 # The evidence between two clusters is the mean over their common border, not over all pairs of
 # members, so that large surfaces hold together (as in GASP, Bailoni et al., CVPR 2022).
 
@@ -43,7 +43,7 @@ class SignedGraph:
     first: LongArray  # (B,) node
     second: LongArray  # (B,) node
     length: DoubleArray  # (B,) of the border, > 0
-    evidence: DoubleArray  # (B,) log odds that both are one thing: the mean over the border
+    evidence: DoubleArray  # (B,) log odds that both are one object: the mean over the border
 
     def contracted(self, cluster: LongArray) -> "SignedGraph":
         """The graph of clusters (n,), dense ids from 0."""
@@ -151,7 +151,7 @@ def joined(graph: SignedGraph, least_evidence: float, least_size: float = 0.0) -
 KNOWN_NOISE = np.array([0.1, 0.16])  # crease and step by noise in the scenes of the fit
 
 _STEPS = 2  # from piece to piece, within which pieces of a cluster are asked together
-_CALM = 1.25  # times that crease up to which creases are those of things
+_CALM = 1.25  # times that crease up to which creases are those of objects
 _PRIOR = 0.5  # views' worth of doubt about a share of views, on either side
 _HALF_VOICE = 1.0  # samples with which a view has half a voice about a piece
 _SMOOTHED = 2  # rounds of averaging over neighbours within a piece
@@ -162,7 +162,7 @@ _STANDS = 0.3  # crease at which standing side by side counts in full
 _ON_PLANE = 0.6  # share of the samples of a piece that make it a part of a plane
 _SUPPORT_AREA, _SUPPORT_SIZE = 0.01, 0.002  # shares of the area and of the samples of a support
 _PATCH = 0.15  # share of the samples of either side on the same plane that makes it a patch
-_FOOT = 0.1  # least crease between a thing and its support
+_FOOT = 0.1  # least crease between an object and its support
 # Of small pieces: bias, crease, bulge, step, share of views in one region (-1..1).
 _FINE = np.array([1.56, -5.0, -0.5, -3.0, 3.7])
 # Of larger ones: bias, crease, bulge, step, views for one region, views for two where the surface
@@ -173,7 +173,7 @@ _COARSE = np.array([1.73, -2.25, 1.91, -1.4, 2.53, 4.22, 0.91, -2.61, 1.38, -1.0
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """What the views say of pairs of neighbouring small pieces."""
+    """Evidence of the views on pairs of neighbouring small pieces."""
 
     first: LongArray  # (B,) < second
     second: LongArray  # (B,)
@@ -296,7 +296,7 @@ def is_calm(noise: DoubleArray) -> bool:
 
 def in_one_plane(plane: IntArray, clusters: Clusters) -> BoolArray:
     """Which borders (B,) run within one plane (S,) for a part: noise tears patches out of it, of
-    which some samples still lie on it, while things that stand on it hardly have any there."""
+    which some samples still lie on it, while objects that stand on it hardly have any there."""
     graph, n_planes = clusters.graph, int(plane.max(initial=0)) + 1
     n = len(graph.size)
     table = np.bincount(clusters.cluster * n_planes + plane, minlength=n * n_planes)
@@ -415,8 +415,8 @@ def _at_borders(views: Agreement, cluster_of: LongArray) -> tuple[DoubleArray, D
     return same, np.bincount(cell, views.voice[a != b] * length, len(first)) / total
 
 
-# --- What surrounds the scene: walls, floors, shrubs, the sky.
-# Photos of objects look at them from around: things of interest are seen whole in most views. What
+# --- The surroundings of the scene: walls, floors, shrubs, the sky.
+# Photos of objects look at them from around: objects of interest are seen whole in most views. What
 # lies outside of the ring of cameras and is cut by the borders of the pictures, or is seen in few
 # views, is background. Where views look outwards or along a way, nothing is.
 
@@ -486,15 +486,15 @@ def _cut_views(
     return cut / np.maximum(seen, 1), seen
 
 
-# --- Thin things on a surface: a clock on a wall, a saucer on a tray.
+# --- Thin objects on a surface: a clock on a wall, a saucer on a tray.
 # The crease around them is hardly more than noise, so the mean over their border joins them to
 # what they lie on, or they lie so far out that they count as background. A part that one other
 # cluster encloses stays apart where the views show it whole as one region, with nothing else in
 # it. A print has mostly joined before parts are asked, as pieces of an even surface do; where
-# nearly all views show it whole it is such a part, as nothing tells it from a flat thing.
+# nearly all views show it whole it is such a part, as nothing tells it from a flat object.
 
 
-_ENCLOSED = 0.75  # share of its outline along which one other cluster encloses a thing ...
+_ENCLOSED = 0.75  # share of its outline along which one other cluster encloses an object ...
 _LARGER = 4.0  # ... that is at least so many times larger
 _SEEN = 0.1  # share of the views that show a sample of it, mean
 _WHOLE_IOU = 0.7  # mean IoU with the best region of each view
@@ -503,7 +503,7 @@ _WHOLE_IOU = 0.7  # mean IoU with the best region of each view
 def is_enclosed_thing(
     surfels: Surfels, near: Neighbourhood, now: Clusters, least_size: float
 ) -> BoolArray:
-    """Which clusters (n,) of ``least_size`` at least are enclosed things."""
+    """Which clusters (n,) of ``least_size`` at least are enclosed objects."""
     seen = _SEEN * np.bincount(now.cluster)
     found: BoolArray = now.graph.size >= np.maximum(seen, least_size)
     found &= _is_enclosed(near, now.cluster)
@@ -516,7 +516,7 @@ def is_enclosed_thing(
 def keep_enclosed(
     surfels: Surfels, near: Neighbourhood, now: Clusters, least_size: float
 ) -> Clusters:
-    """The same clusters, with nothing that speaks for joining an enclosed thing to another."""
+    """The same clusters, with nothing that speaks for joining an enclosed object to another."""
     found = is_enclosed_thing(surfels, near, now, least_size)
     graph = now.graph
     evidence = np.where(found[graph.first] | found[graph.second], -np.inf, graph.evidence)
@@ -530,7 +530,7 @@ def is_outside(
     now: Clusters,
     least_size: float,
 ) -> BoolArray:
-    """Which clusters (n,) are background, enclosed things left out: a clock is no part of a wall,
+    """Which clusters (n,) are background, enclosed objects left out: a clock is no part of a wall,
     however far away it hangs."""
     outside = is_background(surfels, views, now.cluster)
     if outside.any():
@@ -622,7 +622,7 @@ class Judge:
         """Levels of parts that grow from clusters (S,): one a number of ``least_evidence``, which
         descends.
 
-        The smallest part has ``least_size`` where it has neighbours; enclosed things of at least
+        The smallest part has ``least_size`` where it has neighbours; enclosed objects of at least
         ``least_thing`` stay apart (`keep_enclosed`).
         """
 

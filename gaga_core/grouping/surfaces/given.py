@@ -109,7 +109,7 @@ def _spread(
     """Clusters (L, K) of Gaussians with ``labels`` (K,), from the samples ``around`` them (K, 8).
 
     Each takes those of the nearest sample of its own group; without one those of the group's
-    largest part, and of a group without samples it is a thing by itself.
+    largest part, and of a group without samples it is an object by itself.
     """
     n_groups = int(max(labels.max(), given.max())) + 1
     alone = clusters.max() + 1 + np.arange(n_groups)

@@ -42,8 +42,8 @@ from gaga_core.grouping.surfaces.surfels import (
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.threads import n_threads
 
-# --- Objects that are two things: an orange and the half of a drill that it touches.
-# Evidence is a mean over a border, and the small pieces of two things that touch may straddle it,
+# --- Clusters that are two objects: an orange and the half of a drill that it touches.
+# Evidence is a mean over a border, and the small pieces of two objects that touch may straddle it,
 # so that each later join looks right. The object that comes out does not: views show a part of it
 # and the rest as one region each, and both together as none, and the two meet in a narrow neck. A
 # neck is asked for because regions part stripes of paint as well, which meet along their whole
@@ -63,11 +63,11 @@ def divided(
     shown: DoubleArray,
     least_size: float,
 ) -> LongArray:
-    """Dense ids (S,) of the clusters (S,) after those that are two things have been divided, each
+    """Dense ids (S,) of the clusters (S,) after those that are two objects have been divided, each
     once.
 
     ``parts`` are levels (S,) that refine the clusters, fine to coarse, ``shown`` (S,) is how much
-    each sample counts for the size of a thing, which is ``least_size`` at least.
+    each sample counts for the size of an object, which is ``least_size`` at least.
     """
     leaf, levels, n = parts[0], [cluster, *parts], int(cluster.max()) + 1
     members = vstack([_members(level, leaf) for level in levels], format="csr")
@@ -107,9 +107,9 @@ def _necks(near: Neighbourhood, cluster: LongArray, part: LongArray) -> LongArra
     return np.bincount(ends, minlength=int(part.max()) + 1).astype(np.int64)
 
 
-# --- Things whose parts nothing holds up but one another: leaves, blossoms, the back of a chair.
+# --- Objects whose parts only hold each other: leaves, blossoms, the back of a chair.
 # What lies or stands on a plane touches it all around its foot. A part that does not, and that
-# only touches others of the kind, cannot be a thing of its own where all of them together are held
+# only touches others of the kind, cannot be an object alone where all of them together are held
 # by a border that is short for their size. Fruit in a bowl or a box on a box have longer borders.
 # A part that hardly a view shows may well stand on something: it holds together with others of
 # that kind only, as the pot of a plant does, but not with the leaves over it.
@@ -117,8 +117,8 @@ def _necks(near: Neighbourhood, cluster: LongArray, part: LongArray) -> LongArra
 
 _SUPPORT_AREA = 0.01  # share of the area of all samples of a plane to stand on
 _IN_PLANE = 0.3  # share of its samples that makes a cluster a part of such a plane
-_FOOT = 0.25  # share of its outline that a thing has in common at least with what it stands on
-_HELD = 1.5  # ... that parts have in common with what holds them, below which they are one thing
+_FOOT = 0.25  # share of its outline that an object has in common at least with what it stands on
+_HELD = 1.5  # ... that parts have in common with what holds them, below which they are one object
 _SEEN = 0.12  # share of the views that show a sample, mean: less says nothing of the foot
 _HANGING_SHARE_MAX = (
     0.05  # share of all samples: larger ones are the ground or the subject, not a hanging part
@@ -169,7 +169,7 @@ def _standing(
     return flat | (foot >= _FOOT * outlines(size))
 
 
-# --- Levels below the smallest parts: things of few samples, told apart by their color, too.
+# --- Levels below the smallest parts: objects of few samples, distinguished by color, too.
 # A book in a row or a toy block shows some twenty samples. Its small pieces straddle its outline,
 # and what borders of parts ask (a crease, a region in most views) is lost in so few. Here pieces
 # end where the color changes, and color is a witness of their borders as well. At the levels of
@@ -179,8 +179,8 @@ def _standing(
 
 _AROUND = 4  # splats whose median is the color of a sample
 _OPAQUE = 0.3  # opacity of such splats
-_LIGHTNESS = 0.4  # weight of lightness against hue: faces of one thing are lit differently
-_AGAINST = 0.05  # log odds against one thing for a unit of CIE Lab between two pieces
+_LIGHTNESS = 0.4  # weight of lightness against hue: faces of one object are lit differently
+_AGAINST = 0.05  # log odds against one object for a unit of CIE Lab between two pieces
 _LAB_PER_SPACING = 10.0  # difference in CIE Lab that counts as much as the spacing of the samples
 _CHUNK = 1 << 16
 
@@ -264,9 +264,9 @@ def carriers_by_color(
     return chosen
 
 
-# --- Surfaces that a thing lies across: a table top under its runner, a floor under a carpet.
+# --- Surfaces that an object lies across: a table top under its runner, a floor under a carpet.
 # Both sides of the runner never touch, so no border says that they are one. They join where they
-# lie on one plane and have one color, and where what fills the whole gap between them is one thing
+# lie on one plane and have one color, and where what fills the whole gap between them is one object
 # that lies on that plane and is smaller than they are together. Open air joins nothing, and
 # neither do two plates on a table: the table is lower than they are, and larger.
 
@@ -275,14 +275,14 @@ _SIDE_SHARE_MIN = 0.002  # share of all samples that either side has on the plan
 _ONE_SURFACE_LAB = 5.0  # difference in CIE Lab (`hue_of`) from which on they are two surfaces
 _WIDTH = 1.2  # times the least gap: how far apart opposite samples are at most
 _ALONG = (0.25, 0.5, 0.75)  # of the way between them that are looked at
-_COVERED = 0.8  # share of the ways that the thing covers
+_COVERED = 0.8  # share of the ways that the object covers
 _HEIGHT = 0.1  # spacings that it lies above the plane, mean: less is the plane itself
 
 
 def spanned(
     surfels: Surfels, near: Neighbourhood, plane: IntArray, color: DoubleArray, cluster: LongArray
 ) -> LongArray:
-    """Dense ids (n,) of the clusters (S,) after surfaces that a thing lies across have joined.
+    """Dense ids (n,) of the clusters (S,) after surfaces that an object lies across have joined.
 
     ``plane`` (S,) is the plane that each sample lies on, 0 = none; ``color`` (S, 3) CIE Lab as of
     `hue_of`.
@@ -345,14 +345,14 @@ _BOTH_NEAR = 2.0  # times the distance of the nearest sample at which two others
 
 @dataclass(frozen=True)
 class HierarchyConfig:
-    """Settings. Evidence is in log odds that two neighbouring pieces are one thing."""
+    """Settings. Evidence is in log odds that two neighbouring pieces are one object."""
 
     surfels: int = 60_000  # most samples of the surfaces; time grows with them
     pieces: float = 2.3  # evidence at which small pieces join to those that are judged in full
     smaller: tuple[float, ...] = (1.5, 3.0)  # levels in parts, by color as well, ascending
     finer: tuple[float, ...] = (3.0, 2.0, 1.2)  # levels of parts, descending
     objects: float = 0.6  # the level of whole objects
-    coarser: tuple[float, ...] = (0.0, -1.0, -2.0)  # levels of things together, descending
+    coarser: tuple[float, ...] = (0.0, -1.0, -2.0)  # levels of objects together, descending
     least_piece: float = 1.0  # samples that a view shows of the smallest piece in a part, mean ...
     least_part: float = 1.5  # ... of the smallest part ...
     least_object: float = 6.0  # ... and of the smallest object
@@ -401,7 +401,7 @@ def objects_stage(
     sample = sample_surfels(views, load_masks, load_further, depths, config.surfels)
     surfels = yield from part(sample, 0, _STEPS, STAGE)
     if len(surfels.points) < LEAST_SURFELS:
-        raise GagaError("The views show next to none of the splats. Check poses and model.")
+        raise GagaError("The views show almost none of the splats. Check poses and model.")
     around = _Around.of(gaussians, surfels.points)
     near = Neighbourhood.of(surfels.points)
     n_splats = np.bincount(around.samples[:, 0], minlength=len(surfels.points))
@@ -416,7 +416,7 @@ def objects_stage(
     nearest = around.carriers(groups)
     confidence = np.zeros(len(gaussians), np.float32)
     confidence[rows] = (groups == clusters[chosen][nearest][:, None]).mean(axis=1)
-    yield Progress(STAGE, _STEPS - 2, _STEPS, "small things")
+    yield Progress(STAGE, _STEPS - 2, _STEPS, "small objects")
     parts = np.where(background, -1, clusters[-1])
     shown = surfels.n_views / len(views)
     smaller = smaller_levels(
@@ -481,7 +481,7 @@ def _nested_clusters(
     config: HierarchyConfig,
 ) -> Stage[tuple[LongArray, LongArray]]:
     """Clusters (L, S) of samples, coarse to fine, and what is background (S,): 0 = not, 1 = rest,
-    each thing in it another number.
+    each object in it another number.
 
     ``n_splats`` (S,) is how many Gaussians are next to each sample, ``color`` (S, 3) as of
     `colors_of_samples`.

@@ -72,7 +72,7 @@ def sample_surfels(
     depths: DepthMaps,
     wanted: int,
 ) -> Stage[Surfels]:
-    """About ``wanted`` samples at most, evenly over what the views show, near things finer.
+    """About ``wanted`` samples at most, evenly over what the views show, near objects finer.
 
     ``depths`` has the median depth of every view. View by view, pixels on a grid become samples
     where no earlier one lies; then those closer than a grid cell to another go.
@@ -280,7 +280,7 @@ def _parted(surfels: Surfels, a: LongArray, b: LongArray) -> DoubleArray:
     return shares
 
 
-# --- Large planes: what other things stand on, found first so that noise does not break it to
+# --- Large planes: what other objects stand on, found first so that noise does not break it to
 # pieces.
 # Planes are sought from single samples outwards, not from three points of the whole scene, so
 # shelves and seats are found like floors.

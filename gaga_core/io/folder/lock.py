@@ -20,7 +20,7 @@ _POLL_S = 0.02
 
 
 class Owner(msgspec.Struct, frozen=True):
-    """Who writes to a folder."""
+    """The writer of a folder."""
 
     program: str
     user: str
@@ -81,7 +81,7 @@ class FolderLock:
 def lock_folder(folder: Path, *, patience_s: float = 0.0) -> FolderLock:
     """Make this program the only one that writes to ``folder``, which is made if it is not there.
 
-    A program that ended, in whatever way, holds nothing. Raises ``InUseError`` when another one
+    A program that ended, even by a crash, holds nothing. Raises ``InUseError`` when another one
     still holds the folder after ``patience_s`` seconds, ``GagaError`` when the place cannot be
     written.
     """
@@ -110,7 +110,7 @@ def lock_folder(folder: Path, *, patience_s: float = 0.0) -> FolderLock:
 
 
 def owner_of(folder: Path) -> Owner | None:
-    """Who said last that the folder is theirs; None when it is not known."""
+    """The last known writer of the folder; None when it is not known."""
     file = folder / OWNER
     if not file.is_file():
         return None

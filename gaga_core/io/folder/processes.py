@@ -1,4 +1,4 @@
-"""Processes that work for another one end when it ends, in whatever way."""
+"""Child processes: each ends with its parent, and its output is followed line by line."""
 
 import ctypes
 import os
@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Generator, Mapping, Sequence
 
-# --- Processes that work for another one end when it ends, in whatever way.
+# --- A child process ends when its parent ends, even by a crash.
 
 
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -36,7 +36,7 @@ def _watch(parent: int) -> None:
     os._exit(1)
 
 
-# --- A program that is followed line by line and ended when nobody follows any more.
+# --- Follow the output of a program line by line; it is ended when the caller stops reading.
 
 
 _SECONDS = 0.2  # between two looks when the program says nothing

@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class SceneFolder:
-    """What lies in a scene folder. Pictures, masks and splats are not read yet."""
+    """Content of a scene folder. Pictures, masks and splats are not read yet."""
 
     root: Path
     model_path: Path | None  # the splats, None if there are none yet
@@ -74,12 +74,12 @@ def is_scene_folder(path: Path) -> bool:
 def _no_scene(root: Path) -> str:
     if root.is_dir() and any(p.suffix.lower() in IMAGE_SUFFIXES for p in root.iterdir()):
         return (
-            f"{root} holds photos, but no splats and no places of the photos yet. Make them first: "
+            f"{root} holds photos, but no splats and no cameras of them yet. Make them first: "
             "gaga run, or Make splats in the window."
         )
     return (
         f"{root} is not a scene folder: it has no point_cloud.ply, images/ or sparse/, and no "
-        "photos lie in it. Choose the folder that holds them."
+        "photos. Choose the folder that holds them."
     )
 
 

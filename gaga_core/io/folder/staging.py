@@ -109,7 +109,7 @@ def _alone_in(target: Path) -> Iterator[None]:
     try:
         while not _try_lock(folder):
             if time.monotonic() > end:
-                raise GagaError(f"Another program writes to {target} all the time. Stop it.")
+                raise GagaError(f"Another program keeps writing to {target}. Stop it.")
             time.sleep(_POLL_S)
         yield
     finally:

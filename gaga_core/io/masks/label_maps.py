@@ -183,7 +183,7 @@ def _are_regions(folder: Path) -> bool:
     try:
         record = read_foreign_json(folder / RECORD, MaskRecord)
     except GagaError:
-        return False  # nobody says so
+        return False  # not recorded
     return record.provider == _WITHOUT_MODEL
 
 

@@ -1,4 +1,4 @@
-"""Masks of other programs, in whatever form: recognised, and read one view at a time.
+"""Masks of other programs in many formats: recognised, and read one view at a time.
 
 A view's entry is a label map, or a list of masks that may overlap and may have scores. Nothing is
 ever unpickled. Of JSON, COCO data sets and results, SA-1B, and the lists of SAM's automatic
@@ -54,7 +54,7 @@ ImportedMasks = IntArray | MaskList  # a label map (H, W) int32, 0 = none, or ma
 
 @dataclass(frozen=True, eq=False)
 class MaskSource:
-    """What was recognised, and how to read each view."""
+    """The recognised format, and the reader of each view."""
 
     form: str  # "label maps", "SAM lists", ...
     said: str  # one sentence for people
@@ -187,7 +187,7 @@ def _size_of(image: ImageEntry | None) -> tuple[int, int] | None:
 def _mask_list(
     file: str, entries: Sequence[MaskEntry], size: tuple[int, int] | None = None
 ) -> MaskList:
-    """The masks of one picture; polygons need to be told its ``size`` (H, W)."""
+    """The masks of one picture; polygons need its ``size`` (H, W)."""
     for entry in entries:
         if isinstance(entry.segmentation, RunLengths):
             size = size or entry.segmentation.shape

@@ -1,4 +1,4 @@
-"""What the formats of splats share: a frame around readers, rows that are whole, small numbers.
+"""Shared by the formats of splats: a frame around readers, checks of rows, small numbers.
 
 Opacities in a byte, quaternions in three parts, tables of 256 numbers, palettes of SH, positions in
 16 bits. A unit quaternion is known by its three smaller parts once the largest one is positive; the
@@ -56,7 +56,7 @@ _log = logging.getLogger(__name__)
 
 
 def damaged(name: str) -> GagaError:
-    """What is wrong with a file whose sizes do not fit."""
+    """The error of a file whose sizes do not fit."""
     return GagaError(f"{name} is truncated or damaged. Copy or export it again.")
 
 

@@ -1,6 +1,6 @@
 """Files of splats of every kind: which kind one is, reading it, writing it, and what that loses.
 
-A kind is told by what a file holds, not by its name; only .splat has no mark, and needs its suffix.
+A kind is recognised by the content of a file; only .splat has no mark, and needs its suffix.
 """
 
 import hashlib
@@ -73,7 +73,7 @@ class SplatFormat(StrEnum):
 
     @property
     def suffix(self) -> str:
-        """What a file of this form ends in."""
+        """Suffix of a file of this form."""
         return {"compressed-ply": ".compressed.ply", "spz4": ".spz"}.get(self.value, f".{self}")
 
 
@@ -119,7 +119,7 @@ def read_splats_stage(path: Path, spz_axes: str = OURS) -> Stage[Gaussians]:
 
 
 def _reader_of(path: Path) -> Callable[[Path], Stage[Gaussians]]:
-    """Who reads a file; ``GagaError`` when nobody does."""
+    """The reader of a file; ``GagaError`` when there is none."""
     try:
         with path.open("rb") as file:
             start = file.read(_HEADER)

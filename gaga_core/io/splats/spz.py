@@ -143,7 +143,7 @@ class _Sink(Protocol):
 
 @dataclass(frozen=True)
 class Head:
-    """What the first bytes of a file say."""
+    """Header of a file."""
 
     version: int
     n: int

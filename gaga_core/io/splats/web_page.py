@@ -81,7 +81,7 @@ class PagePath:
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """What a page shows. ``objects`` begins with the splats of no object."""
+    """Content of a page. ``objects`` begins with the splats of no object."""
 
     title: str
     gaussians: Gaussians  # world

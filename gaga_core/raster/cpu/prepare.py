@@ -18,7 +18,7 @@ TILES_AT_ONCE = 16  # tiles of one piece of work
 
 @dataclass(frozen=True, eq=False)
 class TiledView:
-    """What a camera sees, ready to be blended: n splats, front to back."""
+    """The view of a camera, ready to be blended: n splats, front to back."""
 
     splats: FloatArray  # (n, 8), see project_kernels
     depths: FloatArray  # (n,) camera depth

@@ -1,4 +1,4 @@
-"""What a camera sees, on the device: projected splats and the list of each tile."""
+"""The view of a camera on the device: projected splats and the list of each tile."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

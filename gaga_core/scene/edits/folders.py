@@ -176,7 +176,7 @@ def _tops(paths: Sequence[str]) -> list[str]:
 def _renamed(folders: Folders, before: str, after: str) -> Folders:
     paths = [_moved(path, before, after) for path in folders.paths]
     if any(path.count(SEPARATOR) >= MOST_DEPTH for path in paths):
-        raise GagaError(f"At most {MOST_DEPTH} folders lie in each other. Choose another place.")
+        raise GagaError(f"Folders can be nested {MOST_DEPTH} deep at most. Choose another place.")
     home = {g: _moved(p, before, after) for g, p in folders.home.items()}
     return Folders.of(paths, home, folders.parent)
 
@@ -191,7 +191,7 @@ def _moved(path: str, before: str, after: str) -> str:
 def set_parent(
     scene: Scene, groups: Sequence[int], parent: int, title: str = "Put under an object"
 ) -> SetFolders | None:
-    """Put groups under the group ``parent``; what lies under them goes along.
+    """Put groups under the group ``parent``; groups under them go along.
 
     Groups that lie under another one of ``groups`` stay there. Raises ``GagaError`` for "no group"
     (0), and when a group would lie under itself.
@@ -201,7 +201,7 @@ def set_parent(
     now = scene.folders
     goes = now.tops_of(groups)
     if not {parent, *now.above(parent)}.isdisjoint(goes):
-        raise GagaError("An object cannot go under itself, or under what lies under it.")
+        raise GagaError("An object cannot go under itself, or under an object that is under it.")
     made = Folders.of(now.paths, now.home, {**now.parent, **dict.fromkeys(goes, parent)})
     return set_folders(scene, made, title)
 

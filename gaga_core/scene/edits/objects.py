@@ -235,7 +235,7 @@ def split_off(
 
 @dataclass(frozen=True, eq=False)
 class Parting:
-    """How some splats are cut into two parts or more."""
+    """Partition of some splats into two parts or more."""
 
     level: int  # that cuts them
     ids: LongArray  # (P,) labels of the parts at that level, the largest first
@@ -281,7 +281,7 @@ def split_here(scene: Scene, group: int, title: str = "Split here") -> Edit | No
 
 
 def join_here(scene: Scene, group: int, title: str = "Join here") -> Edit | None:
-    """Join a group with those that are one thing with it at the finest level that says so.
+    """Join a group with those that are one object with it at the finest level that says so.
 
     The id of ``group`` stays; its name does, else the first name found is taken. None when the
     group is one of its own at every level. Raises ``GagaError`` when the scene has no levels.

@@ -158,7 +158,7 @@ def append_made(
 def _at_end(
     scene: Scene, labels: IntArray, state: State
 ) -> tuple[PackedInts, int, int, int, int, int, tuple[str, ...]]:
-    """What `AppendSplats` has of the scene."""
+    """Data of the scene for `AppendSplats`."""
     sizes = scene.n_rows_of_files, len(scene), len(scene.placements), scene.gaussians.sh.shape[1]
     packed = PackedInts.of(labels.astype(np.int32))
     return packed, int(state), *sizes, tuple(scene.gaussians.extra)
@@ -193,7 +193,7 @@ def with_added_stage(
         splats, _ = yield from read_added_stage(Path(item.path), item.fingerprint, item.axes)
         if len(splats) != item.n or len(whole) != item.first:
             raise GagaError(
-                f"{item.path} does not fit the saved project. Put the former file back."
+                f"{item.path} does not fit the saved project. Put the previous file back."
             )
         whole = joined(whole, splats)
     return whole

@@ -1,4 +1,4 @@
-"""What an undo entry is made of: edits as values, each with its exact inverse.
+"""The edits of undo entries: values, each with its exact inverse.
 
 One description serves undo, autosaves and scripts: an edit is a msgspec struct whose field ``kind``
 names it in files, written and read by `gaga_core.scene.edits.wire`.
@@ -215,21 +215,21 @@ class SetBank(SetField, frozen=True, tag="bank"):
 
 
 class SetConfidence(SetField, frozen=True, tag="confidence"):
-    """How sure the splats are of their groups, by row of the opened file."""
+    """Confidence of the splats' groups, by row of the opened file."""
 
     before: Kept[UInt8Array] | None
     after: Kept[UInt8Array] | None
 
 
 class SetIdentities(SetField, frozen=True, tag="identities"):
-    """Where labels come from, and those of the other source."""
+    """Source of the labels, and labels of the other source."""
 
     before: Kept[Identities]
     after: Kept[Identities]
 
 
 class SetFrame(SetField, frozen=True, tag="frame"):
-    """How the whole scene was moved."""
+    """Motion of the whole scene."""
 
     before: Frame
     after: Frame
@@ -310,7 +310,7 @@ class SetFolders(Edit, frozen=True, tag="folders"):
         except ValueError as error:  # of a recording that was damaged: `Folders` holds its own laws
             raise GagaError(
                 f'The step "{self.title}" is damaged ({error}), so it changes nothing. '
-                "Go on from here: a new edit takes its place."
+                "Continue from here: a new edit replaces it."
             ) from error
         scene.folders = made
         scene.revision.names += 1
@@ -323,7 +323,7 @@ class SetPlacement(Edit, frozen=True, tag="placement"):
     """Rows of the placement table that change or are appended, and splats that move to them.
 
     A splat of ``moved`` goes from ``rows_from[i]`` to ``rows_to[i]``. The targets are rows that
-    this edit appends, so nobody else stands on them and the way back is unique.
+    this edit appends, so no other splat uses them and the way back is unique.
     """
 
     n_rows: Row  # of the table before
@@ -565,7 +565,7 @@ def read_added_stage(
         raise GagaError(f"The added splats are gone: {path}. Put the file back.")
     found = model_fingerprint(path)
     if digest and not is_same_model(path, digest):
-        raise GagaError(f"{path} changed since its splats were added. Put the former file back.")
+        raise GagaError(f"{path} changed since its splats were added. Put the previous file back.")
     return (yield from read_splats_stage(path, axes)), found
 
 

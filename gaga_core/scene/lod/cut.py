@@ -27,7 +27,7 @@ _ROOM = 1.5  # splats of a cut, also out of the picture, times the budget
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """What to draw of a tree."""
+    """The nodes of a tree to draw."""
 
     divided: BoolArray  # (M,) nodes whose children are drawn, or these divided again
     seen: BoolArray  # (M,) nodes that can be in the picture

@@ -23,14 +23,14 @@ from gaga_core.threads import run_chunks
 
 _BITS = int(State.SELECTED | State.HIDDEN | State.DELETED)
 _UNSEEN = int(State.HIDDEN | State.DELETED)
-_MOST_PLACEMENTS = 8  # of a node that are told apart
+_MOST_PLACEMENTS = 8  # of a node that are distinguished
 _LEAVES = 256  # nodes that one thread looks at at once
 _EMPTY = np.array([np.inf] * 3 + [-np.inf] * 3, np.float32)  # box
 
 
 @dataclass(frozen=True, eq=False)
 class NodeFacts:
-    """What the edits of a scene mean for the nodes of its tree."""
+    """Effect of the edits of a scene on the nodes of its tree."""
 
     mixed: BoolArray  # (M,) splats below were not all treated alike
     # (M,) ... some of them are hidden or stand elsewhere, so they merge differently

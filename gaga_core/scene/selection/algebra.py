@@ -65,7 +65,7 @@ def rows_of(mask: BoolArray) -> IntArray:
     return np.flatnonzero(mask).astype(np.int32)
 
 
-# --- What lies under the objects that are selected whole (`gaga_core.scene.folders`).
+# --- Groups under the objects that are selected whole (`gaga_core.scene.folders`).
 
 
 def groups_under_selection(scene: Scene) -> tuple[int, ...]:

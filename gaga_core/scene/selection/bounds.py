@@ -1,4 +1,4 @@
-"""Where splats are: boxes that a few stray splats do not blow up."""
+"""Bounds of splats: boxes that are robust to a few stray splats."""
 
 from dataclasses import dataclass
 
@@ -46,13 +46,13 @@ def splat_box(
 
 def whole_box(scene: Scene) -> tuple[DoubleArray, DoubleArray]:
     """The box lo, hi (3,) of all visible splats but a few strays; `splat_box` where it would be
-    much larger than that: the far background of a scene, not the whole of a thing."""
+    much larger than that: the far background of a scene, not a whole object."""
     near, whole = splat_box(scene), splat_box(scene, share=_WHOLE)
     sizes = [float(np.linalg.norm(hi - lo)) for lo, hi in (near, whole)]
     return whole if sizes[1] <= _MUCH_LARGER * sizes[0] else near
 
 
-# --- The smallest box around points, turned as they lie.
+# --- The smallest oriented box around points.
 
 
 _ORIENTED_BOX_SAMPLE = 20_000  # points looked at

@@ -28,7 +28,7 @@ _CHUNK = 65536
 
 @dataclass(frozen=True, eq=False)
 class Screen:
-    """Where the centre of each splat is drawn."""
+    """Projected centre of each splat."""
 
     pixel: IntArray  # (N,) row * width + column; -1 = cannot be selected in this picture
     width: int
@@ -124,7 +124,7 @@ def stroke(mask: BoolArray, start: ScreenPoint, stop: ScreenPoint, radius: float
     mask[top:bottom, left:right] |= near
 
 
-# --- What is under a pixel: the exact alpha-weighted vote of the splats that it shows.
+# --- The object under a pixel: the exact alpha-weighted vote of the splats that it shows.
 
 
 @dataclass(frozen=True, eq=False)

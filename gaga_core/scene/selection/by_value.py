@@ -16,7 +16,7 @@ _TAILS = (0.1, 99.9)  # percentiles between which the bins of a histogram lie
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """How the values of the splats that can be selected are spread."""
+    """Distribution of the values of the splats that can be selected."""
 
     edges: DoubleArray  # (B + 1,)
     counts: LongArray  # (B,)

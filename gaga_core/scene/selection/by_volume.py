@@ -1,4 +1,4 @@
-"""Splats whose centres lie in a sphere or a box of the world."""
+"""Splats whose centres are in a sphere or a box of the world."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,10 +1,10 @@
-"""Clicks on a thing and off it, answered one after the other.
+"""Clicks on an object and off it, answered one after the other.
 
 The first click takes the object of the graph that it meets; a click on another one adds it, if it
 is not larger, or takes it away. Every other click is a minimum cut (Boykov and Jolly, ICCV 2001)
 that changes the last answer where the click is: clicked nodes are given, other nodes keep their
 side at a cost that grows with their size and with the distance from the click, and parting two
-neighbours costs the more the likelier they are one thing.
+neighbours costs the more the likelier they are one object.
 """
 
 from collections.abc import Sequence
@@ -47,8 +47,8 @@ from gaga_core.scene.selection.selection_kernels import vote_of_samples
 from gaga_core.segmentation.regions import regions
 from gaga_core.threads import n_threads, run_chunks
 
-# --- What clicks choose among: small pieces of the surfaces, and how likely neighbours are one
-# thing.
+# --- Candidates of clicks: small pieces of the surfaces, and how likely neighbours are one
+# object.
 # No model is needed. Views are rendered and divided into regions; samples of the surfaces, joined
 # to pieces, get evidence about their borders from creases and from what the views show in one
 # region (`gaga_core.grouping.surfaces`). This takes seconds to a minute, once; then clicks are
@@ -76,7 +76,7 @@ class ClickGraph:
 
     points: DoubleArray  # (S, 3) samples, world
     node: LongArray  # (S,) of each sample, dense ids from 0
-    graph: SignedGraph  # of nodes; evidence in log odds that two are one thing
+    graph: SignedGraph  # of nodes; evidence in log odds that two are one object
     centre: DoubleArray  # (n, 3) of the nodes, world
     part: LongArray  # (n,) the part that each node belongs to
     object: LongArray  # (n,) the object that each node belongs to, as far as can be told
@@ -112,7 +112,7 @@ def click_graph_stage(
     finite = np.isfinite(gaussians.means).all(axis=1)
     surfels = _with_unseen(surfels, gaussians.means[finite & (gaussians.opacities > _OPAQUE)])
     if len(surfels.points) < _LEAST_SAMPLES:
-        raise GagaError("The views show next to none of the splats, so nothing can be clicked.")
+        raise GagaError("The views show almost none of the splats, so nothing can be clicked.")
     yield Progress(STAGE, 3, _STEPS, "splats around the surfaces")
     tree = cKDTree(surfels.points)
     spacing = _spacing(tree)
@@ -129,7 +129,7 @@ def click_graph_stage(
 
 @dataclass(frozen=True, eq=False)
 class _Looked:
-    """What was rendered, by name of the view."""
+    """Renderings by name of the view."""
 
     depths: DepthMaps
     masks: dict[str, ViewMasks]
@@ -289,7 +289,7 @@ _MISS = 0.02  # share of its depth by which a sample may miss the surface that a
 
 @dataclass(frozen=True)
 class Click:
-    """A click on the surface at ``point``, world: on the thing, or off it."""
+    """A click on the surface at ``point``, world: on the object, or off it."""
 
     point: tuple[float, float, float]
     is_on: bool = True
@@ -297,7 +297,7 @@ class Click:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What some clicks mean."""
+    """Answer to some clicks."""
 
     clicks: tuple[Click, ...]
     nodes: BoolArray  # (n,) chosen

@@ -136,7 +136,7 @@ def components_of(scene: Scene, splats: IntArray, least: int = 50) -> tuple[IntA
 
 
 def floaters(scene: Scene, splats: IntArray, strength: float = 1.0) -> IntArray:
-    """The splats (F,) among ``splats`` (K,) that stand alone: statistical outlier removal.
+    """The splats (F,) among ``splats`` (K,) that are isolated: statistical outlier removal.
 
     The logarithm of their mean distance to eight neighbours lies more than ``4 / strength``
     deviations above the median of all; after Rusu et al. 2008 (Towards 3D point cloud based object

@@ -1,1 +1,1 @@
-"""Weights of models: which are known, where they lie, how they get here."""
+"""Weights of models: which are known, where they are stored, how they are downloaded."""

@@ -25,7 +25,7 @@ class KnownModel:
 
     @property
     def page(self) -> str:
-        """Where the weights can be had."""
+        """The source of the weights."""
         return f"https://huggingface.co/{self.hub}"
 
 

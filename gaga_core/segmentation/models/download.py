@@ -209,7 +209,7 @@ class Installed:
 
 @dataclass
 class _Meter:
-    """How much of all files is here, and how fast it came."""
+    """Bytes of all files that are here, and their rate."""
 
     title: str
     total: int
@@ -258,7 +258,7 @@ def download(
             write_lock(staging, listing, consent.licence, consent.accepted_at, locked)
             if not is_model_folder(staging):
                 raise GagaError(
-                    f"The files of {model.hub} make no whole model. Get it again later."
+                    f"The files of {model.hub} are not a complete model. Get it again later."
                 )
             path = staging.replace(models_folder() / model.name)
         except OSError as error:
@@ -268,7 +268,7 @@ def download(
 
 
 def parts_folder(model: KnownModel) -> Path:
-    """Where the files of an unfinished download lie."""
+    """The folder of an unfinished download."""
     return models_folder() / _PARTS / model.name
 
 
@@ -292,7 +292,7 @@ def remove(model: KnownModel) -> Path | None:
             return None
         if found.parent != models_folder():
             raise GagaError(
-                f"{model.title} lies in {found}, which other programs use too. "
+                f"{model.title} is in {found}, which other programs use too. "
                 "Delete it there, or with hf cache rm."
             )
         try:
@@ -333,7 +333,7 @@ def _make_room(listing: Listing, staging: Path) -> None:
             target.rmdir()
         if target.exists():
             raise GagaError(
-                f"{target} is there but holds no whole model. Complete it, or move it away."
+                f"{target} exists but holds no complete model. Complete it, or move it away."
             )
         for other in parts_folder(model).glob("*"):
             if other.name != staging.name:  # of another commit
@@ -413,7 +413,7 @@ def _fill(
         if failures > config.retries:
             raise GagaError(
                 f"{config.host} sends no more of {file.name}. What has come is kept: "
-                "get the model again to go on there."
+                "get the model again to continue."
             )
 
 

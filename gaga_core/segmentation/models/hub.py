@@ -1,4 +1,4 @@
-"""What a hub of models says about a repository: the commit, its files, their sizes and hashes.
+"""A repository on a hub of models: the commit, its files, their sizes and hashes.
 
 The hub is that of Hugging Face or a mirror with the same interface. Nothing here downloads weights.
 """
@@ -67,7 +67,7 @@ class HubConfig:
         return urlsplit(self.address).netloc.rpartition("@")[2]
 
     def why_offline(self) -> str:
-        """Why nothing may be asked; "" when it may."""
+        """The reason not to contact the hub; "" when there is none."""
         if self.is_offline:
             return "the program is set to work offline"
         for name in ("HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE"):
@@ -88,7 +88,7 @@ class RemoteFile:
 
 @dataclass(frozen=True)
 class Listing:
-    """What would be downloaded of a model."""
+    """The files of a model to download."""
 
     model: KnownModel
     endpoint: str
@@ -199,7 +199,7 @@ def terms(model: KnownModel, listing: Listing | None) -> str:
 
 
 def gated(model: KnownModel) -> str:
-    """What to do about a model whose page asks who you are."""
+    """Advice for a model whose page asks for an account."""
     return (
         f"{model.title} is gated: {model.page} asks for your name and consent. Ask for access "
         "there, then set HF_TOKEN (or use hf auth login) and get it again. "

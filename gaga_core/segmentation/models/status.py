@@ -1,4 +1,4 @@
-"""What there is to say of each known model on this machine."""
+"""Status of each known model on this machine."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from gaga_core.segmentation.models.catalogue import CATALOGUE, KnownModel
 from gaga_core.segmentation.models.download import ModelLock, lock_of, partial_bytes
 from gaga_core.segmentation.models.weights import find_model, models_folder
 
-# --- How long a model takes for a photo on this machine: measured at its use, estimated before.
+# --- Time that a model takes for a photo on this machine: measured once used, estimated before.
 # Kept in ``speed.json`` in the folder of models. An estimate compares the work of the model,
 # measured once with its architecture, with how fast this machine multiplies matrices.
 
@@ -48,7 +48,7 @@ def record(name: str, seconds: float) -> None:
 def seconds_a_photo(model: KnownModel) -> tuple[float, bool] | None:
     """Seconds for a photo on this machine, and whether they were measured with the model.
 
-    None when they cannot be told: never used, and nothing known of its work. The first estimate
+    None when they are not known: never used, and nothing known of its work. The first estimate
     takes a moment, to time this machine.
     """
     found = measured(model.name)
@@ -116,7 +116,7 @@ class ModelStatus:
 
     @property
     def good_for(self) -> str:
-        """What it is good for, in words."""
+        """Its purpose in words."""
         purpose = _PURPOSES[self.model.purpose]
         return f"{purpose}; {self.model.note}" if self.model.note else purpose
 

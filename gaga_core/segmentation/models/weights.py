@@ -44,7 +44,7 @@ def family_of(model_type: str) -> str:
 
 
 def models_folder() -> Path:
-    """Where this program looks for models: GAGA_MODELS, else "models" in the user's folder."""
+    """The folder of models: GAGA_MODELS, else "models" in the user's folder."""
     chosen = os.environ.get("GAGA_MODELS")
     if chosen:
         return Path(chosen)
@@ -79,7 +79,7 @@ def find_model(model: KnownModel, hub_cache: Path | None = None) -> Path | None:
 
 
 def weights_at(path: Path) -> Weights:
-    """What lies at a path that the user named; ``GagaError`` when it is no model for masks."""
+    """The model at a path that the user named; ``GagaError`` when it is no model for masks."""
     if path.is_file():
         if path.suffix.lower() not in (".pth", ".pt"):
             raise GagaError(

@@ -139,7 +139,7 @@ def grown(
     finish(session)
     association.associate(session, preset=request.param)
     finish(session)
-    assert "took part already" in commands.command("object.add_views").enabled(session)
+    assert "are used already" in commands.command("object.add_views").enabled(session)
     for name, content in kept.items():
         (masks / name).write_bytes(content)
     return session, late
@@ -171,7 +171,7 @@ def test_masks_that_came_later_join_and_corrections_stay(
     assert {d.view for d in scene.bank.log[len(log) :]} == set(late)
     assert (scene.labels == labels).mean() > 0.9
     assert "joined the objects" in session.notices[-1].text
-    assert "took part already" in commands.command("object.add_views").enabled(session)
+    assert "are used already" in commands.command("object.add_views").enabled(session)
     session.undo()
     assert snapshot(scene) == before
     assert np.array_equal(scene.labels, labels)

@@ -310,7 +310,7 @@ def test_what_is_said_of_the_loss(at_balls: Session) -> None:
     session, plan = at_balls, ReducePlan(percent=50)
     plan.curve = LossCurve(((0.5, 30.0), (0.05, 20.0)))
     known = cleanup.what_is_known_of_loss(session, plan)
-    assert known == "About 30.0 dB against pictures of now; measured when it is done."
+    assert known == "About 30.0 dB against the current pictures; measured when it is done."
     plan.curve = LossCurve(())
     assert cleanup.what_is_known_of_loss(session, plan).startswith("Nearly nothing is lost; ")
     plan.curve = None

@@ -210,7 +210,7 @@ def test_the_models_answer_takes_the_place_of_the_first(with_model: Session) -> 
     hand.click_at(balls(session)[0][0])
     one, two, _ = chosen_in_balls(session)
     assert two < 40 < 180 < one  # at once, without the model
-    assert "The model looks" in hand.controller.tool(session).hint(session)
+    assert "The model segments" in hand.controller.tool(session).hint(session)
     assert session.jobs.wait()
     assert min(chosen_in_balls(session)[:2]) > 180
     assert titles(session) == ["Click an object", _ASKED]

@@ -56,7 +56,7 @@ def test_preview_switch_and_cancel(at_table: Session) -> None:
     assert "What is open now stays open." in " ".join(fill.summary(bare))
     assert "covered already" in " ".join(fill.summary(bare))
     refused = " ".join(fill.summary(replace(bare, is_refused=True)))
-    assert "hardly shows" in refused
+    assert "barely visible" in refused
     assert "covered already" not in refused
     assert fill.summary(bare)[-1] == "No shadow was found"
     assert preview_badge(session) == "Preview of Delete and fill"
@@ -204,4 +204,4 @@ def test_it_says_what_it_needs(new_session: Callable[[], Session], at_table: Ses
     assert "No scene" in command("object.fill").enabled(new_session())
     selection.select_none(at_table)
     assert "nothing was deleted" in command("object.fill").enabled(at_table)
-    assert "no preview" in command("object.fill_apply").enabled(at_table)
+    assert "no fill preview" in command("object.fill_apply").enabled(at_table)

@@ -337,7 +337,7 @@ def test_a_row_selects_its_own_splats_and_with_children_all(laid: Session) -> No
     assert commands.run("select.children", laid)
     assert laid.selected_groups() == (1, 2, 3)
     selection.select_groups(laid, (3,))
-    assert "Nothing lies under" in commands.command("select.children").enabled(laid)
+    assert "nothing under this" in commands.command("select.children").enabled(laid)
 
 
 def test_moving_a_whole_object_takes_along_what_lies_under_it(laid: Session) -> None:

@@ -71,7 +71,7 @@ def test_a_cancelled_run_keeps_what_is_done_and_goes_on_from_there(bare: Session
     n = len(bare.masks)
     assert 0 < n < len(masks.photos_of(bare, "train"))
     assert bare.provider == "regions"
-    assert any("goes on there" in notice.text for notice in bare.notices)
+    assert any("continues there" in notice.text for notice in bare.notices)
     kept = {p.name: p.stat().st_mtime_ns for p in (_root(bare) / "masks/regions").glob("*.png")}
     masks.make(bare, MaskRequest(use_depth=False))
     assert bare.jobs.wait()
@@ -211,7 +211,7 @@ def test_a_mask_folder_that_is_gone_is_no_choice(session: Session) -> None:
     shutil.rmtree(_root(session) / "masks" / "made")
     before = session.masks
     assert not masks.choose(session, "made")
-    assert "any more" in session.notices[-1].text
+    assert "no longer here" in session.notices[-1].text
     assert session.masks is before
 
 

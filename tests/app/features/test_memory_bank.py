@@ -72,7 +72,7 @@ def test_objects_that_change_meanwhile_win(associated: Session) -> None:
     changed = _labels(session)
     assert session.jobs.wait()
     assert _labels(session) is changed
-    assert "changed while this ran" in session.notices[-1].text
+    assert "changed meanwhile" in session.notices[-1].text
 
 
 def test_copies_in_objects_of_their_own_stay_there(associated: Session) -> None:

@@ -66,7 +66,7 @@ def test_the_other_preset_keeps_the_ids_of_what_is_alike(associated: Session) ->
     assert split_view.other_preset(session) == "robust"
     assert run("camera.split_preset", session)
     assert split_view.left_drawn(session, session.view) is None  # on its way
-    assert "on the way" in split_view.missing_text(session)
+    assert "being computed" in split_view.missing_text(session)
     assert session.jobs.wait()
     found = split_view.left_drawn(session, session.view)
     assert found is not None, session.notices

@@ -57,12 +57,12 @@ def test_robust_groups_take_new_masks_and_find_new_objects(scene: Synthetic) -> 
 def test_nothing_to_add_is_said(scene: Synthetic) -> None:
     masks = true_masks(scene, scene.cameras[:2])
     first = associate(scene, masks, "paper")
-    with pytest.raises(GagaError, match="took part already"):
+    with pytest.raises(GagaError, match="are used already"):
         add(scene, masks, first)
     name = scene.cameras[2].name  # a photo in which nothing was found
     empty = np.zeros((scene.cameras[2].height, scene.cameras[2].width), np.int32)
     blank = MaskSet({**masks.loaders, name: lambda: empty})
-    with pytest.raises(GagaError, match="took part already"):
+    with pytest.raises(GagaError, match="are used already"):
         add(scene, blank, first)
     regions = MaskSet(true_masks(scene, scene.cameras[:3]).loaders, are_regions=True)
     with pytest.raises(GagaError, match="levels of detail"):

@@ -104,7 +104,7 @@ def test_new_views_join_by_the_same_settings_and_of_the_same_masks(
         (masks / name).write_bytes(held[name])
     shutil.copytree(masks, masks.with_name("other"))
     assert main([*command, "--add", "--masks", "other"]) == 1
-    assert "of the masks in" in capsys.readouterr().err
+    assert "made from the masks in" in capsys.readouterr().err
     assert main([*command, "--add", "--masks", "sim", *strict]) == 0
     added = load_bank(folder.work / "bank.npz")
     assert main([*command, "--preset", "paper", "--masks", "sim", *strict]) == 0
@@ -125,7 +125,7 @@ def test_masks_of_another_place_with_the_same_name_are_others(
     assert associated_masks(folder) == elsewhere.resolve()
     assert views_to_add(folder) == ()
     assert main([*command, "--add", "--masks", "sim"]) == 1
-    assert "of the masks in" in capsys.readouterr().err
+    assert "made from the masks in" in capsys.readouterr().err
     named = RunConfig(masks_from="sim", keeps_groups=True)
     assert "associate" in missing_stages(folder, named)
     assert main([*command, "--preset", "paper", "--masks", "sim"]) == 0

@@ -87,7 +87,7 @@ def test_things_that_repeat_are_told(photos: PhotoSet, fine: MatchFacts) -> None
     found = diagnose(photos, replace(fine, turns=np.array([about_z(a) for a in seen])))
     assert found.repeats > 0.2
     assert len(found.alike) == 3
-    assert "look alike" in found.repeated()
+    assert "Similar-looking" in found.repeated()
     assert all(name in found.repeated() for name in found.alike)
     assert diagnose(photos, fine).repeated() == ""
 

@@ -44,7 +44,7 @@ def test_things_are_called_by_color_shape_and_size() -> None:
     assert words[1] == "red box"
     assert words[2] == "blue box, large"
     assert words[3] == "yellow box"
-    assert words[5] == "red flat thing"
+    assert words[5] == "red flat object"
     assert words[6] == "grey floor"
 
 

@@ -202,7 +202,7 @@ def test_a_choice_of_splats_is_cleaned_like_a_group() -> None:
     scene = Scene.of(made.gaussians, labels)
     History(scene).do(select(scene, free.after))
     assert (np.flatnonzero(scene.state) == free.after).all()
-    with pytest.raises(GagaError, match="no one group"):
+    with pytest.raises(GagaError, match="not one group"):
         cleaned_labels(scene, free)
 
 

@@ -47,9 +47,9 @@ def test_every_family_answers_boxes_one_mask_each(
 
 def test_wrong_questions_are_refused(model_folder: Folder, photo: UInt8Array) -> None:
     ask = prompter_named("tiny", weights=model_folder("sam2"), device="cpu")
-    with pytest.raises(ValueError, match="at least one point on the thing"):
+    with pytest.raises(ValueError, match="at least one point on the object"):
         ask(photo, _POINTS, np.array([False, False]))
     with pytest.raises(ValueError, match="points"):
         ask(photo, _POINTS[:1], np.array([True, False]))
-    with pytest.raises(GagaError, match="cannot be asked for one thing"):
+    with pytest.raises(GagaError, match="cannot segment a single object"):
         prompter_named("tiny", weights=model_folder("mask2former"), device="cpu")

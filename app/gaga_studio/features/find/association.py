@@ -51,7 +51,7 @@ class FindState:
 
 
 def lift_mode(settings: Settings, preset: str = "") -> LiftMode | None:
-    """How identities are made once objects are found by ``preset`` (default: that of the settings).
+    """The mode of identities once objects are found by ``preset`` (default: that of the settings).
 
     None: not at all.
     Preset paper trains them, as published. Robust leaves them: its labels are votes either way.
@@ -62,9 +62,7 @@ def lift_mode(settings: Settings, preset: str = "") -> LiftMode | None:
     return modes.get(settings.identities)
 
 
-# --- identities
-
-# --- Identity encodings of the groups, and whether labels are votes or theirs.
+# --- identity encodings of the groups, and whether labels come from votes or from them
 
 
 __all__ = ["NO_IDENTITIES", "lift", "lift_after_finding", "use_labels"]
@@ -203,7 +201,7 @@ def associate_project_stage(
 
 @dataclass(frozen=True, eq=False)
 class LiftedScene:
-    """What a lift says of the rows of the opened file."""
+    """Result of a lift for the rows of the opened file."""
 
     labels: IntArray  # (M,)
     confidence: FloatArray  # (M,) 0..1
@@ -299,14 +297,16 @@ _SECONDS_PER_STEP = 0.02  # of identities from zeros, 16,384 pixels each
 
 
 def training_seconds(config: LiftConfig) -> float:
-    """How long identities take to train, roughly."""
+    """Estimated time to train identities."""
     return config.paper.iterations * _SECONDS_PER_STEP
 
 
 def training_text(config: LiftConfig) -> str:
-    """What follows an association when identities are trained."""
+    """A sentence on the training of identities after an association."""
     n, seconds = config.paper.iterations, duration_text(training_seconds(config))
-    return f"Then {n:,} training steps, {seconds}. Cancel keeps the objects; a next run goes on."
+    return (
+        f"Then {n:,} training steps, {seconds}. Cancel keeps the objects; the next run continues."
+    )
 
 
 @dataclass(frozen=True)
@@ -377,8 +377,8 @@ def offer_of(project: Project, n_masks: int, preset: str, training_s: float = 0.
 def _no_masks(folder: SceneFolder) -> StageOffer:
     if not folder.cameras:
         return StageOffer(
-            "This folder has splats but no photos with a place, so there is nothing to make groups "
-            "from. Put images/ and sparse/ next to them."
+            "This folder has splats but no photos with known cameras, so no groups can be made. "
+            "Put images/ and sparse/ next to them."
         )
     n_photos = sum(camera.name in folder.image_paths for camera in folder.cameras)
     if n_photos == 0:

@@ -39,7 +39,7 @@ class ClickState:
         self.made_for: object = None  # `key_of` the scene that the graph was made of
         self.is_preparing = False
         self.answers: dict[int, Answer] = {}  # by state of the history
-        self.views: dict[int, Camera] = {}  # of the last click on the thing, by state
+        self.views: dict[int, Camera] = {}  # of the last click on the object, by state
         self.waiting: list[tuple[Click, Camera]] = []  # clicked before the graph was ready
         self.is_asking = False  # a model, in the background
         self.asks_again = False  # as soon as the model has stopped: there are more clicks
@@ -49,30 +49,26 @@ class ClickState:
         return self.graph is not None and self.made_for == key_of(scene)
 
     def take(self, graph: "ClickGraph", key: object) -> None:
-        """Use a new graph; answers of the former one mean nothing any more."""
+        """Use a new graph; answers of the former one are void."""
         self.graph, self.made_for = graph, key
         self.answers, self.views = {}, {}
 
 
 def key_of(scene: Scene) -> object:
-    """What changes when splats are added or moved, so that a graph is no longer theirs."""
+    """Values that change when splats are added or moved, so that a graph is outdated."""
     revision = scene.revision
     return revision.splats, revision.placement, revision.placements
 
 
 # --- a model is asked in the background
 
-# --- Ask a Segment Anything model what the clicks of the tool Object mean, in the background.
-# The answer that needs no model is shown at once; the model's takes its place when it is ready, as
-# an entry of its own in the history, so that undo brings the former one back.
-
 
 NO_MODEL = "none"  # as a setting: clicks ask no model even if one is here
-_MISSED = "You went on meanwhile, so the model's answer was left out. The next click asks again."
+_MISSED = "You clicked again, so the model's answer was ignored. The next click asks again."
 
 
 def models_here(session: Session) -> tuple[ProviderEntry, ...]:
-    """The models on this machine that can be asked for one thing."""
+    """The models on this machine that can segment one object."""
     state = session.feature(ModelsState)
     if state.promptable is None:
         state.promptable = promptable_models()
@@ -91,7 +87,7 @@ def why_no_model(session: Session) -> str:
     """Return why no model can be asked; "" when one can."""
     if models_here(session):
         return ""
-    return "No Segment Anything model is here. Find, Models… gets one."
+    return "No Segment Anything model is installed. Get one with Find, Models…."
 
 
 def choose_model(session: Session, name: str) -> None:
@@ -212,9 +208,9 @@ def prompt(session: Session) -> str:
     """Return what a click does now, in words."""
     document = session.need()
     if document.feature(ClickState).is_preparing:
-        return "Looking at the scene; clicks are answered when that is done. Middle drag orbits."
+        return "Analysing the scene; clicks are answered when it is done. Middle drag orbits."
     if document.feature(ClickState).is_asking:
-        return "The model looks at it from all sides. Click on meanwhile, or Esc clears."
+        return "The model segments it from several views. Keep clicking, or press Esc to clear."
     if not has_clicks(session):
         return "Click an object, or drag a box around it. Middle drag orbits."
     return "Click adds, Alt click takes away. Enter makes it an object, Esc clears."
@@ -268,7 +264,7 @@ def prepare(session: Session) -> bool:
 
 @notifies
 def click(session: Session, u: float, v: float, width: int, height: int, *, is_on: bool) -> bool:
-    """Click the surface at a pixel: what is there is part of the thing, or not."""
+    """Click the surface at a pixel: what is there is part of the object, or not."""
     from gaga_core.scene.selection.click import Click
 
     document = session.need()
@@ -295,14 +291,14 @@ def click(session: Session, u: float, v: float, width: int, height: int, *, is_o
 def box(
     session: Session, corners: tuple[float, float, float, float], width: int, height: int
 ) -> bool:
-    """Begin an object with what lies in a box (u0, v0, u1, v1), pixels of the picture."""
+    """Begin an object with the splats in a box (u0, v0, u1, v1), pixels of the picture."""
     from gaga_core.scene.selection.click import boxed
 
     document = session.need()
     scene, state = document.settled().scene, document.feature(ClickState)
     if state.graph is None or not state.is_ready(scene):
         prepare(session)
-        session.hint = "The scene is still being looked at. Draw the box again when that is done."
+        session.hint = "The scene is still being analysed. Draw the box again when it is done."
         return False
     camera = session.rig.camera(width, height)
     shrink = min(1.0, _LONGEST / max(width, height))
@@ -312,14 +308,14 @@ def box(
     u0, v0, u1, v1 = (float(value) for value in np.array(corners) * factors)
     answer = boxed(state.graph, small, (u0, v0, u1, v1), _depth(scene, small))
     if not answer.nodes.any():
-        session.hint = "No whole object lies in this box. Draw a larger one, or click."
+        session.hint = "There is no whole object in this box. Draw a larger one, or click."
         return False
     return _show(document, answer, "Select by a box")
 
 
 @notifies
 def make_object(session: Session) -> bool:
-    """Make what was clicked an object of its own, and ask for its name."""
+    """Make the clicked splats a new object, and ask for its name."""
     stop_asking(session)
     document = session.need()
     scene = document.settled().scene

@@ -45,13 +45,13 @@ if TYPE_CHECKING:
 
 @dataclass
 class ModelsState:
-    """What the sheet of models shows: the known models here, terms that wait for an answer."""
+    """State of the sheet of models: the known models here, terms that wait for an answer."""
 
     entries: tuple[ModelStatus, ...] = ()  # as last looked at; empty = look when it is shown
     offered: Listing | None = None  # its licence and size are shown, the user has not answered
     removing: KnownModel | None = None  # the user is asked whether
     then: Callable[[], object] | None = None  # what the offered model was wanted for
-    promptable: tuple[ProviderEntry, ...] | None = None  # can be asked for one thing; None = look
+    promptable: tuple[ProviderEntry, ...] | None = None  # can segment one object; None = look
     prompters: dict[str, "Prompter"] = field(default_factory=dict)  # loaded, by name of the model
 
     def entry(self, name: str) -> ModelStatus | None:
@@ -59,9 +59,7 @@ class ModelsState:
         return next((entry for entry in self.entries if entry.model.name == name), None)
 
 
-# --- settings with a slider
-
-# --- The settings of a mask provider that have a slider, and their bounds.
+# --- settings of a mask provider that have a slider, and their bounds
 
 
 Family = Literal["regions", "sam", "universal", ""]
@@ -81,7 +79,7 @@ class Slider:
 # fmt: off
 _FLATTEN = (
     Slider("flatten", "min_visible",
-           "A mask of which less stays uncovered by more confident ones is dropped"),
+           "Drop a mask if less than this stays visible under more confident ones"),
 )
 SLIDERS: dict[Family, tuple[Slider, ...]] = {
     "": (),
@@ -92,16 +90,16 @@ SLIDERS: dict[Family, tuple[Slider, ...]] = {
     ),
     "sam": (
         Slider("generator", "points_per_side",
-               "More find smaller things; time grows with the square"),
+               "More find smaller objects; time grows with the square"),
         Slider("generator", "pred_iou_thresh", "That the model predicts for its own mask"),
         Slider("generator", "stability_score_thresh",
                "How little a mask may change when it is cut tighter or wider"),
         Slider("generator", "crop_layers",
-               "Also look at 4, 16, ... crops, for small things; takes longer"),
+               "Also look at 4, 16, ... crops, for small objects; takes longer"),
         *_FLATTEN,
     ),
     "universal": (
-        Slider("universal", "min_score", "Surer masks only, or more of them"),
+        Slider("universal", "min_score", "Fewer but more certain masks, or more masks"),
         Slider("universal", "max_overlap",
                "Of two masks that share more than this, the less confident one is dropped"),
         *_FLATTEN,
@@ -188,7 +186,7 @@ class MaskPreview:
     seconds: float  # 0: it was there already
 
 
-# --- who can make masks
+# --- providers of masks
 
 
 def providers() -> tuple[ProviderEntry, ...]:
@@ -237,7 +235,7 @@ def no_photos(session: Session) -> str:
         return no_scene(session)
     folder = session.project.folder
     if folder is None or not folder.cameras:
-        return "Masks are made of photos, and this scene has none with a place."
+        return "Masks need photos with known cameras; this scene has none."
     if not folder.image_paths:
         return f"The photos are not in {folder.root / 'images'}. Put them back."
     return busy(session)
@@ -344,7 +342,7 @@ def keep_partial(session: Session, provider: str) -> None:
     choose(session, chosen if chosen in folders else provider)
     _, made = stages.masks_of(session.need().project, provider)
     session.notify(
-        Level.INFO, f"{_photos(len(made))} of {provider} are done. Make masks again goes on there."
+        Level.INFO, f"{_photos(len(made))} of {provider} are done. Make masks continues there."
     )
 
 
@@ -363,7 +361,7 @@ def choose(session: Session, name: str) -> bool:
     document = session.need()
     _look_again(document)
     if name not in mask_folders(session):
-        raise GagaError(f"There are no masks of {name} here any more. Make or import them.")
+        raise GagaError(f"The masks of {name} are no longer here. Make or import them.")
     session.provider, session.masks = stages.masks_of(document.project, name)
     document.feature(KnownViews).forget()  # files of the same names may hold other masks now
     return True
@@ -583,7 +581,7 @@ def _objects(
 
 # --- models: got after consent, removed
 
-FIRST_MODEL = known_model("sam2.1-tiny")  # that is offered to whoever has no model
+FIRST_MODEL = known_model("sam2.1-tiny")  # offered where there is no model
 
 
 def hub_config(session: Session) -> HubConfig:

@@ -68,7 +68,7 @@ class Timeline:
 
 
 class KnownViews:
-    """What was found in the masks of the views of a document."""
+    """Findings in the masks of the views of a document."""
 
     def __init__(self) -> None:
         self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
@@ -81,22 +81,22 @@ class KnownViews:
 
 
 class ObjectQuality:
-    """What was measured of the objects of a document."""
+    """Measured quality of the objects of a document."""
 
     def __init__(self) -> None:
         self.by_labels: dict[str, Quality] = {}  # by digest of the labels
 
 
-# --- Repair of what the association got wrong: masks that belong elsewhere, objects that are two.
+# --- Repair errors of the association: masks of other objects, two objects merged into one.
 # Long work runs as a job on values taken at the call; its result is one entry of the history.
 
 
-# Where a mask can go besides an object: as in `gaga_core.grouping.repair.reassociate`.
+# Targets of a mask other than an object: as in `gaga_core.grouping.repair.reassociate`.
 NEW, NONE = -1, 0
-_CHANGED = "The objects changed while this ran, so nothing is done. Try it again."
+_CHANGED = "The objects changed meanwhile. Try again."
 
 
-# --- a mask that belongs elsewhere
+# --- move a mask to another object
 
 
 @notifies
@@ -161,12 +161,12 @@ def repaired_labels(scene: Scene, before: IntArray, after: IntArray) -> IntArray
     return labels
 
 
-# --- an object that is two
+# --- split an object by its masks
 
 
 @notifies
 def split_by_masks(session: Session) -> bool:
-    """Take the selected object apart into the two things that its masks show."""
+    """Take the selected object apart into the two objects that its masks show."""
     document, bank = need_bank(session)
     groups = document.read.selected_groups()
     if len(groups) != 1:
@@ -200,7 +200,7 @@ def split_by_masks(session: Session) -> bool:
     return session.jobs.start(f"Split {name}", stages.prepared("Vote again", stage), None, done)
 
 
-# --- what both read
+# --- shared by both repairs
 
 
 def evidence_of(session: Session, document: Document) -> "Evidence":
@@ -247,9 +247,7 @@ def watch_objects(session: Session, document: Document) -> Callable[[], bool]:
 # --- photos and masks that came later
 
 _NO_OBJECTS = "There are no objects that more photos could improve. Use Find objects first."
-_LEVELS = (
-    "These objects have levels of detail, which are made of all photos at once. Use Find objects."
-)
+_LEVELS = "These objects have levels of detail, which need all photos at once. Use Find objects."
 _IDENTITIES = "The objects come from identities now. Choose Labels by votes first."
 
 
@@ -287,7 +285,7 @@ def why_no_new_views(session: Session) -> str:
         return _IDENTITIES
     if new_views(session):
         return ""
-    return f"All photos that have masks took part already. {text_on_bare_photos(session)}".rstrip()
+    return f"All photos with masks are used already. {text_on_bare_photos(session)}".rstrip()
 
 
 def text_on_bare_photos(session: Session) -> str:
@@ -301,18 +299,20 @@ def consequences_of_adding(session: Session) -> tuple[str, ...]:
     """Return sentences on what happens to what a person did, before it is done."""
     scene = session.need().scene
     said = [
-        "Names, colors, folders and what lies under what stay; so do merged and split objects, "
+        "Names, colors, folders and parents stay; so do merged and split objects, "
         "and masks that you moved."
     ]
     if scene.bank is not None and scene.bank.preset == "paper":
         said.append(
             "Splats that you put elsewhere by hand can follow the new masks: the preset Paper does "
-            "not tell them apart from others."
+            "not distinguish them from others."
         )
     else:
         said.append("Splats that you put elsewhere by hand stay there.")
     if scene.identities.colors is not None:
-        said.append("Identities know only the former photos, so they are removed: lift them again.")
+        said.append(
+            "Identities cover only the earlier photos, so they are removed: lift them again."
+        )
     return tuple(said)
 
 
@@ -520,7 +520,7 @@ REST = (36, 37, 42, 165)
 
 
 def mask_splats_of(session: Session, decision: Decision) -> "MaskSplats | None":
-    """Return who lies behind a mask; None until a quiet job has read its view, or if it cannot.
+    """Return the splats behind a mask; None until a quiet job has read its view, or if it cannot.
 
     Ask again in a later frame.
     """
@@ -686,7 +686,7 @@ def _no_mask_split(session: Session) -> str:
     if reason := not_one_object(session) or no_bank(session):
         return reason
     n_masks = len(session.decisions(session.selected_groups()[0]))
-    return "" if n_masks > 1 else "This object has no masks that could be told apart."
+    return "" if n_masks > 1 else "An object needs two masks or more to be split by them."
 
 
 def _no_quality(session: Session) -> str:
@@ -711,7 +711,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("object.worst_view", "Go to the worst view", worst_view, enabled=_no_quality),
     Command(
         "object.split_masks",
-        "Split into the two things that its masks show",
+        "Split into the two objects that its masks show",
         split_by_masks,
         enabled=_no_mask_split,
     ),

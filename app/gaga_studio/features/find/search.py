@@ -57,7 +57,7 @@ _PAUSE_S = 0.35  # without a key before a noun is looked up: the word may not be
 
 @dataclass(frozen=True, eq=False)
 class SceneMeasurements:
-    """What a search needs to know of one state of a scene."""
+    """Facts of one state of a scene that a search reads."""
 
     key: object  # of the state
     facts: GroupFacts
@@ -139,7 +139,7 @@ class SearchState:
 
     @property
     def n_left_out(self) -> int:
-        """How many that fit the filter of the list leaves out."""
+        """Number of fitting objects that the filter of the list leaves out."""
         return sum(hit.fits for hit in self._found) - len(self.meant)
 
     @property
@@ -321,7 +321,7 @@ _LONGEST = 800  # longest side, pixels, of the picture for a detector
 EXAMPLES = "“red”, “the largest”, “yellow left of the bowl”"
 
 
-# --- every frame that the box is drawn in
+# --- every frame with the search box
 
 
 def tick(session: Session, kept: Kept | None = None) -> None:
@@ -386,7 +386,7 @@ def type_text(session: Session, text: str, size: tuple[int, int]) -> None:
         session.document.feature(SearchState).type(text, camera)
 
 
-# --- taking an answer
+# --- selecting an answer
 
 
 def take_hit(session: Session, at: int | None = None, *, flies: bool = True) -> bool:
@@ -467,7 +467,9 @@ def index_state(session: Session) -> str:
     if n_unknown == 0:
         return f"The index knows all {n:,} objects as they are now."
     changed = "1 has" if n_unknown == 1 else f"{n_unknown:,} have"
-    return f"{changed} changed since the index of {n:,} objects was made. Index again to know them."
+    return (
+        f"{changed} changed since the index of {n:,} objects was made. Index again to include them."
+    )
 
 
 def no_question(session: Session) -> str:
@@ -548,7 +550,7 @@ def name_all(session: Session) -> None:
         elif document.do(name_groups(document.scene, names)):
             session.notify(Level.INFO, f"Named {len(names):,} objects. Undo takes it back.")
         else:
-            session.notify(Level.HINT, "The index knows no further name with confidence.")
+            session.notify(Level.HINT, "The index has no further name with enough confidence.")
 
     session.jobs.start("Name the objects", stage(), on_done=done)
 

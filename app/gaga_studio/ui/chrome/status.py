@@ -15,7 +15,7 @@ from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-# --- The status line: what a click does now, what is under the mouse, and who computes.
+# --- The status line: what a click does now, what is under the mouse, and which job runs.
 
 _LOOK_EVERY = 10.0  # seconds; a look asks the driver and the installed packages
 
@@ -56,9 +56,9 @@ def status_text(session: Session, tool: Tool) -> str:
     if session.rig.is_flying:
         return "W A S D fly, Q down, E up, Shift fast, Alt slow; drag looks around. V ends flying."
     if cleanup.shown(session) is not None:
-        return "Enter applies the cleaning, Esc leaves everything as it is. Drag orbits."
+        return "Enter applies the cleaning, Esc discards it. Drag orbits."
     if fill.shown(session) is not None:
-        return "Enter applies the filling, Esc leaves everything as it is. Drag orbits."
+        return "Enter applies the fill, Esc discards it. Drag orbits."
     if session.hint:
         return session.hint
     hint = tool.hint(session)

@@ -1,6 +1,6 @@
-"""What the session has to say: short cards in the corner of the picture.
+"""Notices of the session: short cards in the corner of the picture.
 
-Errors stay until they are closed; the rest goes by itself.
+Errors stay until they are closed; other notices disappear after a while.
 """
 
 import time

@@ -18,16 +18,16 @@ from gaga_studio.ui.kit.widgets import Face
 # --- Options of the tool: in the tool bar, or over the picture where the bar has no room for them.
 
 _TAKES = (
-    (False, "", "Objects", "Whole objects of which at least half lies in the region"),
+    (False, "", "Objects", "Whole objects with at least half in the region"),
     (True, "", "Splats", "Single splats"),
 )
 _DEPTHS = (
-    (False, "", "Through", "Everything in the region, what is hidden behind it too"),
+    (False, "", "Through", "Everything in the region, including what is hidden behind it"),
     (True, "", "Visible surface", "Only what is seen from here"),
 )
 _MODEL_HINT = (
-    "A Segment Anything model looks at what was clicked from several sides, in the background; "
-    "its answer takes the place of the first one"
+    "A Segment Anything model segments the clicked object in several views, in the background; "
+    "its answer replaces the first one"
 )
 _MAKE, _CLEAR = "Make object", "Clear"
 # Tools that have a button at all times; others while they are used.
@@ -110,7 +110,7 @@ def _what_regions_take(session: Session) -> None:
         why_not={False: no_objects},
     )
     imgui.same_line(0, em(_GAP))
-    why_not = "" if takes else "An object is selected whole, what is seen of it and what is not."
+    why_not = "" if takes else "An object is always selected whole, including its hidden parts."
     depth = widgets.segmented(
         "How deep", _DEPTHS, view.visible_only and takes, why_not={True: why_not}
     )
@@ -133,7 +133,7 @@ def _paint_color(session: Session) -> None:
     changed, strength = imgui.slider_float("###Strength", view.brush_strength, 0.05, 1.0, "%.2f")
     if changed:
         view.brush_strength = float(strength)
-    widgets.tooltip("How much of it: 1 is all")
+    widgets.tooltip("Strength of the color: 1 replaces the old one")
 
 
 def _clicks(session: Session) -> None:

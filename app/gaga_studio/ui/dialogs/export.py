@@ -44,7 +44,7 @@ _CAMERA_FORMS: tuple[tuple[CameraForm, str, str, str], ...] = (
 )
 
 
-# --- What an export changes on the way, in the sheet that exports: color, count, placement, crop.
+# --- Changes of an export, in its sheet: color, count, placement, crop.
 
 NAMES = 7.0  # width of the names of fields, ems
 _SHARES = {1.0: "All", 0.75: "Three quarters", 0.5: "Half", 0.25: "A quarter", 0.1: "A tenth"}
@@ -57,17 +57,17 @@ def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool)
         options = _color(options, degree) if degree > 0 else options
         options = _fewer(options)
     widgets.field_name("Placement", em(NAMES))
-    hint = "The middle of all that is written becomes the origin; files still fit"
+    hint = "The middle of the export becomes the origin; all files still fit together"
     centre = widgets.tick("Middle at the origin", options.centre, hint)
     widgets.next_to("Lowest point at height 0", extra=em(2))
-    hint = "What is written stands on the ground"
+    hint = "Places the exported splats on the ground"
     ground = widgets.tick("Lowest point at height 0", options.ground, hint)
     options = replace(options, centre=centre, ground=ground)
     widgets.field_name("Units", em(NAMES))
     form = "1 scene unit = %.4g in the file"
     flags = imgui.SliderFlags_.always_clamp | imgui.SliderFlags_.logarithmic
     changed, scale = imgui.drag_float("##Units", options.scale, 0.01, 1e-4, 1e4, form, flags)
-    widgets.tooltip("Drag, or double-click to type. What is 2 long here is twice this number long")
+    widgets.tooltip("Drag, or double-click to type. A length of 2 here is twice this number there")
     options = replace(options, scale=scale) if changed and scale > 0 else options
     widgets.field_name("Crop", em(NAMES))
     return _crop(session, options)
@@ -129,10 +129,10 @@ _WHATS: tuple[tuple[What, str, str, str, str], ...] = (
         "objects",
         "",
         "Objects",
-        "A file for each selected object, else for each, and groups.json with their names",
+        "One file for each selected object, or for each object, and groups.json with their names",
         "file.export_objects",
     ),
-    ("cameras", "", "Cameras", "Where the photos stand around what is visible", _CAMERAS),
+    ("cameras", "", "Cameras", "The photos' cameras around what is visible", _CAMERAS),
 )
 _FORMS: tuple[tuple[SplatFormat, str, str, str], ...] = (
     (SplatFormat.PLY, "", "PLY", "Keeps everything. Every program for splats opens it."),
@@ -169,11 +169,11 @@ _SOLIDS: tuple[tuple[MeshForm | None, str, str, str], ...] = (
         "Collider",
         "A convex solid around the surface, of at most 255 triangles, for physics engines",
     ),
-    (MeshForm.BOX, "", "Box", "The smallest box around it, turned as it lies"),
+    (MeshForm.BOX, "", "Box", "The smallest oriented box around it"),
 )
 _FILES: tuple[tuple[MeshFile, str, str, str], ...] = (
-    (MeshFile.GLB, "", "GLB", "glTF, for engines and viewers. Lies as the GLB of the splats."),
-    (MeshFile.OBJ, "", "OBJ", "Text, for everything else. Lies as the PLY of the splats."),
+    (MeshFile.GLB, "", "GLB", "glTF, for engines and viewers. Same axes as the splats' GLB."),
+    (MeshFile.OBJ, "", "OBJ", "Text, for everything else. Same axes as the splats' PLY."),
 )
 
 
@@ -371,7 +371,7 @@ def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> st
     if sheet.what == "cameras":
         return _why_no_cameras(sheet)
     if summary.n_splats == 0:
-        return "There is nothing to write: nothing of it is visible."
+        return "Nothing of it is visible, so nothing can be written."
     if not sheet.path.strip():
         return "Say where to write."
     if sheet.what != "objects" and export.form_of_name(sheet.path) is None:

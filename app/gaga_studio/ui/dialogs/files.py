@@ -343,7 +343,7 @@ def _list(dialog: FileDialog) -> None:
     dialog._entries = folders + sorted(files, key=lambda p: p.name.lower())
 
 
-# --- The file dialogs that commands ask for: what they are called, where they begin, what follows.
+# --- The file dialogs of commands: titles, start folders, and what follows.
 
 
 @dataclass(frozen=True)

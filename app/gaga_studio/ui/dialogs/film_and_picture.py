@@ -1,4 +1,4 @@
-"""The sheets that ask how a film or a picture shall be written."""
+"""The sheets with the settings of a film or a picture to write."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -143,7 +143,7 @@ def _length(session: Session, choices: FilmChoices) -> tuple[float, int]:
 
 
 def _photos(session: Session, choices: FilmChoices) -> None:
-    """Which photos, for how long, and what of them lies left of the line."""
+    """Which photos, for how long, and what is left of the line."""
     why_not = {side: split_view.why_not(session, shown) for side, _, shown in _PHOTO_SIDES}
     named = {side: name for side, name, _ in _PHOTO_SIDES}
     if why_not[choices.side]:
@@ -161,12 +161,12 @@ def _photos(session: Session, choices: FilmChoices) -> None:
 
 
 def _sweeps(choices: FilmChoices) -> None:
-    hint = "From the left edge to the right one and back; else as in the split view"
+    hint = "Moves from the left edge to the right and back; otherwise as in the split view"
     choices.sweeps = widgets.tick("The line sweeps", choices.sweeps, hint, em(_NAMES))
 
 
 def _left(session: Session, choices: FilmChoices) -> None:
-    """What lies left of a line through the film, and whether the line sweeps."""
+    """What is left of a line through the film, and whether the line sweeps."""
     why_not: dict[Left, str] = {"before": split_view.why_not(session, Side.BEFORE)}
     if choices.left == "before" and why_not["before"]:
         choices.left = ""

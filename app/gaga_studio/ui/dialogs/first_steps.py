@@ -60,7 +60,7 @@ class FirstSteps:
 
 @dataclass(frozen=True)
 class CardPlace:
-    """Where the card stands, pixels of the screen."""
+    """Position of the card, pixels of the screen."""
 
     left: float
     bottom: float
@@ -69,7 +69,7 @@ class CardPlace:
 
 
 def place(area: PictureArea, foot: float, unit: float) -> CardPlace | None:
-    """Where the card can stand in the picture above the y of ``foot``; None: nowhere.
+    """Where the card fits into the picture above the y of ``foot``; None: nowhere.
 
     ``unit`` is one em. Five lines need room next to the middle third of the picture, or below it.
     """
@@ -116,7 +116,7 @@ def _card(session: Session, progress: FirstSteps) -> None:
     at = progress.next
     imgui.align_text_to_frame_padding()
     with theme.face(strong=True):
-        imgui.text_unformatted("First steps" if at else "That was all of it")
+        imgui.text_unformatted("First steps" if at else "All steps done")
     _close(session)
     for number, (name, text) in enumerate(STEPS, 1):
         _step(text, name in progress.done, number == at)
@@ -140,12 +140,12 @@ def _strip(session: Session, progress: FirstSteps) -> None:
     imgui.same_line(0, em(0.6))
     imgui.align_text_to_frame_padding()
     room = imgui.get_content_region_avail().x - em(2)
-    imgui.text_unformatted(widgets.elided(STEPS[at - 1][1] if at else "That was all of it", room))
+    imgui.text_unformatted(widgets.elided(STEPS[at - 1][1] if at else "All steps done", room))
     widgets.tooltip("\n".join(f"{i}. {text}" for i, (_, text) in enumerate(STEPS, 1)))
     _close(session)
 
 
 def _close(session: Session) -> None:
     imgui.same_line(imgui.get_window_width() - em(2.1))
-    if widgets.small_icon("Put away", icons.CLOSE, hint="Put away; Help brings it back"):
+    if widgets.small_icon("Put away", icons.CLOSE, hint="Close; reopen it from Help"):
         session.change_settings(replace(session.settings, first_steps_done=True))

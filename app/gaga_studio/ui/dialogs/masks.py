@@ -205,7 +205,7 @@ def _facts(entry: ProviderEntry) -> str:
 
 def _details(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) -> None:
     if entry is None:
-        widgets.dim("Choose who makes the masks.")
+        widgets.dim("Choose a segmenter.")
         return
     with theme.face(strong=True):
         imgui.text_wrapped(entry.title)
@@ -251,7 +251,7 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
     redo = widgets.tick("Make them again", request.redo, hint)
     use_depth = request.use_depth
     if kind == "regions":
-        hint = "Tells an object from what it stands on; takes a little longer"
+        hint = "Separates an object from its support; takes a little longer"
         use_depth = widgets.tick("Use the depth of the splats", use_depth, hint)
     dialog.request = replace(
         request, settings=settings, views=views, redo=redo, use_depth=use_depth
@@ -383,7 +383,7 @@ _PRESETS = (
     ("paper", "", "Paper", "The published method: memory bank view by view, trained identities"),
 )
 _IDENTITIES = {
-    "preset": "As the preset has it",
+    "preset": "As in the preset",
     "none": "None",
     "vote": "By vote, in seconds",
     "refine": "By vote, then a few training steps",
@@ -412,7 +412,7 @@ def draw_find_objects(session: Session) -> None:
 
 
 def _head(session: Session) -> None:
-    widgets.dim("Masks of single photos are joined in 3D: a thing is one object.", wrap=True)
+    widgets.dim("Joins the masks of all photos in 3D into objects.", wrap=True)
     settings = session.settings
     preset = widgets.segmented("Preset", _PRESETS, settings.preset, why_not={})
     if preset != settings.preset:
@@ -483,7 +483,7 @@ def _find_row(session: Session) -> None:
     imgui.same_line()
     as_preset = state.groups == GroupSettings() and state.identities.config() == LiftConfig()
     as_preset &= session.settings.identities == Settings().identities
-    same = "All is as the preset has it." if as_preset else ""
+    same = "All settings are those of the preset." if as_preset else ""
     if widgets.button("Reset", why_not=same, hint="Take every switch from the preset"):
         state.groups, state.identities = GroupSettings(), IdentitySettings()
         session.change_settings(replace(session.settings, identities="preset"))
@@ -532,12 +532,12 @@ def draw_add_views(session: Session) -> None:
     n = len(names)
     shown = ", ".join(names[:_NAMED]) + (", …" if n > _NAMED else "")
     if names:
-        took = "has masks that took" if n == 1 else "have masks that took"
-        widgets.dim(f"{n:,} photo{'' if n == 1 else 's'} {took} no part yet: {shown}", wrap=True)
+        which = "has masks that are" if n == 1 else "have masks that are"
+        widgets.dim(f"{n:,} photo{'' if n == 1 else 's'} {which} not used yet: {shown}", wrap=True)
     if bare:
         widgets.dim(bare, wrap=True)
     widgets.dim(
-        "Only these are looked at: their masks join the objects, or make new ones.", wrap=True
+        "Only these are processed: their masks join the objects, or make new ones.", wrap=True
     )
     imgui.dummy(ImVec2(0, em(0.2)))
     for sentence in memory_bank.consequences_of_adding(session):

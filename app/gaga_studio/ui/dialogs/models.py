@@ -45,7 +45,7 @@ def draw(session: Session) -> None:
         "Nothing is downloaded without your consent. Sizes are approximate until you ask for one.",
         wrap=True,
     )
-    widgets.line(f"Models lie in {paths.shown(models_folder())}.", theme.DIM)
+    widgets.line(f"Models are in {paths.shown(models_folder())}.", theme.DIM)
     state = session.feature(ModelsState)
     is_asking = state.offered is not None or state.removing is not None
     footer = em(_FOOT if is_asking or session.jobs.running is not None else _LOW_FOOT)
@@ -98,7 +98,7 @@ def _row(session: Session, entry: ModelStatus) -> None:
     imgui.table_next_column()
     why_not = masks.why_no_download(session)
     if entry.path is None:
-        hint = f"Goes on after {entry.partial_bytes / 1e6:.0f} MB" if entry.partial_bytes else ""
+        hint = f"Continues after {entry.partial_bytes / 1e6:.0f} MB" if entry.partial_bytes else ""
         if widgets.button("Get", Face("Get…", width=-1), why_not=why_not, hint=hint):
             masks.ask_model(session, model)
     elif widgets.button("Remove", Face("Remove…", width=-1)):
@@ -139,7 +139,7 @@ def _progress(session: Session, job: Job) -> None:
     if widgets.button("Cancel", Face(width=-1), why_not=why_not):
         session.jobs.cancel()
     if job.eta_s is not None:
-        widgets.dim(f"About {job.eta_s:.0f} s left. After a cancel, Get goes on from here.")
+        widgets.dim(f"About {job.eta_s:.0f} s left. After a cancel, Get continues from here.")
 
 
 def _terms(session: Session, listing: Listing) -> None:

@@ -58,7 +58,7 @@ def _look(settings: Settings, dragged: DraggedPreferences) -> Settings:
     changed, color = imgui.color_edit3("##Background", list(settings.background_color))
     settings = replace(settings, background=hex_color(color)) if changed else settings
     settings = _slider(settings, dragged, "lod_millions", "Large scenes", "%.1f M splats", _LOG)
-    widgets.tooltip("So many splats are in the picture of a scene with level of detail at most")
+    widgets.tooltip("Most splats in a picture of a scene with level of detail")
     return settings
 
 
@@ -79,9 +79,9 @@ def _work(settings: Settings, dragged: DraggedPreferences) -> Settings:
     along = _tick("Children go along", settings.children_go_along, hint)
     settings = replace(settings, clean_first=clean, children_go_along=along)
     settings = _slider(settings, dragged, "autosave_minutes", "Autosave every", "%.1f min", _LOG)
-    widgets.tooltip("So much work is at risk at most, should the program end by force")
+    widgets.tooltip("Most work that a crash can lose")
     settings = _slider(settings, dragged, "undo_megabytes", "Undo may hold", "%.0f MB", _LOG)
-    widgets.tooltip("With more, the oldest edits cannot be undone any more")
+    widgets.tooltip("Beyond this limit the oldest edits can no longer be undone")
     return settings
 
 
@@ -98,7 +98,7 @@ def _models(settings: Settings, dragged: DraggedPreferences) -> Settings:
         typed = f"https://{typed}" if typed and "://" not in typed else typed
         if is_known("hub_mirror", typed):
             settings = replace(settings, hub_mirror=typed)
-    hint = "Never ask a hub of models; what is here is used"
+    hint = "Never contact a model hub; use only installed models"
     offline = _tick("Work offline", settings.works_offline, hint)
     return replace(settings, works_offline=offline)
 

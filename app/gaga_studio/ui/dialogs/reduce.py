@@ -15,7 +15,7 @@ _NAMES = 5.0  # width of the names of fields, ems
 _FEWEST, _MOST = 5, 95  # percent
 _WHATS: tuple[tuple[ReduceWhat, str, str, str], ...] = (
     ("selection", "", "Selection", "What is selected"),
-    ("objects", "", "Objects", "All of each object that something is selected of"),
+    ("objects", "", "Objects", "Each object with selected splats, as a whole"),
     ("scene", "", "Scene", "All that is visible and not locked"),
 )
 
@@ -34,7 +34,7 @@ def draw(session: Session, plan: ReducePlan) -> None:
         return
     cleanup.estimate_loss(session, plan)
     widgets.dim(
-        "Neighbours that are alike become one splat. Hidden and locked splats, and those of "
+        "Similar neighbours become one splat. Hidden and locked splats, and those of "
         "different objects, are never merged.",
         wrap=True,
     )
@@ -59,4 +59,4 @@ def _says(session: Session, plan: ReducePlan) -> None:
     imgui.dummy(ImVec2(0, em(0.2)))
     imgui.text_unformatted(f"{n:,} splats become {max(min(n, 1), round(plan.percent / 100 * n)):,}")
     widgets.dim(cleanup.what_is_known_of_loss(session, plan), wrap=True)
-    widgets.dim("From 40 dB on nearly nothing is seen of it; at 25 dB fine texture is gone.")
+    widgets.dim("From 40 dB the loss is barely visible; at 25 dB fine texture is gone.")

@@ -1,1 +1,1 @@
-"""What every panel is built of: theme, icons, widgets, textures of photos and masks."""
+"""Building blocks of all panels: theme, icons, widgets, textures of photos and masks."""

@@ -1,4 +1,4 @@
-"""Menus of objects: where something is to go."""
+"""Menus to choose an object as the target of a move."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

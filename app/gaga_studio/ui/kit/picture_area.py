@@ -1,4 +1,4 @@
-"""Where the picture lies on the screen: what is drawn over it finds its place by this."""
+"""The area of the picture on the screen, for everything drawn over it."""
 
 from dataclasses import dataclass
 

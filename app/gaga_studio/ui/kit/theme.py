@@ -108,7 +108,7 @@ _BOTH: list[tuple[ImVec4, Rgba, Rgba]] = []  # every color with its dark and its
 
 
 def _both(dark: str, light: str, alpha: float = 1.0) -> ImVec4:
-    """A color of both themes; it changes in place, so that nobody holds an old one."""
+    """A color of both themes; it changes in place, so that no code holds an old one."""
     values = [
         (int(code[:2], 16) / 255, int(code[2:4], 16) / 255, int(code[4:], 16) / 255, alpha)
         for code in (dark, light)

@@ -394,7 +394,7 @@ def enter_pressed() -> bool:
 
 
 def escape_closes() -> None:
-    """Inside a popup: Escape closes it (without keyboard navigation nobody else sees to that)."""
+    """Inside a popup: Escape closes it (without keyboard navigation nothing else does)."""
     if imgui.is_key_pressed(imgui.Key.escape, False):
         imgui.close_current_popup()
 

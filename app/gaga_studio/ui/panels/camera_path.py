@@ -21,7 +21,7 @@ def draw(session: Session) -> None:
     _buttons(session, path)
     if not path.keyframes:
         widgets.dim(
-            "Look at the scene as the film shall begin and add a keyframe; go on and add the next. "
+            "Go to the first view of the film and add a keyframe; move on and add the next. "
             "Turntable makes a circle around what is in the middle of the picture.",
             wrap=True,
         )
@@ -39,7 +39,7 @@ def _buttons(session: Session, path: CameraPath) -> None:
     if not path.keyframes:
         return
     widgets.next_to("Closed", em(1))
-    hint = "After the last keyframe the camera goes on to the first"
+    hint = "After the last keyframe the camera continues to the first"
     if widgets.toggle("Closed", path.is_closed, hint=hint):
         camera.set_closed_path(session, not path.is_closed)
     widgets.next_to("Even speed")
@@ -67,7 +67,7 @@ def _scrub(session: Session, path: CameraPath) -> None:
     imgui.same_line()
     imgui.set_next_item_width(width)
     changed, total = imgui.drag_float("##Total", path.seconds, 0.05, 0.1, 3600, "%.1f s in all")
-    widgets.tooltip("Time of the whole path; all times are stretched alike")
+    widgets.tooltip("Duration of the whole path; all times scale with it")
     if changed:
         camera.set_total_seconds(session, total)
 

@@ -46,7 +46,7 @@ def draw(session: Session, state: FilmStripState) -> None:
 
 
 def _head(session: Session, state: FilmStripState) -> None:
-    """Left of the photos: how many there are, and whether masks lie over them."""
+    """Left of the photos: how many there are, and whether masks are shown over them."""
     folder = session.project.folder if session.project is not None else None
     n_test = len(folder.test) if folder is not None else 0
     imgui.text_unformatted(f"{len(session.cameras)} photos")
@@ -103,7 +103,7 @@ def _thumbnail(
     if imgui.invisible_button(f"View {camera.name}", size):
         navigation.go_to_view(session, index)
     is_hot = imgui.is_item_hovered()
-    widgets.tooltip(f"{camera.name}: click to stand where it was taken")
+    widgets.tooltip(f"{camera.name}: click to view the scene from this camera")
     drawing = imgui.get_window_draw_list()
     if state.shows_masks:
         bank = document.scene.bank if session.live is None else session.live.bank

@@ -1,4 +1,4 @@
-"""What was done, newest last; a click goes back or forth to it."""
+"""The history of edits, newest last; a click undoes or redoes up to one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -78,8 +78,8 @@ def _total(used: int, budget: int) -> None:
     room = imgui.get_content_region_avail().x
     widgets.dim(widgets.elided(f"{_size(used)} of {_size(budget)}", room))
     widgets.tooltip(
-        "What undo holds, and what it may hold (Preferences); with more, the oldest edits cannot "
-        "be undone any more"
+        "Memory used by undo, and its limit (Preferences); beyond the limit the oldest edits "
+        "can no longer be undone"
     )
 
 

@@ -22,7 +22,7 @@ from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-# --- Where the selection stands, in numbers: position, rotation, scale and size; each can be
+# --- Placement of the selection in numbers: position, rotation, scale and size; each can be
 # typed.
 
 _ZERO = 0.0005  # below half of the last digit that is shown
@@ -62,8 +62,8 @@ def draw_below(session: Session, document: Document, state: PlacementState) -> N
     widgets.dim(f"Size  {measure.lengths(session, sizes)}", wrap=True)
     widgets.tooltip("Sides of its box along these axes, without the outermost 2 percent of splats")
     if session.view.show_box and (turned := document.selected_oriented_box()) is not None:
-        widgets.dim(f"Turned box  {measure.lengths(session, turned.size)}", wrap=True)
-        widgets.tooltip("The smallest box around it, turned as it lies")
+        widgets.dim(f"Oriented box  {measure.lengths(session, turned.size)}", wrap=True)
+        widgets.tooltip("The smallest oriented box around it")
     view = session.view
     hint = "Numbers and handles along the object's own axes, else the world's"
     view.local_axes = widgets.tick("Own axes", view.local_axes, hint)
@@ -215,7 +215,7 @@ def _cleaning(session: Session) -> bool:
         f"{_splats(len(found.remove))} to drop",
         (
             (counts["stray"], "floater" if counts["stray"] == 1 else "floaters"),
-            (counts["neighbours_out"], "of what is next to it"),
+            (counts["neighbours_out"], "of its neighbours"),
         ),
     )
     _line(
@@ -268,7 +268,7 @@ def _filling(session: Session) -> bool:
     command = commands.command("object.fill_lighten")
     if widgets.checkbox(f"{command.title}###Lighten", found.lighten)[0]:
         commands.run(command.id, session)
-    widgets.tooltip("Lighten what is darker where the object stood, as its surroundings are")
+    widgets.tooltip("Lighten the object's shadow to match its surroundings")
     _colors(session)
     _apply_or_cancel(session, "object.fill_apply", fill.cancel)
     return True
@@ -282,7 +282,7 @@ def _apply_or_cancel(session: Session, apply: str, cancel: Callable[[Session], o
     face = Face(icon=icons.CHECK, width=width, primary=True)
     command_buttons.command_button(session, apply, "Apply", face)
     imgui.same_line(0, gap)
-    if widgets.button("Cancel", Face(width=width), hint="Leave everything as it is  Esc"):
+    if widgets.button("Cancel", Face(width=width), hint="Discard the preview  Esc"):
         cancel(session)
 
 
@@ -362,7 +362,7 @@ def _confidence(session: Session, document: Document) -> None:
     changed, below = imgui.slider_int("##Uncertain below", below, 1, 100, "below %d %%")
     if changed:
         document.feature(Uncertain).threshold = below / 100
-    widgets.tooltip("The share of the masks' votes that a splat's object must have to be sure")
+    widgets.tooltip("The share of the masks' votes that a splat's object needs to be certain")
     command_buttons.command_button(session, "object.uncertain", "Select uncertain", Face())
     widgets.next_to("Clean up the edge")
     command_buttons.command_button(session, "object.clean", "Clean up the edge", Face())

@@ -1,6 +1,6 @@
 """The memory bank of one object: which mask of which view joined it, and with what overlap.
 
-While the association runs it shows the view of the moment and what becomes of its masks.
+While the association runs it shows the current view and the groups that its masks join.
 """
 
 from collections.abc import Sequence

@@ -95,7 +95,7 @@ def _detail_slider(session: Session, state: ObjectListState) -> None:
         "##Detail", shown, 0, len(levels.labels) - 1, "", imgui.SliderFlags_.always_clamp
     )
     ended = imgui.is_item_deactivated()
-    widgets.tooltip("Left: things together. Right: small pieces. Ctrl+Z takes a change back.")
+    widgets.tooltip("Left: groups of objects. Right: small pieces. Ctrl+Z takes a change back.")
     if moved and level != state.level:
         state.level = level
         objects.preview_level(session, level)
@@ -160,7 +160,9 @@ def _background_row(session: Session, n: int, high: float) -> None:
     flags = imgui.SelectableFlags_.span_all_columns
     if imgui.selectable("##background", False, flags, ImVec2(0, high))[0]:
         session.change_settings(replace(session.settings, folds_background=not folds))
-    widgets.tooltip("Walls, floors, tables and other large flat things; click to show or hide them")
+    widgets.tooltip(
+        "Walls, floors, tables and other large flat objects; click to show or hide them"
+    )
     icon = icons.FOLDED if folds else icons.UNFOLDED
     text = f"{icon}  Background and supports ({n:,})"
     row_kinds.last_row().text(em(0.1), (high - em(1)) / 2, theme.u32(theme.DIM), text)

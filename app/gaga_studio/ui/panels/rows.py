@@ -167,7 +167,7 @@ Switched = Literal["", "hide", "lock", "alone"]
 
 @dataclass(frozen=True)
 class Switches:
-    """How the switches of a row stand."""
+    """State of the switches of a row."""
 
     what: str  # that the row shows: "object", "folder"
     is_hidden: bool
@@ -238,7 +238,7 @@ _KEYS: tuple[SortKey, ...] = get_args(SortKey)  # sort keys by column id
 def columns_for(is_measured: bool, height: float, depth: int, has_arrows: bool) -> RowColumns:
     """What fits next to a name of `_NAME`: switches first, then quality, splats and views.
 
-    Quality is there because somebody has asked for it. ``height`` of a row, pixels; ``depth`` of
+    Quality is there once it was measured. ``height`` of a row, pixels; ``depth`` of
     the deepest row.
     """
     arrow = em(_ARROW) if has_arrows else 0.0
@@ -487,7 +487,7 @@ class ObjectRow:
             if not commands.command(command_id).enabled(self.session):
                 command_buttons.command_item(self.session, command_id)
 
-    # --- what is shown
+    # --- content
 
     def _swatch(self) -> None:
         """A dot in the color of the object; a click changes it."""

@@ -37,7 +37,7 @@ class Gizmo:
         if at is None:
             return False
         values = _matrix16(at)
-        _guizmo.begin_frame()  # nobody else calls it, and without it the mouse is not seen
+        _guizmo.begin_frame()  # needed here: without it the mouse is not seen
         _guizmo.set_drawlist()
         _guizmo.set_rect(corner.x, corner.y, size.x, size.y)
         _guizmo.set_gizmo_size_clip_space(0.16)

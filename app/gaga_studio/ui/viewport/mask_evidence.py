@@ -21,7 +21,7 @@ from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-# --- What can be done with one mask of the memory bank: put it where it belongs.
+# --- Actions on one mask of the memory bank: move it to the right object.
 
 
 @dataclass
@@ -128,7 +128,7 @@ def _objects(
 
 _MOST_HIGH, _HEAD = 0.45, 4.6  # share of the picture's height; em above the pictures of a card
 _LEAST, _NARROW = 20.5, 25.0  # em: least width of a card; below this a button has no text
-_MOST_GROWING = 0.42  # share of the picture's width that the view of the moment takes
+_MOST_GROWING = 0.42  # share of the picture's width that the current view takes
 _HIGH_GROWING = 0.34  # share of its height
 _ABOVE = 0.4  # share of the height: an object below it has the card above
 
@@ -147,7 +147,7 @@ class EvidenceState:
 
 
 def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
-    """A card over the left of the picture: the chosen mask, or the view of the moment.
+    """A card over the left of the picture: the chosen mask, or the current view.
 
     It keeps off the object that the mask joined where the picture has room for that.
     """
@@ -288,7 +288,7 @@ def explanation(document: Document, decision: Decision) -> str:
     if decision.group == 0 and decision.by_hand:
         return "Put into no object by hand."
     if decision.group == 0:
-        return "No splat lies behind this mask at the surface, so it joined no group."
+        return "There is no splat behind this mask at the surface, so it joined no group."
     name = document.name_of(decision.group)
     if decision.by_hand:
         return f"Put into {name} by hand; what follows from that was redone from this view on."

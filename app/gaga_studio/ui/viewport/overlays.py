@@ -1,4 +1,4 @@
-"""What lies over the picture: points of tools, the box of the selection, outlines, the brush."""
+"""Drawn over the picture: points of tools, the box of the selection, outlines, the brush."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -176,7 +176,7 @@ def _label(text: str, at: ImVec2) -> None:
     drawing.add_text(ImVec2(low.x + pad, low.y + pad / 2), theme.u32(theme.TEXT), text)
 
 
-# --- What a tool draws over the picture: rectangles, outlines, the brush.
+# --- Marks of a tool over the picture: rectangles, outlines, the brush.
 
 _INSIDE = 0.12
 _OUTLINE = 0.9

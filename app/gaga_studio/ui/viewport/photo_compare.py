@@ -30,7 +30,7 @@ _NAMES = {
     Side.PRESET: "Other preset",
 }
 _NO_MAP = "There is no true map of this photo that can be read"
-_HELP = "Split view: click a photo to stand where it was taken"
+_HELP = "Split view: click a photo to view the scene from its camera"
 
 
 def draw(
@@ -54,7 +54,7 @@ def draw(
         if is_divided:
             return _choices(session, corner, size, "" if session.rig.is_moving else _HELP)
         if not session.rig.is_moving:
-            _note("Click a photo to stand where it was taken", corner, size)
+            _note("Click a photo to view the scene from its camera", corner, size)
         return False
     whole = PhotoPlacement(corner.x, corner.y, size.x, size.y)
     place = whole if photo is None else _placement(photo, camera, corner)
@@ -87,7 +87,7 @@ def bar_height(session: Session) -> float:
 
 
 def _placement(photo: Camera, camera: Camera, corner: ImVec2) -> PhotoPlacement:
-    """Where the photo lies on the screen."""
+    """Placement of the photo on the screen."""
     density = imgui.get_io().display_framebuffer_scale
     on_picture = split_view.place_photo(photo, camera)
     return PhotoPlacement(
@@ -197,7 +197,7 @@ def _line(session: Session, place: PhotoPlacement, corner: ImVec2, size: ImVec2)
 
 
 def _choices(session: Session, corner: ImVec2, size: ImVec2, text: str) -> bool:
-    """What lies left and right of the line, at the upper edge; whether the mouse is there."""
+    """Names left and right of the line, at the upper edge; whether the mouse is there."""
     view = session.view
     high, gap, pad = imgui.get_frame_height(), imgui.get_style().item_spacing.x, em(0.4)
     free = size.x - _CUBE * em(1)  # the view cube stands at the right

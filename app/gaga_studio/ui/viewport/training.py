@@ -41,13 +41,13 @@ def draw_fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionP
     tip = "Of the photos as they are; 0: from EXIF, else estimated"
     plan = draw_setting(plan, "focal", config.focal or 0.0, tip)
     if found.is_video:
-        tip, rate = "0: as the camera moves, the sharpest ones", config.video_fps or 0.0
+        tip, rate = "0: by the camera's motion, the sharpest ones", config.video_fps or 0.0
         plan = draw_setting(plan, "video_fps", rate, tip, form="%.1f")
     tip = "For all attempts to place the photos; 0: as the quality says"
     plan = draw_setting(plan, "place_minutes", config.place_minutes or 0.0, tip)
     tip = "Which one, by its number of photos, when the photos show several"
     plan = draw_setting(plan, "scene", config.scene, tip)
-    tip = "The object turned, the camera stood still: the background is left out"
+    tip = "The object turned in front of a fixed camera: the background is left out"
     plan = draw_setting(plan, "turntable", config.turntable, tip)
     tip = "A folder with NAME.png for each photo, black where the background is"
     return draw_setting(plan, "foreground", config.foreground or "", tip)
@@ -106,7 +106,7 @@ def _ring(placement: "PlacementReport") -> None:
     corner = imgui.get_cursor_screen_pos()
     middle = ImVec2(corner.x + width / 2, corner.y + radius + em(0.5))
     imgui.dummy(ImVec2(width, 2 * radius + em(1)))
-    widgets.tooltip("Dots are photos in their order, lines are matches, red has no place")
+    widgets.tooltip("Dots are photos in their order, lines are matches, red ones are not placed")
     drawing = imgui.get_window_draw_list()
     n = len(placement.names)
     angles = np.linspace(0, 2 * np.pi, n, endpoint=False) - np.pi / 2
@@ -299,7 +299,7 @@ def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     plan = draw_setting(plan, "hold_out", plan.config.hold_out, tip)
     tip = "Splats that also look right from nearer and from farther away (mip mode)"
     plan = draw_setting(plan, "antialiased", plan.config.antialiased, tip)
-    tip = "Train brightness and white balance of each photo along, and leave them out"
+    tip = "Train each photo's brightness and white balance, and keep them out of the splats"
     plan = draw_setting(plan, "exposure", plan.config.exposure, tip)
     if found.photos is not None:
         widgets.field_name("Scene folder", em(NAMES))

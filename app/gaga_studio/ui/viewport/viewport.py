@@ -64,7 +64,7 @@ class FlyKeys:
 
 @dataclass
 class PictureState:
-    """What lies over the picture of a scene."""
+    """Draw what is over the picture of a scene."""
 
     evidence: EvidenceState = field(default_factory=EvidenceState)
     is_offer_closed: bool = False  # of the next stage
@@ -133,7 +133,7 @@ def _content(session: Session, state: PictureState, width: float) -> None:
         command_buttons.command_button(session, command, name, face)
 
 
-# --- What the picture shows while nothing is open: three ways to begin, and recent scenes.
+# --- The start page while nothing is open: three ways to begin, and recent scenes.
 
 _CHOICES = (
     ("file.open_folder", icons.FOLDER, "Open a scene folder", "Photos, cameras, splats, masks"),
@@ -267,7 +267,7 @@ _BADGES = {
     Mode.DEPTH: "Depth: near is bright",
     Mode.CONFIDENCE: "Confidence: blue is sure, red is not; gray is in no group",
     Mode.CENTRES: "Centres of the splats",
-    Mode.IDENTITY: "Identity encodings: what looks alike was learned to be one thing",
+    Mode.IDENTITY: "Identity encodings: similar colors were learned as one object",
     Mode.RINGS: "Rims of the splats",
 }
 _TAP_S = 0.05  # flight of a key that has just gone down: a slow frame before it was not its own
@@ -412,7 +412,7 @@ def _name_under_mouse(session: Session, is_over: bool) -> None:
 
 
 def _on_the_picture(session: Session, state: PictureState, area: PictureArea) -> None:
-    """What lies over the picture: the offer of the next stage, a compared photo, a mark."""
+    """Draw over the picture: the offer of the next stage, a compared photo, a mark."""
     bar = photo_compare.bar_height(session)
     corner, size = ImVec2(area.left, area.top + bar), ImVec2(area.width, area.height - bar)
     top = corner.y + em(0.7)

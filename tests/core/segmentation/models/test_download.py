@@ -305,7 +305,7 @@ def test_remove_deletes_the_folder_of_models_alone(hub: Hub, models: Path, tmp_p
 def test_a_folder_that_is_no_whole_model_is_never_overwritten(hub: Hub, models: Path) -> None:
     (models / TINY.name).mkdir(parents=True)
     (models / TINY.name / "notes.txt").write_text("mine")
-    with pytest.raises(GagaError, match="holds no whole model"):
+    with pytest.raises(GagaError, match="holds no complete model"):
         get(hub)
     assert (models / TINY.name / "notes.txt").read_text() == "mine"
     (models / TINY.name / "notes.txt").unlink()
