@@ -5,8 +5,6 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.kernels import kernel
 
-# --- Kernels of the weights-free regions: smoothing, superpixels, the depth's creases.
-
 
 @kernel
 def smooth(
