@@ -20,6 +20,8 @@ project_copyright = author
 release = importlib.metadata.version("gaga-studio")
 version = release
 
+# The public interface and the document behind it are both called Scene.
+suppress_warnings = ["ref.python"]
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
