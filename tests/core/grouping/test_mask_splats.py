@@ -38,9 +38,9 @@ def test_the_gate_takes_a_part_of_what_lies_behind_a_mask(preset: str) -> None:
             n_behind += int(found.behind.sum())
             n_gated += int(found.gated.sum())
             taken[found.gated] += camera is scene.cameras[0]
-        with pytest.raises(GagaError, match="no mask 999"):
+        with pytest.raises(GagaError, match="has mask 999"):
             mask_splats(gated, camera, 999)
-        with pytest.raises(GagaError, match="no mask 0"):
+        with pytest.raises(GagaError, match="has mask 0"):
             mask_splats(gated, camera, 0)
     assert taken.max() == 1  # masks of one view share no Gaussian
     assert 0 < n_gated < n_behind

@@ -24,7 +24,7 @@ def test_what_the_association_found_to_surround_the_scene_is_called_background()
     scene = boxes_scene(TABLE)
     alone = describe(scene, group_facts(scene, VIEWS), VIEWS)
     assert _BLOCK not in alone.background
-    assert "box" in alone.words[_BLOCK] or "thing" in alone.words[_BLOCK]
+    assert "box" in alone.words[_BLOCK] or "object" in alone.words[_BLOCK]
     levels = Levels(scene.labels[None], 0, background=_BLOCK)
     scene.bank = MemoryBank(scene.labels, int(scene.labels.max()), preset="robust", levels=levels)
     found = describe(scene, group_facts(scene, VIEWS), VIEWS)
