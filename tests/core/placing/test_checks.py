@@ -110,7 +110,7 @@ def test_two_clusters_turned_against_each_other_are_refused(right: SfmFacts) -> 
 
 
 def test_doubled_walls_are_refused(right: SfmFacts) -> None:
-    """A loop that did not close: half of the views sees everything a little beside."""
+    """A loop that did not close: half of the views sees everything a little shifted."""
     wrong = moved_apart(right, half(right), motion(0, 0.15, right))
     assert "doubled" in errors(wrong)
     hardly = moved_apart(right, half(right), motion(0, 0.002, right))
