@@ -76,17 +76,18 @@ def test_each_missing_part_is_made_alone(made: Path, tmp_path: Path) -> None:
     assert photos == {p: p.stat().st_mtime_ns for p in (scene / "images").iterdir()}
 
 
-@pytest.mark.usefixtures("quick_masks")
 def test_half_of_the_masks_are_none(made: Path, tmp_path: Path) -> None:
     """A run that was stopped in the middle of the masks goes on there."""
     scene = tmp_path / "scene"
     shutil.copytree(made, scene)
     shutil.rmtree(scene / "gaga")
     masks = sorted((scene / "masks/regions").glob("*.png"))
+    before = {path: path.stat().st_mtime_ns for path in masks[1:]}
     masks[0].unlink()
     assert missing_stages(open_scene_folder(scene))[0] == "masks"
     run_stage(run_folder(scene))
     assert masks[0].is_file()
+    assert before == {path: path.stat().st_mtime_ns for path in masks[1:]}
 
 
 @pytest.mark.usefixtures("quick_masks")
