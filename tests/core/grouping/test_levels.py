@@ -25,6 +25,14 @@ def test_every_level_is_a_partition_that_the_next_one_refines() -> None:
             assert len(np.unique(coarse[fine == group])) == 1
 
 
+def test_the_largest_part_keeps_the_id() -> None:
+    labels = _levels().labels
+    for coarse, fine in pairwise(labels):
+        for group in np.unique(coarse):
+            parts, sizes = np.unique(fine[coarse == group], return_counts=True)
+            assert group in parts[sizes == sizes.max()]
+
+
 def test_clusters_that_are_not_nested_are_refused() -> None:
     with pytest.raises(ValueError, match="level 1 does not refine"):
         Levels.of(np.array([[0, 0, 1, 1], [0, 1, 1, 2]]), 0, np.zeros(4, np.int64))
@@ -48,6 +56,13 @@ def test_a_bank_keeps_its_levels_on_disk_and_older_banks_have_none() -> None:
     older = MemoryBank(levels.labels[1], bank.n_groups, preset="robust")
     assert not any(name.startswith("levels") for name in bank_arrays(older))
     assert bank_of(bank_arrays(older)).levels is None
+
+
+def test_levels_of_other_gaussians_are_refused() -> None:
+    levels = _levels()
+    arrays = bank_arrays(MemoryBank(levels.labels[1], 4, preset="robust", levels=levels))
+    with pytest.raises(ValueError, match="levels"):
+        bank_of(arrays | {"levels": levels.labels[:, 1:]})
 
 
 def test_levels_around_groups_keep_their_ids() -> None:

@@ -81,6 +81,15 @@ def test_greatest_overlaps_are_those_of_a_table_of_all_pairs() -> None:
     assert np.array_equal(found.sizes[1:], table[1:].sum(axis=1))
 
 
+def test_first_view_opens_a_group_per_mask() -> None:
+    bank, groups = add_view(
+        MemoryBank.empty(100), "a", np.array([0, 7, 9], np.int32), _mask_of(range(3), [5, 6]), 0.1
+    )
+    assert groups.tolist() == [0, 1, 2]
+    assert [d.mask for d in bank.log] == [7, 9]
+    assert bank.group[[0, 2, 5, 6, 50]].tolist() == [1, 1, 2, 2, -1]
+
+
 def test_threshold_is_inclusive_and_relative_to_the_mask() -> None:
     ids = np.array([0, 1], np.int32)
     bank, _ = add_view(MemoryBank.empty(100), "a", ids, _mask_of(range(90)), 0.1)
@@ -88,6 +97,15 @@ def test_threshold_is_inclusive_and_relative_to_the_mask() -> None:
     assert (at.log[-1].group, at.log[-1].overlap) == (1, 0.1)
     below, _ = add_view(bank, "b", ids, _mask_of([89, *range(90, 100)]), 0.1)  # 1 of 11
     assert below.log[-1].is_new
+
+
+def test_ownership_is_exclusive_also_for_a_new_group() -> None:
+    ids = np.array([0, 1], np.int32)
+    bank, _ = add_view(MemoryBank.empty(100), "a", ids, _mask_of(range(10)), 0.5)
+    bank, _ = add_view(bank, "b", ids, _mask_of(range(8, 20)), 0.5)
+    assert bank.n_groups == 2
+    assert (bank.group[:10] == 1).all()
+    assert (bank.group[10:20] == 2).all()
 
 
 def test_two_masks_of_a_view_may_join_one_group() -> None:
@@ -100,6 +118,26 @@ def test_two_masks_of_a_view_may_join_one_group() -> None:
     assert groups.tolist() == [0, 1, 1]
     assert (bank.group[:30] == 1).all()
     assert views_per_group(bank).tolist() == [0, 2]
+
+
+def test_tie_goes_to_the_older_group_and_the_other_is_runner_up() -> None:
+    bank, _ = add_view(
+        MemoryBank.empty(100), "a", np.array([0, 1, 2], np.int32), _mask_of([0, 1], [2, 3]), 0.1
+    )
+    bank, _ = add_view(bank, "b", np.array([0, 1], np.int32), _mask_of([0, 1, 2, 3]), 0.1)
+    decision = bank.log[-1]
+    assert (decision.group, decision.overlap) == (1, 0.5)
+    assert (decision.runner_up, decision.runner_up_overlap) == (2, 0.5)
+
+
+def test_mask_without_gaussians_gets_no_group_and_wastes_no_id() -> None:
+    bank, groups = add_view(
+        MemoryBank.empty(10), "a", np.array([0, 1, 2], np.int32), _mask_of([], [4], n=10), 0.1
+    )
+    assert groups.tolist() == [0, 0, 1]
+    assert bank.n_groups == 1
+    assert bank.log[0].group == 0
+    assert not bank.log[0].is_new
 
 
 def test_bank_before_is_not_changed() -> None:

@@ -1,5 +1,6 @@
 """Labels by vote: the argmax of summed blending weights, in blocks of any size."""
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -8,17 +9,16 @@ import pytest
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.votes import LabelMap, Votes, VoteSums, associated_labels, vote_labels
+from gaga_core.grouping.votes import Votes, VoteSums, associated_labels, vote_labels
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.scenes import orbit_cameras, random_gaussians
 
 _N_GROUPS = 7
-Made = tuple[Gaussians, tuple[Camera, ...], LabelMap]
 
 
 @pytest.fixture(scope="module")
-def scene() -> Made:
+def scene() -> tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]]:
     gaussians = random_gaussians(400, seed=3)
     cameras = orbit_cameras(3, width=48, height=40)
     rng = np.random.default_rng(0)
@@ -29,12 +29,16 @@ def scene() -> Made:
     return gaussians, cameras, lambda camera: maps[camera.name].astype(np.int32)
 
 
-def _vote(scene: Made, **options: int) -> Votes:
+def _vote(
+    scene: tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]], **options: int
+) -> Votes:
     gaussians, cameras, label_map = scene
     return run_stage(vote_labels(gaussians, cameras, label_map, _N_GROUPS, choose(), **options))
 
 
-def _table(scene: Made) -> FloatArray:
+def _table(
+    scene: tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]],
+) -> FloatArray:
     """Summed weights (N, G + 1) from the sparse weights of every pixel."""
     gaussians, cameras, label_map = scene
     table = np.zeros((len(gaussians), _N_GROUPS + 1))
@@ -46,7 +50,9 @@ def _table(scene: Made) -> FloatArray:
     return table.astype(np.float32)
 
 
-def test_vote_is_the_argmax_of_summed_weights(scene: Made) -> None:
+def test_vote_is_the_argmax_of_summed_weights(
+    scene: tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]],
+) -> None:
     votes, table = _vote(scene), _table(scene)[:, 1:]
     top = np.sort(table, axis=1)
     clear = top[:, -1] > top[:, -2] + 1e-4
@@ -59,7 +65,10 @@ def test_vote_is_the_argmax_of_summed_weights(scene: Made) -> None:
 
 
 @pytest.mark.parametrize("histogram_bytes", [1 << 20, 1])
-def test_pixels_that_vote_later_add_to_the_same_sums(histogram_bytes: int, scene: Made) -> None:
+def test_pixels_that_vote_later_add_to_the_same_sums(
+    histogram_bytes: int,
+    scene: tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]],
+) -> None:
     """Merged masks vote when the labels of the others are known: as if all had voted at once."""
     gaussians, cameras, label_map = scene
 
@@ -77,6 +86,27 @@ def test_pixels_that_vote_later_add_to_the_same_sums(histogram_bytes: int, scene
     np.testing.assert_allclose(both.confidence, once.confidence, rtol=1e-5)
 
 
+def test_unseen_gaussians_have_no_label_and_no_confidence(
+    scene: tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]],
+) -> None:
+    gaussians, cameras, label_map = scene
+    lone = gaussians.take(np.array([0, 0, 1]))
+    lone.means[0] = [0, 0, 50]  # above every camera's picture
+    votes = run_stage(vote_labels(lone, cameras, label_map, _N_GROUPS, choose()))
+    assert votes.labels[0] == 0
+    assert votes.confidence[0] == 0
+
+
+@pytest.mark.parametrize("columns", [1, 2, 3])
+def test_blocks_of_groups_change_nothing(
+    columns: int, scene: tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]]
+) -> None:
+    whole = _vote(scene)
+    blocks = _vote(scene, histogram_bytes=columns * 4 * len(scene[0]))
+    assert (blocks.labels == whole.labels).all()
+    np.testing.assert_allclose(blocks.confidence, whole.confidence, atol=1e-6)
+
+
 def test_pseudo_labels_map_mask_ids_to_groups() -> None:
     labels = np.array([[0, 4, 300], [4, 9, 1000]], np.int32)
     group_of_mask = np.zeros(301, np.int32)
@@ -85,7 +115,10 @@ def test_pseudo_labels_map_mask_ids_to_groups() -> None:
 
 
 @pytest.mark.parametrize("histogram_bytes", [1, 1 << 20])
-def test_sums_go_on_from_the_votes_of_one_label(scene: Made, histogram_bytes: int) -> None:
+def test_sums_go_on_from_the_votes_of_one_label(
+    scene: tuple[Gaussians, tuple[Camera, ...], Callable[[Camera], IntArray]],
+    histogram_bytes: int,
+) -> None:
     """As when these votes are added in the same table, or in the same slots."""
     gaussians, cameras, label_map = scene
     rng = np.random.default_rng(0)
