@@ -1,8 +1,9 @@
 """The 3D-aware memory bank (section 3.2): which Gaussians each group owns, and why."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from itertools import islice
+from typing import Literal, overload
 
 import numpy as np
 
@@ -28,13 +29,61 @@ class Decision:
     by_hand: bool = False  # a person said so: see `reassociate`
 
 
+class DecisionLog(Sequence[Decision]):
+    """Decisions in the order made. A log and those that continue it share their entries.
+
+    So a log that grows view by view costs what is added, and an earlier one stays as it was.
+    """
+
+    def __init__(self, entries: list[Decision], length: int) -> None:
+        self._entries = entries  # of the longest log; this one ends at `length`
+        self._length = length
+
+    @staticmethod
+    def of(decisions: Sequence[Decision]) -> "DecisionLog":
+        """``decisions`` as a log that can be continued."""
+        if isinstance(decisions, DecisionLog):
+            return decisions
+        return DecisionLog(list(decisions), len(decisions))
+
+    def plus(self, decisions: Iterable[Decision]) -> "DecisionLog":
+        """This log and then ``decisions``."""
+        entries = self._entries
+        if len(entries) != self._length:  # another log continues this one
+            entries = entries[: self._length]
+        entries.extend(decisions)
+        return DecisionLog(entries, len(entries))
+
+    def __eq__(self, other: object) -> bool:
+        """Whether another sequence holds equal decisions in the same order."""
+        return isinstance(other, Sequence) and tuple(self) == tuple(other)
+
+    __hash__ = None  # type: ignore[assignment]  # it can be compared, as a list
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __iter__(self) -> Iterator[Decision]:
+        return islice(self._entries, self._length)
+
+    @overload
+    def __getitem__(self, place: int) -> Decision: ...
+    @overload
+    def __getitem__(self, place: slice) -> tuple[Decision, ...]: ...
+    def __getitem__(self, place: int | slice) -> Decision | tuple[Decision, ...]:
+        places = range(self._length)[place]
+        if isinstance(places, int):
+            return self._entries[places]
+        return tuple(self._entries[k] for k in places)
+
+
 @dataclass(frozen=True, eq=False)
 class MemoryBank:
     """The bank after some views. ``log`` holds one decision a mask, in the order made."""
 
     group: IntArray  # (N,) -1 = free, else group id 1..n_groups
     n_groups: int
-    log: tuple[Decision, ...] = ()
+    log: Sequence[Decision] = ()
     preset: Preset = field(kw_only=True)  # that decided; overlaps in the log are shares of splats
     # ("paper") or of points on the surfaces ("robust"), and a repair decides in the same way
     levels: Levels | None = field(default=None, kw_only=True)  # of detail, where masks give some
@@ -122,7 +171,8 @@ def add_view(
         log.append(Decision(view, mask, group_of, is_new, overlap, runner_up, second, size))
     group = bank.group.copy()
     take_free(mask_of, group_of_mask, group)
-    return replace(bank, group=group, n_groups=n_groups, log=(*bank.log, *log)), group_of_mask
+    whole = DecisionLog.of(bank.log).plus(log)
+    return replace(bank, group=group, n_groups=n_groups, log=whole), group_of_mask
 
 
 def views_per_group(bank: MemoryBank) -> IntArray:

@@ -1,11 +1,15 @@
 """The memory bank: one pass over a view is the paper's mask-by-mask procedure, to the letter."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from gaga_core.arrays import IntArray
 from gaga_core.grouping.gate import GateConfig, ViewMasks, depth_bounds, gaussians_of_masks
 from gaga_core.grouping.memory_bank import (
+    Decision,
+    DecisionLog,
     MemoryBank,
     Overlaps,
     add_view,
@@ -145,3 +149,20 @@ def test_bank_before_is_not_changed() -> None:
     add_view(before, "a", np.array([0, 1], np.int32), _mask_of([1, 2], n=10), 0.1)
     assert (before.group == -1).all()
     assert before.log == ()
+
+
+def test_logs_share_entries_and_stay_as_they_were() -> None:
+    """Whatever continues a log, even two of its ends, each reads as a tuple would."""
+    rng = np.random.default_rng(0)
+    decisions = [Decision("a", k, k, True, 0.0, 0, 0.0, 1) for k in range(200)]
+    logs, tuples = [DecisionLog.of(())], [tuple[Decision, ...]()]
+    for k in range(60):
+        at = int(rng.integers(len(logs)))
+        more = decisions[3 * k : 3 * k + int(rng.integers(4))]
+        logs.append(logs[at].plus(more))
+        tuples.append(tuples[at] + tuple(more))
+    assert [tuple(log) for log in logs] == tuples
+    assert [log[-1:] for log in logs] == [entries[-1:] for entries in tuples]
+    assert any(log._entries is other._entries for log, other in pairwise(logs))
+    with pytest.raises(IndexError):
+        logs[0][0]
