@@ -5,7 +5,6 @@ score of Gaussian i for label k that fits the views best is the summed blending 
 pixels of label k (FlashSplat, Shen et al., ECCV 2024). The label is the argmax.
 """
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -14,20 +13,15 @@ import numpy as np
 from gaga_core.arrays import FloatArray, IntArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import machine_memory
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import LabelFrame, Rasterizer
 from gaga_core.raster.vote_slots import VoteSlots
 
 VOID_BELOW = 0.3  # summed weight under which a pixel shows no group
 LabelMap = Callable[[Camera], IntArray]  # (H, W) at the camera's size; 0 = none
-
-
-try:
-    _MEMORY = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")  # bytes of this machine
-except (AttributeError, ValueError, OSError):  # the system does not say
-    _MEMORY = 4 << 30
 # A table within it takes all labels of every Gaussian: 480,000 Gaussians and 260 groups.
-HISTOGRAM_BYTES = min(1 << 29, _MEMORY // 4)
+HISTOGRAM_BYTES = min(1 << 29, machine_memory() // 4)
 _BLOCK = 1 << 16  # Gaussians whose argmax is taken at a time, so that temporaries stay small
 
 

@@ -6,10 +6,14 @@ import logging
 import os
 import re
 import shutil
+import stat
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from typing import BinaryIO
 from uuid import uuid4
 
 import numpy as np
@@ -24,6 +28,11 @@ PLAN = "publish.json"  # in a folder of results that are whole, see `staging.pub
 _OLD_S = 3600.0
 _looked_at: set[Path] = set()  # folders that this program has written to
 _BLOCKS, _BLOCK = 64, 1 << 16  # a fingerprint samples this many blocks of this many bytes
+# What reading a file may take without a look at its size: a picture of 100 megapixels does.
+_ALWAYS_GRANTED = 1 << 30  # bytes
+_MOST_TIMES_FILE = 50  # SOG, the densest form of real splats, takes 20 times its size in memory
+_MEMORY_SHARE = 0.5  # of this machine's
+_UNKNOWN_MEMORY = 4 << 30  # bytes, where the system does not say
 
 
 def assets() -> Path:
@@ -31,6 +40,60 @@ def assets() -> Path:
     here = Path(__file__).resolve().parents[1]
     inside = here / "assets"
     return inside if inside.is_dir() else here.parent / "assets"
+
+
+def open_file(path: Path, buffering: int = -1) -> BinaryIO:
+    """Open a file to read its bytes. Raises ``OSError``, for a pipe or a device, too.
+
+    Opening a pipe would wait until somebody writes to it.
+    """
+    mode = path.stat().st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise OSError(errno.EINVAL, "it is no regular file")
+    return path.open("rb", buffering=buffering)
+
+
+def check_memory(path: Path, n_bytes: float, what: str) -> None:
+    """Raise ``GagaError`` when reading ``path`` would take too much memory; call it before.
+
+    ``n_bytes``: the most that reading takes at a time, computed from the file's header; ``what``
+    the file claims to hold ("20,000,000 splats"). Refused: more than half of the machine's memory;
+    more than 1 GiB and 50 times the file's size, which no real file needs.
+    """
+    if n_bytes <= _ALWAYS_GRANTED:
+        return
+    size, memory = path.stat().st_size, machine_memory()
+    if n_bytes <= min(_MOST_TIMES_FILE * size, _MEMORY_SHARE * memory):
+        return
+    raise GagaError(
+        f"{path} has {_megabytes(size)} and says that it holds {what}: reading it would take "
+        f"{_megabytes(n_bytes)} of the {_megabytes(memory)} of memory here. Check where it is from."
+    )
+
+
+def _megabytes(n_bytes: float) -> str:
+    return f"{n_bytes / 1e6:,.0f} MB" if n_bytes >= 1e6 else f"{n_bytes:,.0f} bytes"
+
+
+@cache
+def machine_memory() -> int:
+    """Bytes of this machine's memory; 4 GiB where the system does not say."""
+    if sys.platform == "win32":
+        return _windows_memory()
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError):
+        return _UNKNOWN_MEMORY
+
+
+def _windows_memory() -> int:
+    """``GetPhysicallyInstalledSystemMemory`` of the Windows API."""
+    import ctypes
+
+    kilobytes = ctypes.c_ulonglong()
+    kernel = ctypes.windll.kernel32  # type: ignore[attr-defined,unused-ignore]
+    is_known = kernel.GetPhysicallyInstalledSystemMemory(ctypes.byref(kilobytes))
+    return kilobytes.value * 1024 if is_known else _UNKNOWN_MEMORY
 
 
 @contextmanager
@@ -116,7 +179,7 @@ def fingerprint(path: Path) -> str:
     try:
         size = path.stat().st_size
         digest = hashlib.sha256(str(size).encode())
-        with path.open("rb") as file:
+        with open_file(path) as file:
             for start in np.linspace(0, max(size - _BLOCK, 0), _BLOCKS).astype(np.int64):
                 file.seek(int(start))
                 digest.update(file.read(_BLOCK))

@@ -8,7 +8,7 @@ from typing import Annotated, TypeVar
 import msgspec
 
 from gaga_core.errors import GagaError
-from gaga_core.io.files import explain_os_error
+from gaga_core.io.files import explain_os_error, open_file
 
 T = TypeVar("T")
 PathText = Annotated[str, msgspec.Meta(pattern="^[^\\x00]*$", max_length=4096)]  # a path in a file
@@ -30,7 +30,7 @@ def read_json(path: Path, kind: type[T], cure: str, *, most_bytes: int = MOST_BY
 def read_bytes(path: Path, cure: str, most_bytes: int) -> bytes:
     """Read a file of at most ``most_bytes``; ``GagaError`` when it has more, or cannot be read."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             raw = file.read(most_bytes + 1)
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
