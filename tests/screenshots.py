@@ -13,8 +13,8 @@ from pathlib import Path
 
 from gaga_core.io.demo_scene import ensure_demo
 from gaga_core.progress import run_stage
+from gaga_studio.features.commands import new_session
 from gaga_studio.features.find import association
-from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.system import paths
 from tests.app.window.driver import Driver, drive
@@ -99,7 +99,7 @@ def _opened(what: Opens, scenes: Path) -> Path | None:
         shutil.copytree(demo / "images", made / "images")
     if what == "objects" and not made.exists():
         shutil.copytree(demo, made)
-        session = Session(Settings())
+        session = new_session(Settings())
         session.open(made)
         session.jobs.wait(_PATIENCE_S)
         association.associate(session)

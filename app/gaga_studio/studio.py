@@ -18,15 +18,15 @@ from gaga_core.errors import GagaError
 from gaga_core.export.export import MeshForm
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.splats.splat_files import SplatFormat
-from gaga_studio.features import autosave, cleanup, split_view
+from gaga_studio.features import autosave, cleanup, level_of_detail, split_view
 from gaga_studio.features import camera as camera_path_actions
 from gaga_studio.features.cleanup import ReducePlan
+from gaga_studio.features.commands import new_session
 from gaga_studio.features.find import memory_bank as bank
 from gaga_studio.features.find.search import find_here
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Pacing, Viewport
-from gaga_studio.session import level_of_detail, saving
 from gaga_studio.session.notices import Level, Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, RenderRequests, ViewState
@@ -276,7 +276,7 @@ class Studio:
         session: Session | None = None,
         options: WindowOptions | None = None,
     ) -> None:
-        self.session = session or Session()
+        self.session = session or new_session()
         self.ui = UiState(FilePicker(use_native=has_native()))
         self._openers = openers(self.ui)
         self.viewport: Viewport | None = None
@@ -389,7 +389,7 @@ class Studio:
         bank.tick_timeline(self.session, imgui.get_io().delta_time)
         had_focus, self._has_focus = self._has_focus, not imgui.get_io().app_focus_lost
         if self._has_focus and not had_focus:
-            saving.look_at_files(self.session)
+            self.session.look_at_files()
         if self.session.render_requests is not None:
             self.session.render_requests.serve(self._paint)
         if self.session.document is not self._document:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from gaga_core.pipeline.settings import IdentitySettings
+from gaga_studio.features import commands
 from gaga_studio.features.find import association
 from gaga_studio.features.find.association import FindState
 from gaga_studio.session.session import Session
@@ -38,7 +39,7 @@ def new_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cal
     made: list[Session] = []
 
     def make() -> Session:
-        made.append(Session(Settings(preset="paper", identities="none")))
+        made.append(commands.new_session(Settings(preset="paper", identities="none")))
         made[-1].feature(FindState).identities = IdentitySettings(12)
         return made[-1]
 
@@ -62,7 +63,7 @@ def grouped_scene(made_scene: Path, tmp_path_factory: pytest.TempPathFactory) ->
     """The scene folder with a saved project in which the masks are associated."""
     folder = tmp_path_factory.mktemp("grouped") / "table"
     shutil.copytree(made_scene, folder)
-    made = Session(Settings(preset="paper", identities="none"))
+    made = commands.new_session(Settings(preset="paper", identities="none"))
     made.open(folder)
     assert made.jobs.wait()
     association.associate(made)

@@ -24,7 +24,7 @@ from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.masks import resize_labels
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from gaga_studio.features.commands import run
+from gaga_studio.features.commands import new_session, run
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from tests.app.tools.hand import Hand
@@ -54,7 +54,7 @@ def figures() -> list[Figure]:
         tempfile.TemporaryDirectory() as scratch,
         patch.dict(os.environ, GAGA_HOME=f"{scratch}/home"),
     ):
-        session = Session(Settings())
+        session = new_session(Settings())
         try:
             made = os.environ.get("GAGA_CROWD_RUN")
             session.open(Path(made) if made else _linked(crowd, Path(scratch) / "crowd"))

@@ -15,6 +15,7 @@ from gaga_core.pipeline.segment import segment_scene
 from gaga_core.progress import run_stage
 from gaga_core.segmentation.base import Provider
 from gaga_studio.features.base import Command
+from gaga_studio.features.commands import new_session
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.tools.base import Tool, ViewportPoint
@@ -47,7 +48,7 @@ def names() -> Callable[..., dict[str, Any]]:
 @pytest.fixture
 def session(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     monkeypatch.setenv("GAGA_HOME", str(workplace / "home"))
-    made = Session(Settings())
+    made = new_session(Settings())
     made.open(workplace / "SCENE")
     assert made.jobs.wait()
     assert made.scene is not None

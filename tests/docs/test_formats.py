@@ -42,7 +42,7 @@ from gaga_core.training.checkpoint import Best, Exposures, TrainState, save_chec
 from gaga_core.training.densification import ScreenSums
 from gaga_core.training.optimizer import Splats
 from gaga_studio.features.autosave import Autosave, RecoveryNote
-from gaga_studio.session.session import Session
+from gaga_studio.features.commands import new_session
 from gaga_studio.session.settings import Settings, save_settings, settings_file
 from tests.app.folders import write_scene
 from tests.docs.pages import DOCS, fields, tables
@@ -173,7 +173,7 @@ def test_what_autosave_leaves(
     made: SceneFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("GAGA_HOME", str(tmp_path))
-    session = Session(Settings())
+    session = new_session(Settings())
     session.take(run_stage(open_path_stage(made.root)))
     scene = session.need().scene
     session.need().do(edits.delete(scene, np.arange(3)))

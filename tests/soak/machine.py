@@ -27,6 +27,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.project import saved_scene, scene_arrays
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import autosave, commands, files, folders, objects, selection, transform
+from gaga_studio.features.commands import new_session
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from tests.scenes import objects_scene, random_gaussians
@@ -285,7 +286,7 @@ class SessionMachine(RuleBasedStateMachine):
         return self.session.scene
 
     def _start(self) -> None:
-        self.session = Session(Settings(preset="paper", identities="none"))
+        self.session = new_session(Settings(preset="paper", identities="none"))
         self.saver = autosave.Autosave(_NEVER_S)
 
     def _opened(self) -> None:

@@ -21,8 +21,8 @@ import glfw
 import psutil
 from imgui_bundle import glfw_utils, hello_imgui, immapp
 
+from gaga_studio.features.commands import new_session
 from gaga_studio.features.find import association
-from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
@@ -65,7 +65,7 @@ def _later() -> float:
 
 def _made_scene(folder: Path) -> None:
     write_scene(folder)
-    session = Session(Settings(preset="paper", identities="none"))
+    session = new_session(Settings(preset="paper", identities="none"))
     session.open(folder)
     assert session.jobs.wait(600)
     association.associate(session)
@@ -77,7 +77,7 @@ def _made_scene(folder: Path) -> None:
 
 def _one_window(result: Soak, scene: Path, seed: int, end: float) -> None:
     """Open a window, use it until it closes or ``end``."""
-    session = Session(Settings(first_steps_done=True, preset="paper", identities="none"))
+    session = new_session(Settings(first_steps_done=True, preset="paper", identities="none"))
     studio = Studio(scene, session=session, options=WindowOptions(size=_SIZE))
     studio.ui.files.use_native = False
     studio.never_idle = True

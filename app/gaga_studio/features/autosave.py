@@ -38,8 +38,8 @@ from gaga_core.scene.project import (
     scene_arrays,
 )
 from gaga_core.scene.scene import Revision, Scene
+from gaga_studio.features import level_of_detail
 from gaga_studio.features.find.memory_bank import ObjectQuality
-from gaga_studio.session import level_of_detail
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, UserQuestion
 from gaga_studio.session.session import Session

@@ -13,12 +13,14 @@ from gaga_studio.features import (
     files,
     fill,
     folders,
+    level_of_detail,
     measure,
     objects,
     reconstruction,
     selection,
     split_view,
     transform,
+    upright,
     view,
 )
 from gaga_studio.features.base import Command, no_scene, no_selection
@@ -26,6 +28,7 @@ from gaga_studio.features.blender_keys import BLENDER, Keys
 from gaga_studio.features.find import association, click_object, masks, memory_bank, search
 from gaga_studio.session.camera_rig import FLY_KEYS
 from gaga_studio.session.session import Session
+from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import ToolName
 
 # --- Enter, Escape and Backspace
@@ -228,3 +231,8 @@ def run(command_id: str, session: Session) -> bool:
         return False
     chosen.run(session)
     return True
+
+
+def new_session(settings: Settings | None = None) -> Session:
+    """A session with what features do when the user has opened a scene."""
+    return Session(settings, (upright.opened, level_of_detail.opened))

@@ -12,8 +12,8 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
 from gaga_core.scene import edits
 from gaga_core.scene.edits.values import read_added_stage
+from gaga_studio.features import level_of_detail
 from gaga_studio.features.base import Command, ask, busy, needs, no_scene, not_saveable
-from gaga_studio.session import level_of_detail
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 

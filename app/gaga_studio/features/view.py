@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from gaga_core.scene.edits.objects import NO_IDENTITIES
+from gaga_studio.features import level_of_detail, upright
 from gaga_studio.features.base import (
     Command,
     Reason,
@@ -18,7 +19,6 @@ from gaga_studio.features.base import (
     switch,
 )
 from gaga_studio.features.folders import no_folders
-from gaga_studio.session import level_of_detail, upright
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import CentreColors, Mode, SplatLook, ToolName

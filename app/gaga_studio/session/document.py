@@ -2,31 +2,37 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.io.folder.lock import FolderLock
+from gaga_core.errors import GagaError
+from gaga_core.io.folder.lock import FolderLock, InUseError, lock_folder
+from gaga_core.io.splats.splat_files import files_of_model
+from gaga_core.pipeline.level_of_detail import is_of, rows_of_files
 from gaga_core.scene import edits
 from gaga_core.scene.camera_path import Shot, carried_shot
 from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.frame import carried_cameras, inverse
+from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.orientation import Pose, up_of_moved
-from gaga_core.scene.project import Project
+from gaga_core.scene.project import Project, has_changed
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import OrientedBox
 from gaga_studio.session.notices import NothingSelectedError
 from gaga_studio.session.scene_cache import SceneCache
+from gaga_studio.session.view import ViewState
 
 if TYPE_CHECKING:
     from gaga_core.scene.lod.tree import LodTree
-    from gaga_studio.session.session import Session
 
 Content = tuple[int, int]
+Stamps = tuple[tuple[int, int, int] | None, ...]  # inode, time and size of each file; None: gone
 
 
 T = TypeVar("T")
@@ -75,8 +81,8 @@ class SaveState:
 class Closes(Protocol):
     """State of a feature that ends something when its document is closed."""
 
-    def on_close(self, session: "Session") -> None:
-        """End it."""
+    def on_close(self, view: ViewState) -> None:
+        """End it, in the view that it was shown in."""
         ...
 
 
@@ -90,11 +96,11 @@ class Document:
         self.read = SceneCache(self.scene)
         self.save_state = SaveState()
         self.focus = 0  # group shown in the inspector; 0 = none
-        self.lods: tuple[LodTree, ...] = ()  # see `level_of_detail`
-        self.lock: FolderLock | None = None  # of the saved project, see `saving.claim`
+        self.lods: tuple[LodTree, ...] = ()  # trees of merged splats that are known
         self.in_use_by = ""  # the other program that has the project open
         self.copies_model = False  # saves copy files of splats that changed
-        self.stamps: tuple[tuple[int, int, int] | None, ...] = ()  # see `saving.look_at_files`
+        self._lock: FolderLock | None = None  # of the saved project, see `claim`
+        self._stamps = _stamps(project)  # of its files when they were last looked at
         self._tint: Edit | None = None  # a preview that is no edit to keep
         self._features: dict[type, object] = {}
 
@@ -104,11 +110,11 @@ class Document:
             self._features[kind] = kind()
         return cast(T, self._features[kind])
 
-    def on_close(self, session: "Session") -> None:
+    def on_close(self, view: ViewState) -> None:
         """Tell the features that end something when the document is closed."""
         for state in self._features.values():
             if isinstance(state, Closes):
-                state.on_close(session)
+                state.on_close(view)
 
     @property
     def name(self) -> str:
@@ -126,6 +132,42 @@ class Document:
     def unsaved(self) -> bool:
         """Whether there are edits that are not on disk; a selection is not an edit."""
         return self.save_state.is_unsaved(self.history)
+
+    # --- files
+
+    def claim(self) -> str:
+        """Make the saved project this program's; "", or who has it: then it is read-only here."""
+        place = self.project.path
+        former, self._lock, self.in_use_by, said = self._lock, None, "", ""
+        try:
+            if place is not None:  # else the first save takes it
+                self._lock = lock_folder(place)
+        except InUseError as error:
+            self.in_use_by = str(error.owner or "another program")
+            said = (
+                f"{self.name} is open in {self.in_use_by}, so it is read-only here. Use Save "
+                "project as to keep edits."
+            )
+        except GagaError as error:  # a place that cannot be written: saving says the same
+            said = f"{error} The project is read-only here."
+        if former is not None:
+            former.release()
+        return said
+
+    def release(self) -> None:
+        """Let other programs write to the project."""
+        if self._lock is not None:
+            self._lock.release()
+
+    def note_files(self) -> bool:
+        """Look at the files of splats; whether anything about them differs from the last look."""
+        former, self._stamps = self._stamps, _stamps(self.project)
+        return former != self._stamps
+
+    def changed_file(self) -> Path | None:
+        """A file of splats whose content another program changed, if there is one."""
+        files = _files(self.project)
+        return next((file[0] for file in files if has_changed(file)), None)
 
     # --- history
 
@@ -246,6 +288,34 @@ class Document:
 
     # --- reading
 
+    @property
+    def tree(self) -> "LodTree | None":
+        """Of the trees that are known the largest one of the files that are in the scene now."""
+
+        def find() -> "LodTree | None":
+            found = [tree for tree in self.lods if is_of(tree, self.project)]
+            return max(found, key=len, default=None)
+
+        return self.read.once("level of detail", (self.lods, self.scene.revision.splats), find)
+
+    @property
+    def n_file_rows(self) -> int:
+        """Splats of the scene that come from files, for which a tree is built."""
+        key = self.scene.revision.splats
+        return self.read.once("rows of files", key, lambda: rows_of_files(self.scene))
+
+    @property
+    def pick_boxes(self) -> PickBoxes | None:
+        """Boxes that tell a click in a large scene which splats to look at; None: all of them.
+
+        Also while the level of detail is switched off: what is found is the same.
+        """
+        tree, now = self.tree, self.scene.revision
+        if tree is None:
+            return None
+        key = (id(tree), now.placement, now.placements)
+        return self.read.once("pick boxes", key, lambda: PickBoxes(tree, self.scene))
+
     def name_of(self, group: int) -> str:
         """Name of a group, as the object list shows it."""
         return group_name(self.scene, group)
@@ -309,3 +379,26 @@ class Document:
         """Position of the handles (3,), world; None when nothing is selected."""
         box = self.selected_box()
         return None if box is None else (box[0] + box[1]) / 2
+
+
+def _stamps(project: Project) -> Stamps:
+    """A quick sign that a file may have changed."""
+    return tuple(_stamp(file) for path, _ in _files(project) for file in files_of_model(path))
+
+
+def _stamp(path: Path) -> tuple[int, int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns, found.st_size
+
+
+def _files(project: Project) -> list[tuple[Path, str]]:
+    """Files of splats, or the copies that a save has made of them, and their fingerprints."""
+    files = [item for item in project.scene.added if not item.is_made]
+    added = [(Path(item.path), item.fingerprint) for item in files]
+    opened = [(project.model_path, project.model_fingerprint), *added]
+    if project.path is None:
+        return opened
+    return [project.copies.files.get((project.path, file[1]), file) for file in opened]

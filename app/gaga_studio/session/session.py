@@ -4,9 +4,9 @@ Pull, not push: panels read it every frame. Main thread only; works without a wi
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
@@ -15,17 +15,23 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
+from gaga_core.io.folder.lock import InUseError
 from gaga_core.masks import MaskSet
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.objects import ObjectTable, folder_colors, muted_colors
 from gaga_core.scene.orientation import guess_up
-from gaga_core.scene.project import Project
+from gaga_core.scene.project import (
+    ModelChangedError,
+    Project,
+    SavedElsewhereError,
+    reopen_stage,
+)
 from gaga_core.scene.scene import RGB, Scene
 from gaga_core.scene.selection.bounds import splat_box, whole_box
 from gaga_core.scene.selection.by_screen import Pick, pick
-from gaga_studio.session import level_of_detail, saving, stages, upright
+from gaga_studio.session import stages
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
 from gaga_studio.session.jobs import JobRunner
@@ -132,12 +138,27 @@ def _group_at(
 _MOST_NOTICES = 50
 T = TypeVar("T")
 NO_GROUPS = "There are no groups here. Use Find objects to make them."
+COPY, ELSEWHERE, RELOAD = "Save with a copy", "Save elsewhere…", "Reload"
+
+
+@dataclass(frozen=True)
+class HowToSave:
+    """Permissions of a save."""
+
+    copies_model: bool = False
+    overwrites: bool = False
 
 
 class Session:
     """At most one open document, its view and its jobs. Edits are in ``gaga_studio.features``."""
 
-    def __init__(self, settings: Settings | None = None) -> None:
+    def __init__(
+        self,
+        settings: Settings | None = None,
+        when_opened: Sequence[Callable[["Session"], object]] = (),
+    ) -> None:
+        """``when_opened`` are called, in order, when the user has opened a scene."""
+        self._when_opened = when_opened
         self.document: Document | None = None
         self.view = ViewState()
         self.rig = CameraRig()
@@ -268,12 +289,101 @@ class Session:
         text = f"{job.title} is still running; unfinished work is lost. Quit?"
         self.pending_question = UserQuestion(text, ("Quit", "Cancel"), chosen)
 
-    def save(self, path: Path | None = None, then: Callable[[], None] | None = None) -> None:
-        """Save the project where it was, or to ``path``; ``then`` is called after success.
+    def save(
+        self,
+        path: Path | None = None,
+        then: Callable[[], None] | None = None,
+        how: HowToSave | None = None,
+    ) -> None:
+        """Save the project as it is now where it was, or to ``path``, next to a job that runs.
 
-        Works while a job runs: the project is saved as it is now.
+        ``then`` is called after success. What the user must decide becomes a question.
         """
-        saving.save(self, path, then)
+        document = self.document
+        if document is None:
+            return
+        how = how or HowToSave(copies_model=document.copies_model)
+        content = document.save_state.content(document.history.state_id)
+
+        def done(where: Path) -> None:
+            document.project.path = where
+            document.copies_model |= how.copies_model
+            if how.copies_model:
+                document.note_files()
+            document.save_state.saved(content)
+            self.notify(Level.INFO, f"Saved to {where}.")
+            if self.document is document:
+                self._claim(document)
+            if then is not None:
+                then()
+
+        def failed(error: GagaError) -> bool:
+            if self.document is not document:
+                return False
+            question = self._save_question(document, error, path, then, how)
+            self.pending_question = question or self.pending_question
+            return question is not None
+
+        stage = stages.save_stage(document.settled(), path, how.copies_model, how.overwrites)
+        self.jobs.start_save("Save", stage, done, failed)
+
+    def look_at_files(self) -> bool:
+        """Ask what to do when another program changed the splats that are open; whether it did.
+
+        Called when the window gets the focus; asks once about each change.
+        """
+        document = self.document
+        if document is None or self.pending_question is not None or not document.note_files():
+            return False
+        changed = document.changed_file()
+        if changed is not None:
+            error = ModelChangedError(changed)
+            self.pending_question = self._save_question(document, error, None, None, HowToSave())
+        return changed is not None
+
+    def _claim(self, document: Document) -> None:
+        """Make the saved project this program's, or say why it is read-only."""
+        said = document.claim()
+        if said:
+            self.notify(Level.WARNING, said)
+
+    def _save_question(
+        self,
+        document: Document,
+        error: GagaError,
+        path: Path | None,
+        then: Callable[[], None] | None,
+        how: HowToSave,
+    ) -> UserQuestion | None:
+        """The question after a save failed with ``error``; None when there is no choice."""
+        if isinstance(error, ModelChangedError):
+            choices: tuple[str, ...] = (COPY, ELSEWHERE, RELOAD, "Cancel")
+        elif isinstance(error, SavedElsewhereError):
+            choices = (ELSEWHERE, "Overwrite", "Cancel")
+        elif isinstance(error, InUseError):
+            choices = (ELSEWHERE, "Try again", "Cancel")
+        else:
+            return None
+
+        def elsewhere() -> None:
+            document.copies_model |= isinstance(error, ModelChangedError)
+            self.request = Request.SAVE_AS
+
+        def reload() -> None:
+            self.jobs.start("Reload", reopen_stage(document.project), on_done=self.take)
+
+        actions: dict[str, Callable[[], None]] = {
+            COPY: lambda: self.save(path, then, replace(how, copies_model=True)),
+            "Overwrite": lambda: self.save(path, then, replace(how, overwrites=True)),
+            "Try again": lambda: self.save(path, then, how),
+            ELSEWHERE: elsewhere,
+            RELOAD: reload,
+            "Cancel": lambda: None,
+        }
+        text = str(error)
+        if isinstance(error, ModelChangedError) and document.unsaved:
+            text += " Reloading loses the unsaved edits."
+        return UserQuestion(text, choices, lambda choice: actions[choice]())
 
     def shut_down(self) -> None:
         """Stop the threads; the window is closing."""
@@ -281,7 +391,7 @@ class Session:
             self.render_requests.close()
         self.jobs.shut_down()
         if self.document is not None:
-            saving.release(self.document.lock)
+            self.document.release()
         self.hovering.shut_down()
 
     def _when_saved(self, when: str, action: Callable[[], None]) -> None:
@@ -304,8 +414,8 @@ class Session:
         def opened(project: "Project | PhotoFind") -> None:
             if isinstance(project, Project):
                 self.take(project)
-                upright.opened(self)
-                level_of_detail.opened(self)
+                for follow in self._when_opened:
+                    follow(self)
             else:
                 self._forget()
                 self.photos = project
@@ -321,8 +431,7 @@ class Session:
         self._forget()
         self.document, (self.provider, self.masks) = Document(project), found
         self.document.history.set_budget(self.settings.undo_bytes)
-        self.document.stamps = saving.stamps(project)
-        saving.claim(self)
+        self._claim(self.document)
         if self.cameras:
             self.rig.frame_scene(
                 *splat_box(project.scene), self.cameras, up=self.document.up_of_photos()
@@ -335,8 +444,8 @@ class Session:
 
     def _forget(self) -> None:
         if self.document is not None:
-            saving.release(self.document.lock)
-            self.document.on_close(self)
+            self.document.release()
+            self.document.on_close(self.view)
         # What a notice offers is about the scene that it was made for.
         self.notices = tuple(notice for notice in self.notices if not notice.command)
         self.document = self.live = self.active_view = self.photos = self.training = None
@@ -378,7 +487,7 @@ class Session:
             self.hovering.away()
         else:
             look = self.view.is_antialiased(self.scene)
-            boxes = level_of_detail.pick_boxes(self)
+            boxes = self.need().pick_boxes
             self.hovering.update(self.scene, self.rig.camera, self.rig.pose, look, boxes)
 
     # --- reading
@@ -472,11 +581,12 @@ class Session:
     def pick(self, u: float, v: float, width: int, height: int) -> Pick | None:
         """Return what is at a pixel; None if nothing is."""
         camera = self.rig.camera(width, height)
-        if self.scene is None:
+        if self.document is None:
             return None
-        boxes, look = level_of_detail.pick_boxes(self), self.view.is_antialiased(self.scene)
-        rows = None if boxes is None else boxes.rows_at(camera, u, v, len(self.scene))
-        return pick(self.scene, camera, u, v, antialiased=look, rows=rows)
+        scene, boxes = self.document.scene, self.document.pick_boxes
+        rows = None if boxes is None else boxes.rows_at(camera, u, v, len(scene))
+        look = self.view.is_antialiased(scene)
+        return pick(scene, camera, u, v, antialiased=look, rows=rows)
 
     def hover(self, u: float, v: float, width: int, height: int) -> None:
         """Note that the mouse is at this pixel: `hovered_group` follows once it rests."""

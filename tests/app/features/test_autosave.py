@@ -12,7 +12,7 @@ import pytest
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.project import save_project, saved_scene
 from gaga_studio.features import autosave as autosave_actions
-from gaga_studio.features import files, objects, selection, transform
+from gaga_studio.features import files, level_of_detail, objects, selection, transform
 from gaga_studio.features.autosave import (
     FILE,
     Autosave,
@@ -23,7 +23,6 @@ from gaga_studio.features.autosave import (
     write_history,
 )
 from gaga_studio.features.find import memory_bank
-from gaga_studio.session import level_of_detail
 from gaga_studio.session.session import Session
 from tests.app.looks import finish, objects_of, scene_of, snapshot
 from tests.scenes import random_gaussians

@@ -20,9 +20,9 @@ from gaga_core.scene.lod.streamed import write_streamed_sog_stage
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.selection import algebra
 from gaga_studio.features import objects
-from gaga_studio.session import saving
+from gaga_studio.features.commands import new_session
 from gaga_studio.session.notices import Request
-from gaga_studio.session.session import Session
+from gaga_studio.session.session import COPY, ELSEWHERE, RELOAD, Session
 from tests.app.looks import finish, objects_of, scene_of, snapshot
 from tests.gltf_files import write_gltf
 from tests.scenes import random_gaussians
@@ -57,7 +57,7 @@ def test_a_changed_model_is_noticed_and_saved_as_a_copy(associated: Session) -> 
     assert associated.unsaved
     associated.save()
     _asked(associated)
-    associated.answer(saving.COPY)
+    associated.answer(COPY)
     finish(associated)
     assert not associated.unsaved
     again = run_stage(open_path_stage(_root(associated))).scene
@@ -75,7 +75,7 @@ def test_a_changed_model_saved_elsewhere_takes_its_copy_along(
     _change_model(associated)
     associated.save()
     _asked(associated)
-    associated.answer(saving.ELSEWHERE)
+    associated.answer(ELSEWHERE)
     assert associated.take_request() is Request.SAVE_AS
     associated.save(tmp_path / "else.gaga")
     finish(associated)
@@ -85,18 +85,18 @@ def test_a_changed_model_saved_elsewhere_takes_its_copy_along(
 
 def test_the_focus_notices_a_change_once_and_reload_opens_it(associated: Session) -> None:
     n = len(scene_of(associated))
-    assert not saving.look_at_files(associated)
+    assert not associated.look_at_files()
     path = associated.need().project.model_path
     path.touch()  # another time, the same content
-    assert not saving.look_at_files(associated)
+    assert not associated.look_at_files()
     _change_model(associated)
     (_root(associated) / "gaga" / "labels.npz").unlink(missing_ok=True)
-    assert saving.look_at_files(associated)
+    assert associated.look_at_files()
     associated.answer("Cancel")
-    assert not saving.look_at_files(associated)
+    assert not associated.look_at_files()
     path.unlink()
-    assert saving.look_at_files(associated)
-    associated.answer(saving.RELOAD)
+    assert associated.look_at_files()
+    associated.answer(RELOAD)
     assert associated.jobs.wait()
     assert len(scene_of(associated)) == n  # it is gone: what is open stays
 
@@ -105,8 +105,8 @@ def test_reload_shows_the_changed_model_and_keeps_the_former_save(associated: Se
     n, where = len(scene_of(associated)), _root(associated) / "gaga" / "project.json"
     before = where.read_bytes()
     _change_model(associated)
-    assert saving.look_at_files(associated)
-    associated.answer(saving.RELOAD)
+    assert associated.look_at_files()
+    associated.answer(RELOAD)
     finish(associated)
     assert len(scene_of(associated)) == (n + 1) // 2
     associated.save()
@@ -182,26 +182,26 @@ def test_the_project_is_free_when_the_other_program_is_killed(
 def test_the_buffer_of_a_gltf_is_a_part_of_the_model(tmp_path: Path) -> None:
     """Noticed when it changes or goes, refused in a saved project, and reloaded."""
     path = write_gltf(tmp_path / "a.gltf", random_gaussians(40))
-    session = Session()
+    session = new_session()
     session.open(path)
     finish(session)
     session.save(tmp_path / "kept.gaga")
     finish(session)
-    assert not saving.look_at_files(session)
+    assert not session.look_at_files()
     path.touch()
-    assert not saving.look_at_files(session)
+    assert not session.look_at_files()
     buffer = path.with_suffix(".bin")
     content = buffer.read_bytes()
     buffer.write_bytes(content[:5] + bytes([content[5] ^ 1]) + content[6:])
-    assert saving.look_at_files(session)
+    assert session.look_at_files()
     session.answer("Cancel")
     with pytest.raises(GagaError, match="changed since"):
         run_stage(open_path_stage(tmp_path / "kept.gaga"))
     buffer.unlink()
-    assert saving.look_at_files(session)
+    assert session.look_at_files()
     session.answer("Cancel")
     buffer.write_bytes(content)
-    assert not saving.look_at_files(session)
+    assert not session.look_at_files()
     session.close()
     document = tmp_path / "kept.gaga" / "project.json"
     older = document.read_text(encoding="utf-8").replace(model_fingerprint(path), fingerprint(path))
@@ -215,24 +215,24 @@ def test_chunks_of_a_streamed_sog_are_parts_of_the_model(tmp_path: Path) -> None
     tree = run_stage(build_lod_stage(splats, tmp_path / "lod", "digest"))
     (tmp_path / "web").mkdir()
     path = run_stage(write_streamed_sog_stage(tmp_path / "web", tree, splats))
-    session = Session()
+    session = new_session()
     session.open(path)
     finish(session)
     session.save(tmp_path / "kept.gaga")
     finish(session)
     path.touch()
-    assert not saving.look_at_files(session)
+    assert not session.look_at_files()
     picture = min(path.parent.glob("*/*.webp"))
     content = picture.read_bytes()
     picture.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
-    assert saving.look_at_files(session)
+    assert session.look_at_files()
     session.answer("Cancel")
     with pytest.raises(GagaError, match="changed since"):
         run_stage(open_path_stage(tmp_path / "kept.gaga"))
     picture.unlink()
-    assert saving.look_at_files(session)
+    assert session.look_at_files()
     session.answer("Cancel")
     picture.write_bytes(content)
-    assert not saving.look_at_files(session)
+    assert not session.look_at_files()
     session.close()
     assert len(run_stage(open_path_stage(tmp_path / "kept.gaga")).scene) == len(splats)

@@ -13,8 +13,8 @@ from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import backend_report
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.objects import folder_colors, group_colors
+from gaga_studio.features.commands import new_session
 from gaga_studio.session import stages
-from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.ui.chrome import status
 from gaga_studio.ui.kit import theme
@@ -168,7 +168,7 @@ def test_opening_a_scene_prepares_the_kernels_beside(
 ) -> None:
     started: list[str] = []
     write_scene(tmp_path / "scene", n_objects=2)
-    session = Session(Settings())
+    session = new_session(Settings())
     monkeypatch.setattr(session.jobs, "start_quiet", lambda title, stage: started.append(title))
     session.open(tmp_path / "scene")
     assert session.jobs.wait()

@@ -16,6 +16,7 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import selection
+from gaga_studio.features.commands import new_session
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName, ViewState
@@ -246,7 +247,7 @@ def drive(
     others have it whole where they capture it.
     """
     # Preset paper trains identities for 10,000 steps unless the settings say otherwise.
-    session = Session(settings or Settings(first_steps_done=True, identities="none"))
+    session = new_session(settings or Settings(first_steps_done=True, identities="none"))
     options = WindowOptions(size=size, settings_file=layout_file)
     studio = Studio(path, demo=demo, session=session, options=options)
     studio.ui.files.use_native = False

@@ -108,8 +108,9 @@ import sys
 from pathlib import Path
 import gaga_studio.studio
 from gaga_studio.features.find import association
+from gaga_studio.features.commands import new_session
 from gaga_studio.session.session import Session
-session = Session()
+session = new_session()
 session.open(Path({str(tmp_path / "scene")!r}))
 session.jobs.wait()
 session.tick(0.1)

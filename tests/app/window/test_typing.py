@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from gaga_studio.session.session import Session
+from gaga_studio.features.commands import new_session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.studio import Studio
@@ -43,7 +43,7 @@ def _see(studio: Studio) -> dict[str, Any]:
 def test_a_typed_script_gives_the_same_result_at_any_frame_rate(
     display: str, grouped_copy: Path, in_a_frame: int, frame_s: float
 ) -> None:
-    session = Session(Settings(first_steps_done=True))
+    session = new_session(Settings(first_steps_done=True))
     studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
     before, after = type_into(studio, SCRIPT, in_a_frame=in_a_frame, frame_s=frame_s, see=_see)
     wanted = {"tool": ToolName.LASSO, "mode": list(Mode)[2], "history": ["Select all"]}

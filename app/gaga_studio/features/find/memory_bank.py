@@ -38,7 +38,7 @@ from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.view import Mode
+from gaga_studio.session.view import Mode, ViewState
 
 if TYPE_CHECKING:
     from gaga_core.evaluate.quality import GroupQuality, Quality
@@ -61,10 +61,10 @@ class Timeline:
     waited_s: float = 0.0  # at this step
     former_mode: Mode = Mode.COLOR  # that comes back when the replay is closed
 
-    def on_close(self, session: Session) -> None:
+    def on_close(self, view: ViewState) -> None:
         """Show what was shown before the replay."""
-        if self.is_open and session.view.mode is Mode.GROUPS:
-            session.view.mode = self.former_mode
+        if self.is_open and view.mode is Mode.GROUPS:
+            view.mode = self.former_mode
 
 
 class KnownViews:

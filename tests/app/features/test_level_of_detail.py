@@ -16,8 +16,7 @@ from gaga_core.scene.lod import edited
 from gaga_core.scene.lod.edited import node_facts
 from gaga_core.scene.lod.tree import level_file
 from gaga_core.scene.project import save_project
-from gaga_studio.features import commands, files
-from gaga_studio.session import level_of_detail
+from gaga_studio.features import commands, files, level_of_detail
 from gaga_studio.session.session import Session
 from tests.scenes import random_gaussians
 
@@ -55,7 +54,7 @@ def test_tree_is_offered_built_and_taken(new_session: Callable[[], Session], lar
     assert level_of_detail.tree_of(session) is None  # switched off
     again = opened(new_session, large)
     assert again.document is not None
-    assert level_of_detail.current(again.document) is not None
+    assert again.need().tree is not None
     assert not [notice for notice in again.notices if notice.command]
 
 

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,9 +10,7 @@ from gaga_core.io.splats.spz import states_axes
 from gaga_core.scene import edits
 from gaga_core.scene.selection.bounds import splat_box
 from gaga_studio.session.notices import Level, notifies
-
-if TYPE_CHECKING:
-    from gaga_studio.session.session import Session
+from gaga_studio.session.session import Session
 
 COMMAND = "tool.turn_upright"
 _TITLE = "Turn upright"
@@ -23,7 +20,7 @@ _MOST = 100  # files that are remembered, newest first
 
 
 @notifies
-def turn(session: "Session") -> bool:
+def turn(session: Session) -> bool:
     """Turn everything half around x; a second time it is as in the file.
 
     The file is turned from then on whenever it is opened, if it does not say how it stands.
@@ -41,7 +38,7 @@ def turn(session: "Session") -> bool:
 
 
 @notifies
-def opened(session: "Session") -> bool:
+def opened(session: Session) -> bool:
     """A file was opened: turn it when it was turned before, else say what cannot be known."""
     document = session.need()
     path = document.project.model_path
@@ -54,7 +51,7 @@ def opened(session: "Session") -> bool:
     return False
 
 
-def _turn(session: "Session", *, is_content: bool) -> bool:
+def _turn(session: Session, *, is_content: bool) -> bool:
     document = session.need()
     scene = document.settled().scene
     edit = edits.move_scene(scene, _HALF_TURN, _TITLE)

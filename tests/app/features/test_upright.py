@@ -11,8 +11,8 @@ import pytest
 from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.scene import edits
 from gaga_core.scene.project import save_project
+from gaga_studio.features import upright
 from gaga_studio.features.commands import run
-from gaga_studio.session import upright
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 from tests.scenes import random_gaussians
