@@ -23,6 +23,8 @@ modules are internal and may change::
 import importlib
 from typing import TYPE_CHECKING
 
+from gaga_core.version import __version__
+
 if TYPE_CHECKING:
     from gaga_core.api import (
         Objects,
@@ -40,7 +42,6 @@ if TYPE_CHECKING:
     from gaga_core.pipeline.settings import ReconstructConfig
     from gaga_core.progress import Progress
 
-__version__ = "0.1.0"
 _INTERFACE = (
     *("Objects", "Scene", "SceneObject", "find_objects", "lift", "open", "reconstruct"),
     *("run", "score", "segment"),

@@ -9,8 +9,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from gaga_core import __version__
 from gaga_core.errors import GagaError
+from gaga_core.version import __version__
 
 _LIBRARIES = "libgl1 libegl1 libgl1-mesa-dri libx11-6 libxrandr2 libxinerama1 libxcursor1 libxi6"
 

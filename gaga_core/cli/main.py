@@ -17,7 +17,6 @@ from typing import Annotated
 import tyro
 from tyro.conf import arg, subcommand
 
-import gaga_core
 from gaga_core.cli import output as out
 from gaga_core.cli.benchmark import BenchmarkCommand
 from gaga_core.cli.export import ExportCommand
@@ -36,6 +35,7 @@ from gaga_core.cli.scene import (
 )
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
+from gaga_core.version import __version__
 
 AnyCommand = (
     Annotated[ReconstructCommand, subcommand("reconstruct")]
@@ -96,7 +96,7 @@ def _run(arguments: list[str] | None) -> int:
     logging.basicConfig(format="gaga: %(message)s", level=logging.WARNING, stream=sys.stderr)
     given = sys.argv[1:] if arguments is None else arguments
     if given in (["--version"], ["-V"]):
-        sys.stdout.write(f"gaga {gaga_core.__version__}\n")
+        sys.stdout.write(f"gaga {__version__}\n")
         return 0
     flat = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     try:

@@ -24,7 +24,6 @@ from uuid import uuid4
 import msgspec
 import numpy as np
 
-from gaga_core import __version__
 from gaga_core.arrays import AnyArray, IntArray, UInt8Array, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
@@ -63,6 +62,7 @@ from gaga_core.scene.index_set import IndexSet
 from gaga_core.scene.named_arrays import columns_of, identities_of, identity_arrays, splats_of
 from gaga_core.scene.objects import group_colors
 from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Placements, Scene
+from gaga_core.version import __version__
 
 # --- The file project.json: its fields, and reading it while another program may replace it.
 

@@ -14,11 +14,11 @@ from urllib.parse import quote, urlsplit
 
 import msgspec
 
-import gaga_core
 from gaga_core.errors import GagaError
 from gaga_core.io.json_file import decode_json
 from gaga_core.segmentation.models.catalogue import KnownModel
 from gaga_core.segmentation.models.weights import models_folder
+from gaga_core.version import __version__
 
 if TYPE_CHECKING:
     import httpx2
@@ -158,7 +158,7 @@ def connected(model: KnownModel, config: HubConfig) -> "Iterator[httpx2.Client]"
     import httpx2
     from huggingface_hub import errors, get_token
 
-    headers = {"user-agent": f"gaga-studio/{gaga_core.__version__}", "accept-encoding": "identity"}
+    headers = {"user-agent": f"gaga-studio/{__version__}", "accept-encoding": "identity"}
     token = get_token() if config.address == HUB else os.environ.get("HF_TOKEN")
     if token:
         headers["authorization"] = f"Bearer {token}"

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core import __version__
+from gaga_core.version import __version__
 from gaga_studio.features import commands
 from gaga_studio.features.base import Command
 from gaga_studio.features.commands import COMMANDS, MENUS
