@@ -55,6 +55,7 @@ from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.scene import Scene
 from gaga_core.segmentation.choose import provider_named
+from gaga_core.training.settings import TrainConfig
 
 # --- The scores of a scene's predictions: Algorithm 1, or masks of text prompts.
 
@@ -198,6 +199,7 @@ def run_benchmark(
         out=str(out),
         protocol=dataset.protocol,
         sparse_splats=few,
+        is_retrained=config.retrain_sparse,
     )
 
 
@@ -254,7 +256,8 @@ def _with_splats(
     target = out / "splats"
     yield from trained_splats(scene.folder, config.train, target, rasterizer)
     folder = replace(scene.folder, model_path=target / "point_cloud.ply")
-    told = f"trained here on the training views alone, quality {config.train.quality}"
+    n, published = config.train.train().iterations, TrainConfig().iterations
+    told = f"trained here on the training views alone, {n:,} iterations (published: {published:,})"
     return replace(scene, folder=folder), told
 
 
