@@ -60,6 +60,17 @@ def test_it_is_said_how_a_saved_project_gets_new_groups(
     assert cure in capsys.readouterr().err
 
 
+def test_info_counts_what_there_is(scene: Path, capsys: Capture) -> None:
+    values = answer(capsys, "info", str(scene))
+    lone = answer(capsys, "info", str(scene / "point_cloud.ply"))
+    splats = read_ply(scene / "point_cloud.ply")
+    assert values["gaussians"] == lone["gaussians"] == len(splats)
+    assert lone["sh_degree"] == splats.sh_degree
+    assert values["views"] == 8
+    with np.load(scene / "gaga" / "labels.npz") as stored:
+        assert values["groups"] == len(np.unique(stored["labels"][stored["labels"] > 0]))
+
+
 def test_groups_of_the_test_views_match_the_masks(
     scene: Path, tmp_path: Path, capsys: Capture
 ) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 
 from gaga_core.errors import GagaError
 from gaga_core.identity.classifier_io import (
+    COLUMNS,
     encodings_of,
     read_classifier,
     with_encodings,
@@ -59,6 +61,12 @@ def test_codes_are_further_apart_than_random_ones(n_groups: int) -> None:
 def test_few_codes_are_a_simplex() -> None:
     """17 points on the sphere of R^16 can be -1/16 apart, and no better."""
     assert code_book(16).max_cosine == pytest.approx(-1 / 16, abs=1e-3)
+
+
+def test_codes_depend_on_the_seed_alone() -> None:
+    first, again, other = (code_book(40, seed=seed).codes for seed in (2, 2, 3))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
 
 
 def test_classify_is_softmax_and_argmax() -> None:
@@ -141,6 +149,9 @@ def test_encodings_survive_a_ply(tmp_path: Path) -> None:
     replaced = encodings_of(with_encodings(again, encodings + 1))
     assert replaced is not None
     assert np.array_equal(replaced, encodings + 1)
+    part = {name: again.extra[name] for name in COLUMNS[:8]}
+    with pytest.raises(GagaError, match="8 of the 16 columns"):
+        encodings_of(replace(again, extra=part))
 
 
 def test_classifier_is_the_state_of_their_layer(tmp_path: Path) -> None:

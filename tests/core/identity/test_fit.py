@@ -68,6 +68,17 @@ def test_who_no_row_shows_keeps_its_code(
     assert same.all(axis=1).mean() < 0.5
 
 
+def test_random_errors_are_not_fitted_and_without_sweeps_nothing_is(
+    scene: Synthetic, closed: ClosedForm, fit: Callable[[FitConfig], Fitted]
+) -> None:
+    """Every sixth block of every map is wrong: held-out views stop the fit in time."""
+    fitted = fit(CONFIG)
+    assert fitted.after >= fitted.before
+    before = right_pixels(scene, closed.identity.field)
+    assert right_pixels(scene, fitted.closed.identity.field) >= before - 0.002
+    assert fit(FitConfig(sweeps=0)).closed is closed
+
+
 def test_threads_change_no_bit(
     fit: Callable[[FitConfig], Fitted], monkeypatch: pytest.MonkeyPatch
 ) -> None:

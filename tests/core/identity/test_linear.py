@@ -1,5 +1,7 @@
 """The linear operator on cached rows of W, and the step that trains on it."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import torch
@@ -7,7 +9,7 @@ from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.identity.linear_kernels import D, softmax_rows
-from gaga_core.identity.rows import Batch, LinearRows
+from gaga_core.identity.rows import Batch, LinearRows, join_rows, take_rows
 from gaga_core.identity.training_step import (
     IdentityGradients,
     IdentityRates,
@@ -69,6 +71,22 @@ def test_transposed_operator_is_the_transpose(rows: LinearRows) -> None:
     assert backward == pytest.approx(forward, rel=1e-5)
 
 
+def test_the_transpose_writes_rows_that_have_entries_alone(weights: PixelWeights) -> None:
+    rows = LinearRows.of(take_rows(weights, 1000, 1400), _N)
+    out = np.full((_N, D), 7, np.float32)
+    assert rows.multiply_transposed(np.zeros((len(rows), D), np.float32), out) is out
+    assert 0 < len(rows.touched) < _N
+    assert (out[rows.touched] == 0).all()
+    assert (np.delete(out, rows.touched, axis=0) == 7).all()
+
+
+def test_rows_split_and_joined_are_the_same(weights: PixelWeights) -> None:
+    cuts = [0, 17, 17, 900, len(weights.indptr) - 1]
+    joined = join_rows([take_rows(weights, a, b) for a, b in pairwise(cuts)])
+    for name in ("indptr", "indices", "weights"):
+        assert np.array_equal(getattr(joined, name), getattr(weights, name))
+
+
 def test_results_do_not_depend_on_threads(
     rows: LinearRows, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -122,6 +140,14 @@ def test_cross_entropy_and_its_gradients(weights: PixelWeights, rows: LinearRows
     right = (scores.argmax(dim=1).numpy() == labels).mean()
     assert fit.accuracy == pytest.approx(right, abs=2 / len(labels))
     _agrees(gradients, tensors)
+
+
+def test_a_start_from_zeros_is_chance(rows: LinearRows) -> None:
+    training = start_from_zeros(_N, _K - 1, 0)
+    assert not training.encodings.any()
+    training.weight[:], training.bias[:] = 0, 0
+    fit = cross_entropy(training, Batch(rows, _labels(len(rows))))
+    assert fit.loss == pytest.approx(np.log(_K), rel=1e-5)
 
 
 def test_agreement_is_the_published_regulariser() -> None:

@@ -29,6 +29,15 @@ def test_rows_are_labelled_pixels_spread_over_the_view(
         assert np.abs(share - got).max() < 0.03
 
 
+@pytest.mark.parametrize("void", [False, True])
+def test_all_pixels_when_no_number_is_given(
+    scene: Synthetic, label_map: LabelMap, maps: dict[str, IntArray], void: bool
+) -> None:
+    views = _rows(scene, label_map, RowConfig(per_view=0, w_min=0, train_void=void))
+    wanted = [maps[v.view].size if void else int((maps[v.view] > 0).sum()) for v in views]
+    assert [len(view.labels) for view in views] == wanted
+
+
 def test_rows_keep_to_the_memory(scene: Synthetic, label_map: LabelMap) -> None:
     limit = 3_000_000
     views = _rows(scene, label_map, RowConfig(per_view=0, memory_bytes=limit))

@@ -44,6 +44,23 @@ def test_refine_is_not_worse_than_the_vote(
     assert np.array_equal(identity.confidence[~changed], closed.identity.confidence[~changed])
 
 
+def test_refining_on_any_number_of_threads_is_the_same(
+    scene: Synthetic,
+    closed: ClosedForm,
+    train: Views,
+    label_map: LabelMap,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    config = RefineConfig(rows=ROWS, steps=10)
+    one, of_one = _refined(scene, closed, train, label_map, config)
+    monkeypatch.setenv("GAGA_THREADS", "1")
+    two, of_two = _refined(scene, closed, train, label_map, config)
+    assert of_one.steps == of_two.steps
+    assert of_one.accuracy == of_two.accuracy
+    for name in ("encodings", "weight", "bias"):
+        assert np.array_equal(getattr(one.field, name), getattr(two.field, name))
+
+
 def test_refine_moves_and_stops_when_it_does_not_help(
     scene: Synthetic, closed: ClosedForm, train: Views, label_map: LabelMap
 ) -> None:

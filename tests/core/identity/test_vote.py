@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from gaga_core.arrays import IntArray
 from gaga_core.grouping.votes import LabelMap, vote_labels
-from gaga_core.identity.closed_form import ClosedForm, Voted, vote_identity
+from gaga_core.identity.closed_form import ClosedForm, VoteConfig, Voted, vote_identity
 from gaga_core.identity.training_step import majority, nearest
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -86,6 +88,20 @@ def test_positions_that_are_no_numbers_are_left_alone(scene: Synthetic) -> None:
     result = run_stage(vote_identity(gaussians, voted, nobody, G, scene.cameras, choose()))
     assert (result.identity.labels[:5] == 0).all()
     assert (result.identity.confidence[:5] == 0).all()
+
+
+def test_without_groups_nobody_has_one_and_labels_are_checked(scene: Synthetic) -> None:
+    none = np.zeros(len(scene.gaussians), np.int32)
+
+    def vote(labels: IntArray) -> ClosedForm:
+        voted = Voted(labels, none.astype(np.float32))
+        return run_stage(vote_identity(scene.gaussians, voted, none, 0, scene.cameras, choose()))
+
+    assert (vote(none).identity.labels == 0).all()
+    with pytest.raises(ValueError, match="more than 0 groups"):
+        vote(none + 1)
+    with pytest.raises(ValueError, match="positive"):
+        VoteConfig(scale=0)
 
 
 def test_nearest_are_the_nearest() -> None:

@@ -271,3 +271,13 @@ def _scores(folder: SceneFolder, files: Sequence[Path]) -> tuple[Score, Score]:
 def _beside(folder: SceneFolder, work: Path) -> SceneFolder:
     """The same scene with its results elsewhere: real data stays as it is."""
     return replace(folder, root=work)
+
+
+def test_several_mask_folders_have_to_be_chosen_from(folder: SceneFolder) -> None:
+    assert mask_path_of(folder, None) == folder.root / "masks" / "sim"
+    (folder.root / "masks" / "other").mkdir()
+    write_labels(folder.root / "masks" / "other" / "000.png", np.ones((4, 4), np.int32))
+    both = open_scene_folder(folder.root)
+    with pytest.raises(GagaError, match="several mask folders: other, sim"):
+        mask_path_of(both, None)
+    assert mask_path_of(both, "sim") == folder.root / "masks" / "sim"

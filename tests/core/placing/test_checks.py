@@ -296,6 +296,13 @@ def test_cameras_in_one_place_hold_nothing_and_no_weak_joint_is_not_looked_at() 
     assert weakest_bridge(two_arcs(200)) is None
 
 
+def test_more_common_points_make_a_joint_surer() -> None:
+    few, many = (
+        np.mean([bridge_of(two_arcs(n, seed=s)).spread for s in range(3)]) for n in (13, 42)
+    )
+    assert 0 < many < 0.8 * few
+
+
 # --- Given poses are held against the photos.
 
 

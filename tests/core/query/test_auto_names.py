@@ -1,6 +1,9 @@
 """Automatic names: sure ones are given, unsure ones are not, people's own are kept."""
 
+from itertools import pairwise
+
 import numpy as np
+import pytest
 
 from gaga_core.arrays import FloatArray
 from gaga_core.query.auto_names import NOUNS, NameConfig, name_by_nouns, suggest_names
@@ -78,3 +81,18 @@ def test_our_list_is_clean_and_its_vectors_are_made_once() -> None:
     assert list(named.values()) == [NOUNS[5], NOUNS[9]]
     assert name_by_nouns(index, texts) == named
     assert words.n_texts == len(NOUNS)
+
+
+def test_stricter_margins_take_names_away_alone() -> None:
+    rng = np.random.default_rng(3)
+    nouns, v = [f"noun {k}" for k in range(40)], _nouns(40)
+    rows = v[rng.integers(0, 40, 60)] + 0.4 * rng.normal(size=(60, _DIM))
+    margins = ((0.05, 1.0), (0.2, 1.0), (0.2, 2.0), (0.6, 2.0), (0.9, 10.0))
+    named = [
+        set(suggest_names(_index(rows.astype("f4")), nouns, v, config=NameConfig(30, *both)))
+        for both in margins
+    ]
+    assert all(after <= before for before, after in pairwise(named))
+    assert len(named[0]) > len(named[-1])
+    with pytest.raises(ValueError, match="names"):
+        NameConfig(least=1.5)

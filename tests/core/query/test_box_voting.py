@@ -34,6 +34,13 @@ def _box(*corners: float, score: float = 1.0) -> Boxes:
     return as_boxes([corners], [score], (100, 160))
 
 
+def test_boxes_are_clipped_and_sorted_and_empty_ones_go() -> None:
+    corners = [[-5, -5, 20, 20], [30, 30, 30, 60], [50, 50, 500, 500], [200, 0, 300, 9]]
+    boxes = as_boxes(corners, [0.2, 0.9, 0.7, 0.8], (100, 160))
+    assert boxes.scores.tolist() == pytest.approx([0.7, 0.2])
+    assert boxes.corners.tolist() == [[50, 50, 160, 100], [0, 0, 20, 20]]
+
+
 def test_the_published_rule_takes_what_lies_inside() -> None:
     labels = _map()
     bowl = np.zeros(labels.shape, np.bool_)

@@ -24,5 +24,17 @@ def test_every_color_of_the_table_is_divided_among_the_names() -> None:
     ],
 )  # fmt: skip
 def test_plain_colors_have_their_names(code: str, name: str) -> None:
+    assert _name(code) == name
+
+
+@pytest.mark.parametrize("light", [0.45, 0.7, 0.85])
+@pytest.mark.parametrize(
+    ("code", "name"), [("d81e1e", "red"), ("1e56c8", "blue"), ("2a9a34", "green")]
+)
+def test_shade_does_not_change_the_name_of_a_hue(code: str, name: str, light: float) -> None:
+    assert _name(code, light) == name
+
+
+def _name(code: str, light: float = 1.0) -> str:
     rgb = np.array([int(code[i : i + 2], 16) / 255 for i in (0, 2, 4)])
-    assert NAMES[int(name_weights(rgb).argmax())] == name
+    return NAMES[int(name_weights(rgb * light).argmax())]

@@ -10,7 +10,7 @@ import pytest
 from gaga_core.arrays import FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.progress import run_stage
+from gaga_core.progress import Progress, run_stage
 from gaga_core.query.embed import load_embedder
 from gaga_core.query.group_facts import group_digests
 from gaga_core.query.index import (
@@ -18,7 +18,9 @@ from gaga_core.query.index import (
     GroupIndex,
     IndexConfig,
     IndexedViews,
+    Shown,
     TextVectors,
+    best_views,
     cut_out,
     index_stage,
     load_index,
@@ -99,6 +101,15 @@ def test_boxes_and_areas_of_a_label_map() -> None:
     assert 0 < shown_groups(0, cut)[0].score < 20 * 20
 
 
+def test_best_views_show_most_and_the_first_of_equals() -> None:
+    shown = [Shown(1, v, (0, 0, 9, 9), s) for v, s in enumerate((5.0, 9.0, 1.0, 9.0))]
+    chosen = best_views([*shown, Shown(2, 0, (0, 0, 9, 9), 3.0)], 2)
+    assert {group: [one.view for one in best] for group, best in chosen.items()} == {
+        1: [1, 3],
+        2: [0],
+    }
+
+
 def test_a_cut_out_is_square_keeps_the_object_and_dims_the_rest() -> None:
     labels = _map()
     picture = np.zeros((60, 80, 3), np.uint8)
@@ -126,6 +137,26 @@ def test_groups_are_ranked_by_what_they_look_like() -> None:
         assert scores.max() > 0.5
     assert np.allclose(np.linalg.norm(index.vectors, axis=1), 1, atol=1e-5)
     assert index.thumbnails[0].mean(axis=(0, 1)).argmax() == 0
+
+
+def test_what_fits_anything_as_well_scores_a_half_and_what_no_view_shows_nothing() -> None:
+    axes = np.eye(3, dtype=np.float32)
+    vectors = np.concatenate([_unit(np.array([[1, 1, 0], [1, 0, 0.0]])), np.zeros((1, 3), "f4")])
+    pictures = np.zeros((3, 64, 64, 3), np.uint8)
+    index = GroupIndex("m", np.array([1, 2, 3], np.int32), np.arange(3), vectors, pictures)
+    half, high, none = relevancy(index, axes[0], axes[1:])
+    assert half == pytest.approx(0.5)
+    assert high > 0.9
+    assert none == 0
+
+
+def test_progress_grows_to_its_end() -> None:
+    groups, steps = np.array([1, 2, 3, 4], np.int32), list[Progress]()
+    run_stage(index_stage(groups, np.arange(4), _views(), MeanColor()), steps.append)
+    done = [step.done for step in steps]
+    assert done == sorted(done)
+    assert done[-1] == steps[-1].total
+    assert {step.total for step in steps} == {steps[-1].total}
 
 
 def test_only_what_changed_is_looked_at_again() -> None:

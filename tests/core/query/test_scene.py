@@ -131,6 +131,18 @@ def test_an_index_is_kept_and_only_what_changed_is_looked_at(
     assert np.allclose(again.vectors, index.vectors, atol=1e-5)
 
 
+def test_without_groups_or_views_it_is_said_what_is_missing(
+    made: tuple[Synthetic, Project],
+) -> None:
+    synthetic, project = made
+    words = ColorWords(synthetic)
+    with pytest.raises(GagaError, match="needs the views"):
+        run_stage(index_scene(project.scene, (), words))
+    with pytest.raises(GagaError, match="no groups"):
+        run_stage(index_scene(Scene.of(synthetic.gaussians), synthetic.cameras, words))
+    assert words.n_pictures == 0
+
+
 def test_cancelling_an_index_keeps_the_last_one(made: tuple[Synthetic, Project]) -> None:
     synthetic, project = made
     words = ColorWords(synthetic)

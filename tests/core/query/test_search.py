@@ -211,8 +211,8 @@ def test_random_words_never_break_the_parser(table: Scene) -> None:
         "red", "not", "the", "left", "of", "between", "and", "or", "largest", "mug", "on", "top",
         "nearest", "to", "second", "bowl", "in", "front", "dark", "than", "bigger", "12", "zebra",
     ]  # fmt: skip
-    for _ in range(300):
-        text = " ".join(rng.choice(words, rng.integers(1, 9)))
+    texts = [" ".join(rng.choice(words, rng.integers(1, 9))) for _ in range(300)]
+    for text in (*texts, "", "   ", "?!", "of the", "and or not", "left of", "(((", "\0"):
         answer = ask(table, text)
         assert ((answer.scores >= 0) & (answer.scores <= 1)).all(), text
         assert (np.diff(answer.scores) <= 1e-6).all()
@@ -319,6 +319,31 @@ def test_names_beat_colors_where_a_word_is_both() -> None:
     answer = ask(scene, "orange")
     assert meant(answer) == {1, 2}
     assert answer.groups[0] == 1
+
+
+@pytest.mark.parametrize("color", ["red", "blue", "yellow"])
+def test_a_superlative_is_the_extreme_of_what_fits(table: Scene, color: str) -> None:
+    facts = facts_of(table, (FRONT, BACK))
+    sizes = {group: facts.size[facts.row(group) or 0] for group in meant(ask(table, color))}
+    assert ask(table, f"largest {color}").groups[0] == max(sizes, key=lambda g: sizes[g])
+    assert ask(table, f"smallest {color}").groups[0] == min(sizes, key=lambda g: sizes[g])
+
+
+def test_a_recolored_object_is_found_by_its_new_color() -> None:
+    scene = boxes_scene(TABLE)
+    color = np.concatenate([np.zeros((3, 3)), np.array([[0.1], [0.6], [0.15]])], axis=1)
+    edit = edits.recolor(scene, np.flatnonzero(scene.labels == 1).astype(np.int32), color)
+    assert edit is not None
+    assert 1 in meant(ask(scene, "red")) - meant(ask(scene, "green"))
+    History(scene).do(edit)
+    assert 1 in meant(ask(scene, "green")) - meant(ask(scene, "red"))
+
+
+def test_an_object_of_many_colors_has_none_of_them() -> None:
+    codes = ("c81414", "1e50c8", "209030", "f57c14", "f0d010")
+    scene = boxes_scene([((0, 0, 0.1 * k), (0.3, 0.3, 0.1), c) for k, c in enumerate(codes)])
+    scene.labels[:] = 1
+    assert not any(meant(ask(scene, color)) for color in ("red", "blue", "green"))
 
 
 def test_canonical_view_is_the_one_that_shows_most(table: Scene) -> None:

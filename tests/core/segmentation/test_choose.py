@@ -6,16 +6,26 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
+from gaga_core.progress import run_stage
 from gaga_core.segmentation import choose
-from gaga_core.segmentation.choose import available_providers, provider_named
+from gaga_core.segmentation.base import Picture
+from gaga_core.segmentation.choose import (
+    ProviderSettings,
+    available_providers,
+    provider_named,
+)
 from gaga_core.segmentation.models.catalogue import KNOWN
 from gaga_core.segmentation.models.weights import (
     find_weights,
+    models_folder,
     weights_at,
+    where_to_put,
 )
+from gaga_core.segmentation.regions import RegionsConfig
 
 Folder = Callable[[str], Path]
 
@@ -61,6 +71,33 @@ def test_weights_are_found_in_the_folder_of_models(models: Path, model_folder: F
     assert provider.card.licence == "Apache-2.0"
     assert provider.card.source == str(models / "sam2.1-tiny")
     assert provider_named("my-segmenter").name == "my-segmenter"
+
+
+def test_given_weights_win_over_those_of_the_name(models: Path, model_folder: Folder) -> None:
+    (models / "sam2.1-tiny").symlink_to(model_folder("sam2"))
+    for name in ("sam2.1-tiny", "fine masks"):
+        provider = provider_named(name, weights=model_folder("sam"))
+        assert (provider.name, provider.card.source) == (name, str(model_folder("sam")))
+
+
+def test_regions_need_no_model_and_their_settings_change_the_fingerprint() -> None:
+    provider = provider_named("regions", settings=ProviderSettings(RegionsConfig(width=64)))
+    image = np.zeros((48, 64, 3), np.uint8)
+    image[:, 32:] = (200, 40, 40)
+    labels = run_stage(provider.label_map(Picture(image)))
+    assert labels.shape == (48, 64)
+    assert labels[20, 5] != labels[20, 60]
+    other = ProviderSettings(RegionsConfig(width=64, detail=2.0))
+    assert provider_named("regions", settings=other).fingerprint() != provider.fingerprint()
+
+
+def test_the_folder_of_models_follows_the_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("GAGA_MODELS", raising=False)
+    monkeypatch.setenv("GAGA_HOME", str(tmp_path))
+    assert models_folder() == tmp_path / "models"
+    assert str(tmp_path) in where_to_put(KNOWN[0])
 
 
 def test_weights_are_found_in_the_hub_cache(

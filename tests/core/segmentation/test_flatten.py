@@ -55,6 +55,12 @@ def test_as_defined(seed: int) -> None:
     np.testing.assert_array_equal(ids, np.arange(1, len(ids) + 1))
 
 
+def test_without_masks_that_are_sure_the_map_is_zero() -> None:
+    unsure = scored_masks([np.ones((4, 5), bool)], [0.49], 4, 5)
+    for scored in (scored_masks([], [], 4, 5), unsure):
+        assert flatten(scored).tolist() == np.zeros((4, 5), int).tolist()
+
+
 def test_levels_show_the_outermost_and_the_innermost_mask() -> None:
     """Whole, part and subpart of one thing, and another thing next to it."""
     masks = np.zeros((4, 12, 12), bool)

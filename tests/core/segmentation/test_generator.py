@@ -14,9 +14,11 @@ from gaga_core.segmentation.base import ScoredMasks
 from gaga_core.segmentation.choose import ProviderSettings
 from gaga_core.segmentation.generator import (
     Encoded,
+    boxes_of,
     crop_windows,
     generate,
     non_maximum_suppression,
+    point_grid,
 )
 from gaga_core.segmentation.settings import GeneratorConfig
 
@@ -82,7 +84,12 @@ def _tiles_found(masks: ScoredMasks, image: UInt8Array) -> list[int]:
 def test_every_tile_is_found_once() -> None:
     image, model = _picture(), Tiles()
     steps: list[Progress] = []
-    masks = run_stage(generate(model, image, _CONFIG), steps.append)
+
+    def follow(step: Progress) -> None:
+        assert not torch.is_inference_mode_enabled(), "no mode leaks out of the stage"
+        steps.append(step)
+
+    masks = run_stage(generate(model, image, _CONFIG), follow)
     assert sorted(_tiles_found(masks, image)) == list(range(1, 13))
     assert masks.scores.tolist() == pytest.approx([0.9] * 12)
     assert model.looks == 1
@@ -90,6 +97,25 @@ def test_every_tile_is_found_once() -> None:
     done = [step.done for step in steps]
     assert done == sorted(done)
     assert done[-1] == steps[-1].total == 64
+
+
+@pytest.mark.parametrize("size", [1, 64])
+def test_batches_change_nothing(size: int) -> None:
+    some, other = (
+        run_stage(generate(Tiles(), _picture(), replace(_CONFIG, points_per_batch=n)))
+        for n in (_CONFIG.points_per_batch, size)
+    )
+    np.testing.assert_array_equal(some.boxes, other.boxes)
+    np.testing.assert_array_equal(some.scores, other.scores)
+
+
+def test_points_lie_in_the_middle_of_their_cells_and_boxes_are_tight() -> None:
+    assert point_grid(2).tolist() == [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
+    masks = torch.zeros(2, 6, 9, dtype=torch.bool)
+    masks[0, 2:4, 3:8] = True
+    masks[1, 5, 0] = True
+    assert boxes_of(masks).tolist() == [[3, 2, 8, 4], [0, 5, 1, 6]]
+    assert boxes_of(masks[:0]).shape == (0, 4)
 
 
 def test_thresholds_choose() -> None:

@@ -9,6 +9,8 @@ import pytest
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.segmentation.choose import prompter_named
+from gaga_core.segmentation.loading import load_folder
+from gaga_core.segmentation.sam import sam_encoder
 from tests.core.segmentation.conftest import SAM_KINDS
 
 Folder = Callable[[str], Path]
@@ -28,6 +30,17 @@ def test_every_family_answers_points_of_both_signs(
     assert not np.array_equal(both.scores, other.scores)  # the sign is heard
     again = ask(photo, _POINTS, np.array([True, True]))
     np.testing.assert_array_equal(again.masks, both.masks)
+
+
+@pytest.mark.parametrize("kind", SAM_KINDS)
+def test_one_point_is_answered_as_the_generator_is(
+    kind: str, model_folder: Folder, photo: UInt8Array
+) -> None:
+    encoded = sam_encoder(load_folder("mask_generation", model_folder(kind)))(photo)
+    for asked, found in zip(
+        encoded.prompt(_POINTS[:1], np.array([True])), encoded.decode(_POINTS[:1]), strict=True
+    ):
+        np.testing.assert_allclose(asked.numpy(), found[0].numpy(), atol=1e-4)
 
 
 @pytest.mark.parametrize("kind", SAM_KINDS)

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from gaga_core.arrays import BoolArray, FloatArray, IntArray, UInt8Array
+from gaga_core.arrays import AnyArray, BoolArray, FloatArray, IntArray, UInt8Array
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import read_labels
@@ -75,12 +76,16 @@ def test_ids_are_dense_and_every_pixel_has_one(seed: int) -> None:
     ids = np.unique(labels)
     np.testing.assert_array_equal(ids, np.arange(1, len(ids) + 1))
     assert len(ids) > 3
+    assert all(ndimage.label(labels == k)[1] == 1 for k in ids), "every region is of one piece"
 
 
 def test_the_same_picture_gives_the_same_regions_however_it_lies_in_memory() -> None:
     image = _busy()
     depth = np.where(_disc(), 2.0, 3.0).astype(np.float32)
+    before = image.copy(), depth.copy()
     first = regions(image, depth)
+    for given, then in zip((image, depth), before, strict=True):
+        np.testing.assert_array_equal(given, then)
     np.testing.assert_array_equal(first, regions(image.copy(), depth.copy()))
     np.testing.assert_array_equal(
         first, regions(np.asfortranarray(image), np.asfortranarray(depth))
@@ -111,6 +116,20 @@ def test_two_colors_are_two_regions(grain: float) -> None:
     on, off = labels[60, 80], labels[0, 0]
     wrong = np.count_nonzero((labels == on) != inside) + np.count_nonzero((labels == off) == inside)
     assert wrong <= (0 if grain == 0 else 40)
+
+
+@pytest.mark.parametrize(
+    ("times", "colors"), [(1, ((200,) * 3, (60,) * 3)), (12, ((190, 60, 50), (70, 110, 160)))]
+)
+def test_grays_and_large_photos_are_split_at_their_contours(
+    times: int, colors: tuple[tuple[int, int, int], tuple[int, int, int]]
+) -> None:
+    inside = np.kron(_disc(), np.ones((times, times), np.bool_))
+    labels = regions(_painted(inside, *colors))
+    assert labels.shape == inside.shape
+    assert labels.max() == 2
+    ious = _best_ious(np.where(inside, 1, 2).astype(np.int32), labels)
+    assert min(ious) > (0.98 if times > 1 else 0.9999)
 
 
 def test_texture_does_not_tear_a_shape() -> None:
@@ -150,6 +169,11 @@ def test_a_thing_on_a_floor_of_its_color_is_parted_at_the_crease() -> None:
     labels = regions(image, (1 / inverse).astype(np.float32))
     true = np.where(_ROWS < 70, 1, 2).astype(np.int32)
     assert min(_best_ious(true, labels)) > 0.85
+
+
+def test_depth_that_shows_nothing_changes_nothing() -> None:
+    nothing = np.zeros((H, W), np.float32)
+    np.testing.assert_array_equal(regions(_busy(), nothing), regions(_busy()))
 
 
 def test_a_plane_gives_no_reason_to_part_it() -> None:
@@ -225,6 +249,27 @@ def test_any_size_will_do(shape: tuple[int, int]) -> None:
 def test_settings_out_of_range_are_named(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         RegionsConfig(**wrong)  # type: ignore[arg-type]
+
+
+_IMAGE, _DEPTH = np.zeros((H, W, 3), np.uint8), np.ones((H, W), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("named", "wrong"),
+    [
+        ("image", (_IMAGE[..., 0],)),
+        ("image", (_IMAGE.astype(np.float32),)),
+        ("depth", (_IMAGE, _DEPTH[:, 1:])),
+        ("depth", (_IMAGE, _DEPTH.astype(np.float64))),
+        ("normals", (_IMAGE, None, _DEPTH)),
+    ],
+)
+def test_wrong_calls_are_named_and_nothing_gives_nothing(
+    named: str, wrong: tuple[AnyArray, ...]
+) -> None:
+    with pytest.raises(ValueError, match=named):
+        regions(*wrong)
+    assert regions(_IMAGE[:0]).shape == (0, W)
 
 
 @pytest.mark.parametrize(("with_depth", "bar"), [(False, 0.63), (True, 0.70)])

@@ -4,6 +4,7 @@ import json
 import shutil
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from gaga_core.progress import Progress, run_stage
 from gaga_core.segmentation.base import FlattenConfig, ModelProvider, Picture
 from gaga_core.segmentation.choose import ProviderSettings, provider_named
 from gaga_core.segmentation.loading import load_folder
-from gaga_core.segmentation.sam import sam_encoder
+from gaga_core.segmentation.sam import fitted, sam_encoder
 from gaga_core.segmentation.settings import GeneratorConfig
 from tests.core.segmentation.conftest import SAM_KINDS
 
@@ -54,6 +55,38 @@ def test_every_family_makes_label_maps(kind: str, model_folder: Folder, photo: U
     assert fresh.fingerprint() == provider.fingerprint()
     np.testing.assert_array_equal(run_stage(fresh.label_map(Picture(photo))), labels)
     assert "torchvision" not in sys.modules
+
+
+@pytest.mark.parametrize("kind", SAM_KINDS)
+@pytest.mark.parametrize("crop_layers", [0, 1])
+def test_masks_lie_in_the_picture_and_come_best_first(
+    kind: str, crop_layers: int, model_folder: Folder, photo: UInt8Array
+) -> None:
+    tall = np.ascontiguousarray(photo.transpose(1, 0, 2))
+    config = replace(_OPEN, crop_layers=crop_layers)
+    masks = run_stage(_provider(model_folder(kind), config).masks(Picture(tall)))
+    assert (masks.height, masks.width) == (120, 90)
+    assert (np.diff(masks.scores) <= 0).all()
+    assert masks.boxes.min() >= 0
+    assert (masks.boxes[:, 2:] <= (90, 120)).all()
+    assert (masks.areas > 0).all()
+    assert len(masks) > 0
+
+
+def test_a_cancel_leaves_the_provider_whole(model_folder: Folder, photo: UInt8Array) -> None:
+    provider = _provider(model_folder("sam2"))
+    stage = provider.label_map(Picture(photo))
+    for _ in range(4):
+        next(stage)
+    stage.close()
+    fresh = run_stage(_provider(model_folder("sam2")).label_map(Picture(photo)))
+    np.testing.assert_array_equal(run_stage(provider.label_map(Picture(photo))), fresh)
+
+
+def test_sizes_are_rounded_as_published() -> None:
+    assert fitted(480, 640, 1024) == (768, 1024)
+    assert fitted(683, 1024, 1024) == (683, 1024)
+    assert fitted(1, 2000, 1024) == (1, 1024)
 
 
 @pytest.mark.parametrize(("height", "width"), [(90, 120), (120, 90), (128, 128), (300, 41)])
@@ -97,8 +130,6 @@ def test_masks_fall_where_the_points_were(model_folder: Folder) -> None:
 
 
 def test_settings_and_weights_change_the_fingerprint(model_folder: Folder, tmp_path: Path) -> None:
-    from dataclasses import replace
-
     base = _provider(model_folder("sam")).fingerprint()
     more_points = _provider(model_folder("sam"), replace(_OPEN, points_per_side=5))
     assert more_points.fingerprint() != base

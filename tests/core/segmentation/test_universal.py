@@ -86,6 +86,17 @@ def test_entities_are_kept_by_score_and_once() -> None:
     assert both.scores.tolist() == pytest.approx([0.9, 0.8, 0.7], abs=0.01)
 
 
+def test_each_pixel_goes_to_one_query() -> None:
+    whole, patch = (slice(0, 6), slice(0, 8)), (slice(0, 6), slice(6, 8))
+    hidden = (slice(0, 6), slice(5, 8))  # wins a third of itself only
+    queries = _queries([whole, patch, hidden], [0.6, 0.9, 0.8])
+    masks = panoptic_masks(queries, 24, 32, UniversalConfig("panoptic", min_visible=0.5))
+    assert masks.scores.tolist() == pytest.approx([0.6, 0.9])
+    assert not (masks.mask(0) & masks.mask(1)).any()
+    assert masks.boxes[1].tolist() in ([24, 0, 32, 24], [25, 0, 32, 24])
+    assert len(panoptic_masks(queries, 24, 32, UniversalConfig("panoptic", min_score=0.95))) == 0
+
+
 def test_panoptic_as_transformers_does() -> None:
     from types import SimpleNamespace
 

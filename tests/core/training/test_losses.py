@@ -36,7 +36,9 @@ def as_double(image: AnyArray) -> torch.Tensor:
 
 
 # Wider than a strip of the kernel, higher than a piece of work, smaller than the window.
-@pytest.mark.parametrize(("height", "width"), [(37, 51), (70, 170), (3, 4), (1, 1), (33, 75)])
+@pytest.mark.parametrize(
+    ("height", "width"), [(37, 51), (70, 170), (12, 530), (3, 4), (1, 1), (33, 75)]
+)
 @pytest.mark.parametrize("dissimilarity", [0.2, 0.0, 1.0])
 def test_loss_and_gradient_are_those_of_torch(
     height: int, width: int, dissimilarity: float

@@ -80,6 +80,24 @@ def test_a_mirror_that_lists_names_only_gives_sizes_and_hashes_of_files(hub: Hub
     get(hub)
 
 
+def test_a_listing_downloads_nothing_and_names_files_of_one_folder(
+    hub: Hub, models: Path, repository: Path
+) -> None:
+    (repository / "..config.json").write_text("{}")
+    listing = list_files(TINY, config_of(hub))
+    assert WANTED <= {file.name for file in listing.files} <= WANTED | {"..config.json"}
+    assert not any(set("/\\") & set(file.name) for file in listing.files)
+    assert listing.size == sum(file.size for file in listing.files)
+    assert hub.downloads() == []
+    assert not models.exists()
+
+
+def test_a_hub_that_ignores_ranges_sends_all_again(hub: Hub, repository: Path) -> None:
+    hub.cuts, hub.ignores_range = [100_000], True
+    weights = get(hub).path / "model.safetensors"
+    assert weights.read_bytes() == (repository / "model.safetensors").read_bytes()
+
+
 def test_a_connection_that_breaks_goes_on_where_it_was(hub: Hub, repository: Path) -> None:
     hub.cuts = [100_000, 50_000]
     done = get(hub)

@@ -46,3 +46,12 @@ def test_the_list_tells_every_model_and_a_folder_put_there_by_hand(models: Path)
         assert (other.seconds is None) <= (not other.is_measured)
         assert other.model.purpose == "masks" or other.seconds is None
     assert status_of(known_model("sam3")).model.is_gated
+
+
+def test_known_models_have_one_name_each_and_say_what_a_person_must_know() -> None:
+    for field in ("name", "hub"):
+        assert len({getattr(model, field) for model in CATALOGUE}) == len(CATALOGUE)
+    assert all(known_model(model.hub) is known_model(model.name) is model for model in CATALOGUE)
+    assert {model.purpose for model in CATALOGUE} == {"masks", "words", "boxes"}
+    assert all(m.megabytes > 0 and m.licence for m in CATALOGUE)
+    assert all(m.page.startswith("https://") for m in CATALOGUE)
