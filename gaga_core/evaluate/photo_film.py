@@ -11,7 +11,6 @@ from typing import Literal, get_args
 
 import numpy as np
 from PIL import Image
-from scipy.optimize import linear_sum_assignment
 
 from gaga_core.arrays import IntArray, UInt8Array, check_shape
 from gaga_core.camera import Camera
@@ -205,6 +204,8 @@ def error_map(groups: IntArray, truth: IntArray) -> ErrorMap:
     IoU in this view is greatest (the pairing of the supplement's Algorithm 1, for a single image
     without void).
     """
+    from scipy.optimize import linear_sum_assignment  # slow to import: the window starts without
+
     check_shape("groups", groups, ("H", "W"), np.int32)
     check_shape("truth", truth, groups.shape, np.int32)
     inside = truth > 0

@@ -70,10 +70,9 @@ class ExportOptions:
         if self.crop is None:
             return splats
         from gaga_core.scene.selection.algebra import world_means
+        from gaga_core.scene.selection.bounds import within
 
-        means = world_means(scene, splats)
-        lo, hi = (np.array(corner) for corner in self.crop)
-        return splats[((means >= lo) & (means <= hi)).all(axis=1)]
+        return splats[within(world_means(scene, splats), *map(np.array, self.crop))]
 
     def count(self, n: int) -> int:
         """About how many of ``n`` splats are left."""

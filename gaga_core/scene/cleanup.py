@@ -38,6 +38,7 @@ from gaga_core.scene.objects import group_indices, selected_groups
 from gaga_core.scene.orientation import even_directions
 from gaga_core.scene.scene import Revision, Scene, State, of_scene_now
 from gaga_core.scene.selection.algebra import world_means
+from gaga_core.scene.selection.bounds import within
 from gaga_core.threads import n_threads
 
 _OURS = -1  # label of the object's splats while it is being cleaned
@@ -114,7 +115,7 @@ def _gather_pool(scene: Scene, members: LongArray, reach: float) -> tuple[_Pool,
     chosen = np.zeros(len(scene), np.bool_)
     if len(own):
         lo, hi = _inlier_box(own, reach)
-        chosen = alive & ((points >= lo) & (points <= hi)).all(axis=1)
+        chosen = alive & within(points, lo, hi)
     chosen[members] = alive[members]
     rows = np.flatnonzero(chosen)
     rows = rows[np.isfinite(points[rows]).all(axis=1)]
@@ -464,7 +465,7 @@ def _take_inside(pool: _Pool, labels: IntArray, config: CleanConfig) -> BoolArra
     """Write what lies inside the object into ``labels`` (P,), and return which that is."""
     ours = pool.points[labels == _OURS]
     lo, hi = _inlier_box(ours, config.reach)
-    ours = ours[((ours >= lo) & (ours <= hi)).all(axis=1)]
+    ours = ours[within(ours, lo, hi)]
     rest = np.flatnonzero((labels != _OURS) & pool.free)
     rest = rest[_inside_hull(pool.points[rest], ours)] if len(ours) else rest[:0]
     if config.hull == "surrounded":

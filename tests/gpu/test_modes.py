@@ -114,11 +114,30 @@ def test_confidence_that_is_not_known_shows_the_colors(viewport: Viewport, scene
     assert np.array_equal(_test_modes_picture(viewport, scene, Mode.CONFIDENCE), color)
 
 
-def test_confidence_takes_memory_only_while_it_is_shown(viewport: Viewport, scene: Scene) -> None:
+@pytest.mark.parametrize("mode", [Mode.CONFIDENCE, Mode.IDENTITY])
+def test_columns_take_time_and_memory_only_while_they_are_shown(
+    viewport: Viewport, scene: Scene, mode: Mode, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene.confidence = np.full(len(scene), 9, np.uint8)
+    scene.identities = Identities(colors=_some_colors(scene))
+    n_made = 0
+
+    def made(scene: Scene, column: UInt8Array | None, added: int) -> UInt8Array | None:
+        nonlocal n_made
+        n_made += 1
+        return by_splat(scene, column, added)
+
+    by_splat = Scene._by_splat
+    monkeypatch.setattr(Scene, "_by_splat", made)
+    history = History(scene)
     _test_modes_picture(viewport, scene, Mode.COLOR)
     before = viewport.buffers.nbytes
-    _test_modes_picture(viewport, scene, Mode.CONFIDENCE)
+    history.do(edits.set_labels(scene, np.arange(5), 9))
+    _test_modes_picture(viewport, scene, Mode.COLOR)
+    assert n_made == 0
+    _test_modes_picture(viewport, scene, mode)
+    _test_modes_picture(viewport, scene, mode)
+    assert n_made == 1
     assert viewport.buffers.nbytes > before
     _test_modes_picture(viewport, scene, Mode.COLOR)
     assert viewport.buffers.nbytes == before

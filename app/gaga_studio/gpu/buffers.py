@@ -246,9 +246,10 @@ class SceneBuffers:
         if splats_changed or now.placement != self._seen.placement:
             self._send_column("placement", scene.placement)
         if with_confidence != ("confidence" in self._textures) or labels_changed:
-            known = scene.confidence_of()
-            rows = np.zeros(len(scene), np.uint8) if known is None else known
-            self._send_optional("confidence", rows if with_confidence else None)
+            rows = scene.confidence_of() if with_confidence else None
+            if with_confidence and rows is None:
+                rows = np.zeros(len(scene), np.uint8)
+            self._send_optional("confidence", rows)
         if with_identity != ("identity" in self._textures) or labels_changed:
             colors = scene.identity_colors_of() if with_identity else None
             self._send_optional("identity", None if colors is None else words_of_colors(colors))

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from gaga_core.arrays import BoolArray, FloatArray, IntArray, check_shape
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import selectable, world_means
+from gaga_core.scene.selection.bounds import within
 from gaga_core.threads import n_threads
 
 _SAMPLE = 2000  # splats whose spacing is measured
@@ -81,7 +82,7 @@ def _near(scene: Scene, asking: BoolArray, splats: IntArray, reach: float) -> In
     if len(own) == 0 or reach <= 0:
         return np.zeros(0, np.int32)
     lo, hi = own.min(axis=0) - reach, own.max(axis=0) + reach
-    rows = np.flatnonzero(asking & ((points >= lo) & (points <= hi)).all(axis=1))
+    rows = np.flatnonzero(asking & within(points, lo, hi))
     tree = cKDTree(own, balanced_tree=False, compact_nodes=False)
     distance, _ = tree.query(points[rows], distance_upper_bound=reach * 1.0001, workers=n_threads())
     return rows[distance <= reach].astype(np.int32)

@@ -2,6 +2,7 @@
 
 import unicodedata
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from gaga_core.scene.folders import Folders
 from gaga_core.scene.objects import folder_colors, group_colors
 from gaga_studio.features.commands import new_session
 from gaga_studio.session import stages
+from gaga_studio.session.jobs import Job
 from gaga_studio.session.settings import Settings
 from gaga_studio.ui.chrome import status
 from gaga_studio.ui.kit import theme
@@ -176,3 +178,15 @@ def test_opening_a_scene_prepares_the_kernels_beside(
     assert session.scene is not None
     assert started == ["Prepare kernels"]
     assert session.jobs.running is None
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.2, "1 s"), (12.2, "12 s"), (61, "61 s"), (200, "3 min 20 s")]
+)
+def test_a_running_job_says_what_how_far_and_how_long(seconds: float, text: str) -> None:
+    job = Job("Associate masks", "Associate masks", "", -1.0, None, 0.0, False)
+    assert status.job_text(job) == "Associate masks", "not known how far"
+    job = replace(job, fraction=0.456)
+    assert status.job_text(job) == "Associate masks  46 %"
+    assert status.job_text(replace(job, eta_s=seconds)) == f"Associate masks  46 %, {text} left"
+    assert status.job_text(replace(job, is_cancelling=True)) == "Associate masks: stopping"

@@ -107,6 +107,7 @@ def test_opening_editing_and_saving_import_neither_torch_nor_transformers(tmp_pa
 import sys
 from pathlib import Path
 import gaga_studio.studio
+assert "scipy.optimize" not in sys.modules, "only the errors of a view need it"
 from gaga_studio.features.find import association
 from gaga_studio.features.commands import new_session
 from gaga_studio.session.session import Session

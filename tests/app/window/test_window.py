@@ -159,6 +159,8 @@ def test_objects_are_used_by_hand(display: str, balls: Path) -> None:
         d.click("**/###Find objects")
         d.settle()
         for step in (
+            _the_palette_runs_a_command,
+            _a_rectangle_selects_what_it_holds,
             _typing_a_name_fires_no_shortcut,
             _the_memory_bank_shows_its_masks,
             _the_list_selects_ranges_hides_and_filters,
@@ -175,6 +177,29 @@ def test_objects_are_used_by_hand(display: str, balls: Path) -> None:
             step(d)
 
     drive(test, path=balls)
+
+
+def _the_palette_runs_a_command(d: Driver) -> None:
+    d.keys(KEY.mod_ctrl, KEY.p)
+    d.engine.key_chars("depth")
+    d.frames(2)
+    d.engine.key_press(KEY.enter)
+    d.frames(3)
+    assert d.mode() is Mode.DEPTH
+    d.keys(KEY.f1)
+    assert d.exists("Keys and mouse/###Close")
+    d.keys(KEY.escape)
+    assert not d.exists("Keys and mouse/###Close")
+
+
+def _a_rectangle_selects_what_it_holds(d: Driver) -> None:
+    d.keys(KEY.r)
+    assert d.tool() is ToolName.RECT
+    width, height = d.size
+    d.drag_picture((width * 0.02, height * 0.1), (width * 0.94, height * 0.85))
+    assert len(d.session.selected_groups()) >= 4
+    d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.a)
+    assert d.session.selected_groups() == ()
 
 
 def _typing_a_name_fires_no_shortcut(d: Driver) -> None:

@@ -5,6 +5,7 @@ import hashlib
 import io
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from gaga_core.camera import NEAR
 from gaga_core.errors import GagaError
 from gaga_core.export.export import export_objects_stage, export_scene_stage
 from gaga_core.export.options import ExportOptions, PageContent
-from gaga_core.io.splats.splat_files import SplatFormat, write_splats
+from gaga_core.io.splats.splat_files import SplatFormat, losses, write_splats
 from gaga_core.io.splats.web_page import check_room
 from gaga_core.progress import run_stage
 from gaga_core.scene.camera_path import Bookmark, CameraPath, Keyframe, Shot
@@ -173,6 +174,13 @@ def test_splats_without_a_place_or_size_are_left_out(tmp_path: Path) -> None:
     g.means[:] = np.nan
     with pytest.raises(GagaError, match="nothing to write"):
         write_splats(tmp_path / "b.html", g)
+
+
+def test_what_a_page_loses_is_told() -> None:
+    g = replace(random_gaussians(20, sh_degree=4), comments=("antialiased 1",))
+    said = " ".join(losses(g, SplatFormat.HTML))
+    assert all(words in said for words in ("rounded", "degree 4", "opens a page as splats again"))
+    assert "antialiased" not in said, "that is kept"
 
 
 def test_pages_of_objects_share_an_origin_and_begin_with_the_object(tmp_path: Path) -> None:

@@ -194,6 +194,20 @@ def test_what_is_dark_is_lightened_only_where_it_is_a_shadow(
             assert is_shadow or (factors == 1).all()
 
 
+@pytest.mark.parametrize("lighten", [True, False])
+def test_a_shadow_around_a_hole_goes_when_it_is_to_and_stays_when_not(lighten: bool) -> None:
+    table = table_with_box(shade=0.5)
+    away = np.abs(table.gaussians.means[:, :2]).max(axis=1) - HALF
+    scene, config = Scene.of(table.gaussians, table.labels), FillConfig(lighten=lighten)
+    made = run_stage(fill_stage(scene, table.labels == BOX, table.cameras, CPU, config))
+    factors = np.ones((len(scene), 3))
+    factors[made.stained] = made.gains
+    rim, far = (factors[where & (table.labels == TABLE)] for where in (away < 0.08, away > 0.35))
+    assert (rim.mean() > 1.25) == lighten
+    assert far.max() < 1.1
+    assert lighten or len(made.stained) == 0
+
+
 def test_undo_redo_script_and_project_give_the_same_splats(
     table: Table, found: Filling, tmp_path: Path
 ) -> None:
@@ -224,6 +238,13 @@ def test_undo_redo_script_and_project_give_the_same_splats(
     assert np.array_equal(reopened.scene.labels, scene.labels)
     save_project(reopened)
     assert len(run_stage(open_path_stage(saved)).scene) == len(scene)
+
+    file = next(saved.glob("scene-*.npz"))
+    arrays = dict(np.load(file))
+    arrays["made_0:means"] = arrays["made_0:means"][:-1]
+    np.savez_compressed(file, **arrays)
+    with pytest.raises(GagaError, match=r"scene-.*damaged"):
+        run_stage(open_path_stage(saved))
 
 
 def test_a_script_fills_by_name_and_what_was_deleted_before(table: Table) -> None:

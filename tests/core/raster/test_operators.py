@@ -244,7 +244,7 @@ def test_nothing_to_draw(engine: Engine) -> None:
         assert len(engine.weights(gaussians, camera, np.arange(9)).indices) == 0
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, 0])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 0])
 @pytest.mark.parametrize("column", ["means", "quats", "log_scales", "logit_opacities"])
 def test_broken_splats_are_left_out(engine: Engine, column: str, value: float) -> None:
     """As if they were not there: the picture of the others, without a warning."""
@@ -253,6 +253,7 @@ def test_broken_splats_are_left_out(engine: Engine, column: str, value: float) -
     array = getattr(gaussians, column).copy()
     is_broken = (column, value) == ("quats", 0) or np.isnan(value)  # no orientation; no number
     is_broken |= np.isinf(value) and column != "logit_opacities"
+    is_broken &= (column, value) != ("log_scales", -np.inf)  # of no size: flat
     array[::3] = value
     changed = replace(gaussians, **{column: array})
     rest = gaussians.take(np.flatnonzero(np.arange(120) % 3)) if is_broken else changed

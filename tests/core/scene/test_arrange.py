@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.raster import choose
+from gaga_core.scene import edits
+from gaga_core.scene.bake import bake
+from gaga_core.scene.edits.history import History
 from gaga_core.scene.orientation import ground_map, mirror_map, turn_between
+from gaga_core.scene.scene import Scene
+from tests.scenes import random_gaussians
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -15,6 +22,19 @@ def test_a_mirror_is_its_own_inverse_and_keeps_its_plane(axis: int) -> None:
     square = np.vstack([m, [0, 0, 0, 1]])
     assert np.allclose(square @ square, np.eye(4))
     assert np.linalg.det(m[:, :3]) == pytest.approx(-1)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_picture_of_a_mirrored_scene_is_the_mirror_image(axis: int) -> None:
+    """In the planes through the middle of the picture of a camera that looks along z."""
+    scene = Scene.of(random_gaussians(300, seed=3, sh_degree=2))
+    away = np.eye(4)
+    away[2, 3] = 6.0
+    camera = Camera(np.array([[80.0, 0, 40], [0, 80, 30], [0, 0, 1]]), away, 80, 60)
+    plain = choose("cpu").render(scene.gaussians, camera).image
+    History(scene).do(edits.transform(scene, np.arange(300), mirror_map(axis, np.zeros(3))))
+    mirrored = choose("cpu").render(bake(scene), camera).image
+    assert np.abs(mirrored - np.flip(plain, 1 - axis)).max() < 2e-3
 
 
 def test_three_points_of_the_ground_come_to_height_0() -> None:

@@ -9,9 +9,10 @@ from gaga_core.arrays import DoubleArray, LongArray
 from gaga_core.color import sh_basis, sh_rotation
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
+from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
-from gaga_core.scene.bake import bake
+from gaga_core.scene.bake import bake, bake_stage
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
 from tests.core.scene.edits.edit_walk import random_affine, walk_scene
@@ -158,6 +159,14 @@ def test_a_pure_move_touches_positions_only_and_never_the_scene() -> None:
         assert np.array_equal(getattr(baked, name), getattr(g, name))
     for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
         assert np.array_equal(getattr(g, name), getattr(copy, name))
+
+
+def test_a_bake_works_on_the_scene_as_it_was_asked_for() -> None:
+    scene = walk_scene(100)
+    stage = bake_stage(scene)
+    next(stage)
+    _placed(scene, np.arange(100), random_affine(np.random.default_rng(1)))
+    assert np.array_equal(run_stage(stage).means, scene.gaussians.means)
 
 
 def test_normals_turn_with_the_splats() -> None:

@@ -62,6 +62,14 @@ def test_it_passes_through_every_keyframe(is_closed: bool, even_speed: bool) -> 
         np.testing.assert_allclose(_state(path, 99), _state(path, path.seconds), atol=1e-9)
 
 
+@pytest.mark.parametrize("even_speed", [False, True])
+def test_two_keyframes_are_a_straight_line(even_speed: bool) -> None:
+    path = _walk(2, 4, even_speed=even_speed)
+    (start, stop), t = path.times(), np.linspace(0, 1, 9)
+    eyes = np.array([path.shot(start + float(x) * (stop - start)).eye for x in t])
+    np.testing.assert_allclose(eyes, eyes[0] + t[:, None] * (eyes[-1] - eyes[0]), atol=1e-6)
+
+
 @pytest.mark.parametrize("is_closed", [False, True])
 def test_its_speed_has_no_jumps(is_closed: bool) -> None:
     path = _walk(6, 2, is_closed=is_closed)

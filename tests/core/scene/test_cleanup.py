@@ -159,6 +159,23 @@ def test_a_true_object_stays_as_it_is_and_cleaning_twice_is_cleaning_once() -> N
     assert len(preview.add) + len(preview.remove) <= 0.005 * 1500
 
 
+def test_boundary_splats_find_their_way_home() -> None:
+    """A tenth of the foot of an object has the floor's label, and a tenth of the floor its."""
+    rng = np.random.default_rng(6)
+    gaussians, _ = with_parts()
+    truth = labels_of(gaussians, 0)
+    ours, floor = np.flatnonzero(truth == 1), np.flatnonzero(truth == 2)
+    low = ours[gaussians.means[ours, 2] < -0.4]
+    near = floor[np.hypot(*gaussians.means[floor, :2].T) < 0.5]
+    labels = truth.copy()
+    labels[rng.choice(low, len(low) // 10, replace=False)] = 2
+    labels[rng.choice(near, len(near) // 10, replace=False)] = 1
+    scene = Scene.of(gaussians, labels)
+    n_wrong = (labels != truth).sum()
+    History(scene).do(cleaned_labels(scene, clean_object(scene, 1)))
+    assert (scene.labels != truth).sum() < 0.2 * n_wrong
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_planted_errors_of_all_kinds_mostly_go(seed: int) -> None:
     made = objects_scene(per_object=1000, seed=seed)

@@ -12,7 +12,7 @@ from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot, associate_stage
 from gaga_core.grouping.bank_file import bank_arrays, bank_of, load_bank, save_bank
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
-from gaga_core.grouping.repair.reassociate import NEW, Move, Repair, reassociate_stage
+from gaga_core.grouping.repair.reassociate import NEW, NONE, Move, Repair, reassociate_stage
 from gaga_core.grouping.repair.view_evidence import Evidence
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
@@ -111,6 +111,12 @@ def test_a_group_of_its_own_has_an_id_that_was_never_used(
     assert [d.group for d in masks] == [repair.group] * len(evidence.views)
     ball = repair.labels == repair.group
     assert (ball & (scene.labels == 4)).sum() / (ball | (scene.labels == 4)).sum() > 0.8
+
+
+def test_in_no_group_a_mask_votes_for_none(made: tuple[Association, Evidence]) -> None:
+    view = made[0].bank.log[-1].view
+    repair = _moved(made, Move(view, 5, NONE))
+    assert _decision(repair.bank, view, 5).group == repair.group == 0
 
 
 def test_decisions_by_hand_outlive_later_repairs(made: tuple[Association, Evidence]) -> None:

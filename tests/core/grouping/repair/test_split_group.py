@@ -88,6 +88,13 @@ def test_merged_masks_are_silent() -> None:
     assert (side[7:] == 0).all()
 
 
+def test_what_a_view_does_not_see_does_not_tell_its_masks_apart() -> None:
+    """A thing seen from two sides that share a rim is one thing."""
+    covers = np.zeros((6, 100), np.bool_)
+    covers[:3, :60], covers[3:, 40:] = True, True
+    assert two_sides(covers, covers.copy()) is None
+
+
 def test_masks_that_show_one_thing_have_no_sides() -> None:
     """Any cut of them is as good as any other: the eigenvector says nothing, whatever it is."""
     for seed in range(20):

@@ -19,6 +19,7 @@ from gaga_core.grouping.robust.consensus import (
     Priors,
     linkage_stage,
     merged_masks,
+    without_wholes,
 )
 from gaga_core.grouping.robust.surface_points import (
     DepthMaps,
@@ -88,6 +89,18 @@ def test_wholes_of_many_things_in_half_of_the_views_join_nothing(scene: Syntheti
     assert len(set(groups)) == result.bank.n_groups == 6
 
 
+def test_a_whole_is_a_mask_of_four_clusters_that_each_show_well_in_it() -> None:
+    cluster = np.repeat(np.arange(1, 7), 20).astype(np.int32)
+    mask_of = np.zeros((120, 3), np.int32)
+    mask_of[:80, 0], mask_of[80:, 0] = 1, 2  # four clusters, two clusters
+    mask_of[:62, 1] = 1  # three, and two points of a fourth one
+    mask_of[:, 2] = 1  # all six
+    wanted = mask_of.copy()
+    wanted[:80, 0], wanted[:, 2] = 0, 0
+    found = without_wholes(mask_of, cluster, [3, 2, 2], ConsensusConfig())
+    assert np.array_equal(found, wanted)
+
+
 def test_a_thing_that_40_percent_of_the_views_cut_is_one(scene: Synthetic) -> None:
     def cut(i: int, labels: IntArray) -> None:
         if i % 5 < 2:
@@ -132,6 +145,20 @@ def test_the_same_again_bit_for_bit(scene: Synthetic, monkeypatch: pytest.Monkey
     assert again.bank.log == first.bank.log
 
 
+def test_it_stops_at_any_step_and_says_how_far_it_is(scene: Synthetic) -> None:
+    masks, config = masks_of(scene, scene.cameras[:3]), AssociateConfig.of("robust")
+    arguments = (scene.gaussians, scene.cameras, masks, choose(), config)
+    steps = list(associate_stage(*arguments))
+    assert [step.done for step in steps] == sorted(step.done for step in steps)
+    assert steps[-1].done <= steps[-1].total
+    assert any("clusters" in step.message for step in steps)
+    for n in range(1, len(steps), 4):
+        stage = associate_stage(*arguments)
+        for _ in range(n):
+            next(stage)
+        stage.close()
+
+
 def test_views_without_masks_and_empty_maps_give_no_groups(scene: Synthetic) -> None:
     empty = np.zeros((120, 160), np.int32)
     masks = MaskSet({camera.name: lambda: empty for camera in scene.cameras[:3]})
@@ -152,6 +179,12 @@ def test_points_lie_on_the_surface_and_halve_when_they_are_too_many(scene: Synth
     mask_of = run_stage(masks_of_points(points, cameras, load, depths))
     per_mask = [np.bincount(mask_of[:, v], minlength=7)[1:] for v in range(len(cameras))]
     assert np.min(per_mask) >= 6  # nearly eight witnesses in every mask of every view
+
+
+def test_a_point_has_no_mask_where_it_is_hidden(scene: Synthetic) -> None:
+    load, depths = _loaded(scene)
+    behind = np.array([[0.0, 0.0, -2.0]])  # below the floor
+    assert not run_stage(masks_of_points(behind, scene.cameras, load, depths)).any()
 
 
 def test_a_large_mask_has_more_points_also_when_they_are_too_many(scene: Synthetic) -> None:
@@ -181,6 +214,15 @@ def test_linkage_is_what_the_definition_says() -> None:
         assert list(dict.fromkeys(cluster.tolist())) == list(range(1, len(expected) + 1))
         found = {frozenset(np.flatnonzero(cluster == c).tolist()) for c in set(cluster.tolist())}
         assert found == expected
+
+
+@pytest.mark.parametrize("n_pairs", [32_000, 35_000])
+def test_more_points_of_one_view_than_16_bits_count_are_linked(n_pairs: int) -> None:
+    """Each pair of points in a mask of its own; counts take no more bytes than they must."""
+    mask_of = np.repeat(np.arange(1, n_pairs + 1, dtype=np.int32), 2)[:, None]
+    assert consensus._counts(mask_of > 0).itemsize == (2 if 2 * n_pairs < 1 << 16 else 4)
+    cluster = run_stage(linkage_stage(mask_of, LinkageRules(0.55, 0.1, 2.0), "link"))
+    assert np.array_equal(cluster, mask_of[:, 0])
 
 
 @pytest.mark.parametrize(
@@ -226,6 +268,11 @@ def test_a_large_mask_that_holds_most_of_a_small_thing_is_merged() -> None:
     assert merged_masks(table, ConsensusConfig()).tolist() == [1]
     table = csr_matrix([[0, 0, 0, 0], [0, 100, 2, 5], [0, 0, 0, 9], [0, 0, 1, 0]])
     assert merged_masks(table, ConsensusConfig()).tolist() == []
+
+
+def test_merged_masks_hold_two_groups() -> None:
+    table = csr_matrix([[0, 0, 0], [0, 9, 1], [0, 8, 2], [0, 5, 5], [0, 0, 3], [0, 1, 1]])
+    assert merged_masks(table, ConsensusConfig()).tolist() == [2, 3]
 
 
 def test_leaders_are_those_of_the_dense_table() -> None:

@@ -40,6 +40,13 @@ def test_a_ridge_joins_more_than_a_plane_and_a_plane_more_than_a_crease() -> Non
     assert _chance(0.0) > _chance(-1.0) + 0.05
 
 
+def test_a_long_border_joins_more_than_a_touch() -> None:
+    points, normals, side = _roof(0.0)
+    corner = 1 + ((points[:, 0] > 0.7) & (points[:, 1] > 0.7)).astype(np.int32)
+    contacts = contacts_of(points, normals)
+    assert _between(contacts, side) < _between(contacts, corner)
+
+
 def test_clusters_that_do_not_touch_are_rather_two() -> None:
     points, normals, side = _roof(0.0)
     points[side == 2, 0] += 5

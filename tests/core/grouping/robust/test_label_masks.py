@@ -35,6 +35,16 @@ def _robust(scene: Synthetic, masks: MaskSet) -> Association:
     return run_stage(associate_stage(scene.gaussians, scene.cameras, masks, choose(), config))
 
 
+def test_perfect_masks_give_the_true_groups_to_every_gaussian(scene: Synthetic) -> None:
+    result = _robust(scene, masks_of(scene, scene.cameras))
+    assert result.bank.n_groups == 6
+    assert (result.labels > 0).all()
+    table = np.zeros((6, 7), np.int64)
+    np.add.at(table, (scene.labels, result.labels), 1)
+    assert len(set(table.argmax(axis=1))) == 6
+    assert table.max(axis=1).sum() > 0.97 * len(scene.labels)
+
+
 def test_a_group_that_one_view_made_up_is_dissolved(scene: Synthetic) -> None:
     """Each object is cut in two in one of the views; a group of its own must not outlive that."""
     maps: dict[str, IntArray] = {}

@@ -46,6 +46,12 @@ def test_two_things_that_touch_in_a_narrow_neck_are_two() -> None:
     assert _divided(points, square, 1 + square) == 2
 
 
+def test_a_part_of_many_leaves_the_others_together() -> None:
+    points, square = _dumb_bell(4)
+    thirds = np.where(square == 0, (points[:, 1] // 7).clip(0, 2).astype(np.int64), 3)
+    assert _divided(points, thirds, 1 + square) == 2
+
+
 def test_stripes_of_paint_that_meet_along_their_length_stay_one() -> None:
     points, _ = _dumb_bell(20)
     points = points[points[:, 1] < 7.5]
@@ -65,9 +71,14 @@ def test_regions_that_do_not_show_both_whole_are_no_witness(which: str) -> None:
     assert _divided(points, square, regions) == 1
 
 
-def test_what_another_level_of_detail_shows_as_one_stays_one() -> None:
+@pytest.mark.parametrize("share", [1.0, 0.8])
+def test_what_another_level_of_detail_shows_as_one_about_as_well_stays_one(share: float) -> None:
+    """Regions show one side whole and ``share`` of the other, another level that share of both."""
     points, square = _dumb_bell(4)
-    assert _divided(points, square, 1 + square, np.ones_like(square)) == 1
+    far, cut = points[:, 1] > 19.5 * share, points[:, 1] > 19.5 * (1 - share)
+    regions = np.where(square == 0, 1, 2 + far)
+    assert _divided(points, square, regions) == 2
+    assert _divided(points, square, regions, 1 + ((square == 1) & ~cut)) == 1
 
 
 def test_small_sides_are_no_things() -> None:

@@ -68,6 +68,21 @@ def test_other_regions_are_no_witness(
     assert not is_enclosed_thing(shown, Neighbourhood.of(points), _clusters(disc), _LEAST).any()
 
 
+def test_what_two_others_hold_is_not_enclosed() -> None:
+    points, disc = _wall()
+    halves = np.where(disc > 0, 1, 2 * (points[:, 1] > 0))
+    near = Neighbourhood.of(points)
+    assert not is_enclosed_thing(_shown(points, 1 + disc), near, _clusters(halves), _LEAST).any()
+
+
+@pytest.mark.parametrize(("share", "is_thing"), [(0.2, True), (0.05, False)])
+def test_what_few_views_show_is_no_thing(share: float, is_thing: bool) -> None:
+    points, disc = _wall()
+    now = _clusters(disc, share * np.bincount(disc))
+    found = is_enclosed_thing(_shown(points, 1 + disc), Neighbourhood.of(points), now, _LEAST)
+    assert found.any() == is_thing
+
+
 def test_any_level_of_detail_may_show_it() -> None:
     points, disc = _wall()
     shown = _shown(points, np.ones_like(disc))

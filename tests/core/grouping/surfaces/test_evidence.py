@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaga_core.arrays import DoubleArray
+from gaga_core.arrays import DoubleArray, LongArray
 from gaga_core.geometry import look_at
 from gaga_core.grouping.surfaces.borders import (
     Agreement,
@@ -37,6 +37,13 @@ def test_the_normal_of_a_plane_is_exact_also_next_to_a_step(
     found = np.zeros((2, 3))
     normals_at(depth, np.array([20, 10]), np.array([25, 38]), _LENS, 5, 1, _SHARES, found)
     np.testing.assert_allclose(found, np.stack([wanted, wanted]), atol=1e-3)
+
+
+def test_where_nothing_is_there_is_no_normal() -> None:
+    found = np.ones((1, 3))
+    nothing = np.zeros((40, 60), np.float32)
+    normals_at(nothing, np.array([20]), np.array([25]), _LENS, 5, 1, _SHARES, found)
+    assert not found.any()
 
 
 def _sheet(height: float, n: int, side: float) -> DoubleArray:
@@ -98,6 +105,28 @@ def test_a_crease_parts_what_stands_from_what_it_stands_on_and_convex_edges_join
     with_floor = [e for (a, _), e in evidence.items() if a == 0]
     in_box = [e for (a, _), e in evidence.items() if a > 0]
     assert max(with_floor) < min(in_box)
+
+
+def test_a_piece_that_regions_miss_is_judged_with_its_cluster() -> None:
+    """Regions part two sheets but for a strip on either side of the border."""
+    points = _sheet(0.0, 40, 1.0)
+    right = points[:, 0] > 0
+    surfels = _surfels(points, np.tile([0, 0, 1.0], (len(points), 1)))
+    regions = np.where(np.abs(points[:, 0]) < 0.12, 1, 2 + right)[:, None].repeat(4, axis=1)
+    surfels, near = replace(surfels, regions=regions.astype(np.int32)), Neighbourhood.of(points)
+    column = np.floor((points[:, :2] + 1) / 0.1).astype(np.int64) @ np.array([21, 1])
+    piece = np.unique(column, return_inverse=True)[1].astype(np.int64)
+    sides = np.zeros(piece.max() + 1, np.bool_)
+    sides[piece] = right
+
+    def share(*cluster: LongArray) -> float:
+        """Of the views that show both of two pieces across the border, that show them as one."""
+        found = Agreement.of(surfels, near, piece, *cluster)
+        across = sides[found.first] != sides[found.second]
+        return float((found.same[across] / found.voice[across]).mean())
+
+    assert share() > 0.9
+    assert share(right.astype(np.int64)) < 0.6
 
 
 def test_what_lies_outside_and_is_cut_is_background() -> None:

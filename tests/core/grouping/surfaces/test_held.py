@@ -34,6 +34,11 @@ def test_leaves_are_one_thing_apart_from_the_stem_that_stands() -> None:
     assert sorted(np.unique(ids).tolist()) == [0, 1, 2]
 
 
+def test_without_a_plane_to_stand_on_nothing_is_joined() -> None:
+    near, plane, cluster, shown = _scene(40, _STEM, *_LEAVES)
+    assert len(np.unique(held_together(near, np.zeros_like(plane), cluster, shown))) == 4
+
+
 def test_what_hardly_a_view_shows_is_not_held_by_what_many_show() -> None:
     near, plane, cluster, shown = _scene(40, _STEM, *_LEAVES)
     shown[cluster == _OTHER] = 0.05

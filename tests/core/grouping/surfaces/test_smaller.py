@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, LongArray
-from gaga_core.color import rgb_from_dc
+from gaga_core.color import lab_from_rgb, rgb_from_dc
 from gaga_core.grouping.surfaces.objects import (
     carriers_by_color,
     colors_of_samples,
     hue_of,
     smaller_levels,
 )
-from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels
+from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels, small_pieces
 from tests.scenes import objects_scene
 
 _RED, _TEAL = (70.0, 60.0, 45.0), (70.0, -25.0, -10.0)
@@ -33,6 +33,22 @@ def _colors(book: LongArray) -> DoubleArray:
     """Neighbouring books differ, and each is lit from above."""
     color = np.where((book % 2 == 0)[:, None], _RED, _TEAL)
     return color + np.random.default_rng(0).normal(0, 2, color.shape)
+
+
+def test_small_pieces_end_where_the_color_changes() -> None:
+    surfels, near, book = _row_of_books()
+    assert _is_refined(small_pieces(surfels, near, _colors(book)), book)
+    assert not _is_refined(small_pieces(surfels, near), book)
+
+
+def test_lightness_counts_less_than_hue() -> None:
+    rgb = np.array([[0.8, 0.8, 0.8], [0.35, 0.35, 0.35], [0.8, 0.2, 0.2], [0.1, 0.45, 0.3]])
+    lab, found = lab_from_rgb(rgb), hue_of(rgb.astype(np.float32))
+    share = np.linalg.norm(np.diff(found, axis=0), axis=1) / np.linalg.norm(
+        np.diff(lab, axis=0), axis=1
+    )
+    assert share[0] < 0.5  # one grey, lit and in shade
+    assert share[2] > 0.95  # red and green
 
 
 def _levels(color: DoubleArray, part: LongArray) -> LongArray:

@@ -23,7 +23,7 @@ from gaga_core.scene.edits.values import read_added_stage
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
-from tests.core.scene.edits.edit_walk import snapshot
+from tests.core.scene.edits.edit_walk import columns, snapshot
 from tests.scenes import random_gaussians
 
 
@@ -71,6 +71,23 @@ def test_added_splats_are_splats_like_all_others(room: Path, chair: Path) -> Non
     assert group not in scene.labels[:200]
     assert np.array_equal(scene.has(State.SELECTED), np.arange(290) >= 200)
     assert scene.n_opened == 200
+
+
+def test_undo_takes_every_bit_back_and_redo_brings_it_again(room: Path, chair: Path) -> None:
+    scene = opened(room).scene
+    history = History(scene)
+    states = [(snapshot(scene), scene.added)]
+    for step in range(3):
+        if step == 1:
+            history.do(edits.duplicate(scene, np.arange(195, 205)))
+        else:
+            add(history, scene, chair if step == 0 else room)
+        states.append((snapshot(scene), scene.added))
+    assert scene.n_rows_of_files == 490
+    for at in (2, 0, 3, 1):
+        history.go_to(at)
+        assert (snapshot(scene), scene.added) == states[at]
+        assert all(column.flags.c_contiguous for column in columns(scene).values())
 
 
 def test_it_moves_as_a_whole_on_a_row_of_its_own(room: Path, chair: Path) -> None:

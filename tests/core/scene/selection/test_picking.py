@@ -33,6 +33,7 @@ def edited_scene(seed: int = 0) -> Scene:
     scene.placement = rng.integers(0, 5, 500).astype(np.int32)
     scene.state[rng.random(500) < 0.1] = State.HIDDEN
     scene.state[rng.random(500) < 0.1] = State.DELETED | State.SELECTED
+    scene.state[rng.random(500) < 0.1] |= np.uint8(State.LOCKED | State.SELECTED)  # are drawn
     return scene
 
 
