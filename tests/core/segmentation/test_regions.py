@@ -268,7 +268,7 @@ def test_wrong_calls_are_named_and_nothing_gives_nothing(
     named: str, wrong: tuple[AnyArray, ...]
 ) -> None:
     with pytest.raises(ValueError, match=named):
-        regions(*wrong)
+        regions(*wrong)  # type: ignore[arg-type]
     assert regions(_IMAGE[:0]).shape == (0, W)
 
 

@@ -86,6 +86,7 @@ def test_a_cancel_leaves_the_provider_whole(model_folder: Folder, photo: UInt8Ar
 def test_sizes_are_rounded_as_published() -> None:
     assert fitted(480, 640, 1024) == (768, 1024)
     assert fitted(683, 1024, 1024) == (683, 1024)
+    assert fitted(333, 1000, 1024) == fitted(1000, 333, 1024)[::-1] == (341, 1024)
     assert fitted(1, 2000, 1024) == (1, 1024)
 
 

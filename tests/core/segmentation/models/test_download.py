@@ -96,6 +96,8 @@ def test_a_hub_that_ignores_ranges_sends_all_again(hub: Hub, repository: Path) -
     hub.cuts, hub.ignores_range = [100_000], True
     weights = get(hub).path / "model.safetensors"
     assert weights.read_bytes() == (repository / "model.safetensors").read_bytes()
+    asked = [line.rpartition("model.safetensors")[2] for line in hub.requests if "/cdn/" in line]
+    assert asked == ["", " bytes=100000-"], "the second answer is taken as it is"
 
 
 def test_a_connection_that_breaks_goes_on_where_it_was(hub: Hub, repository: Path) -> None:
