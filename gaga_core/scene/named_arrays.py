@@ -9,6 +9,7 @@ import numpy as np
 from gaga_core.arrays import MOST_GROUP, AnyArray
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.arrays_file import TEXT, Column, checked
+from gaga_core.scene.frame import FARTHEST
 from gaga_core.scene.scene import Identities, Labelling, Placements
 
 _OWN = {
@@ -19,11 +20,10 @@ _OWN = {
     "sh": Column(np.float32, ("N", "S", 3)),
 }
 _EXTRA = "extra:"  # before the names of all other columns
-_FAR = 1e18  # the product of two such numbers is finite in float32, in which all is drawn
 PLACEMENTS = {
-    "matrix": Column(np.float64, ("P", 3, 4), low=-_FAR, high=_FAR),
-    "color": Column(np.float64, ("P", 3, 4), low=-_FAR, high=_FAR),
-    "opacity": Column(np.float64, ("P",), low=0, high=_FAR),
+    "matrix": Column(np.float64, ("P", 3, 4), low=-FARTHEST, high=FARTHEST),
+    "color": Column(np.float64, ("P", 3, 4), low=-FARTHEST, high=FARTHEST),
+    "opacity": Column(np.float64, ("P",), low=0, high=FARTHEST),
 }
 _IDENTITIES = {  # of M splats of the opened file
     "labels_from": replace(TEXT, optional=True),

@@ -35,7 +35,7 @@ from gaga_core.identity.classifier_io import CLASSIFIER_FILE, field_of_model
 from gaga_core.identity.field import FILE as IDENTITY_FILE
 from gaga_core.identity.field import LABELLING, encoding_colors
 from gaga_core.io.arrays_file import Column, checked, damage, read_arrays, read_columns
-from gaga_core.io.files import atomic_write, fingerprint
+from gaga_core.io.files import atomic_write, fingerprint, is_file
 from gaga_core.io.folder.lock import lock_folder
 from gaga_core.io.folder.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
 from gaga_core.io.json_file import PathText, read_json
@@ -259,7 +259,7 @@ def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_op
             placement=own["placement"],
             source=source,
             placements=placements_of(own),
-            bank=bank_of(bank, N=n_opened) if bank else None,
+            bank=bank_of(bank) if bank else None,
             confidence=own.get("confidence"),
             identities=identities_of(arrays, M=n_opened),
             named_selections=sets,
@@ -664,7 +664,7 @@ def _open_saved(file: Path) -> Stage[Project]:
     document, arrays = read_project_file(file)
     entry = document.model
     model_path = _resolve(file.parent, entry.path)
-    if not model_path.is_file():
+    if not is_file(model_path):
         raise GagaError(
             f"The splats of this project are gone: {model_path}. Put the file back, or open "
             "another one."
@@ -676,7 +676,7 @@ def _open_saved(file: Path) -> Stage[Project]:
         )
     root = _resolve(file.parent, document.folder) if document.folder else None
     folder = None
-    if root is not None and is_scene_folder(root):
+    if root is not None and not is_file(root) and is_scene_folder(root):
         yield Progress("Look at the folder", 0, 1, root.name)
         folder = replace(open_scene_folder(root), model_path=model_path)
     gaussians = yield from read_splats_stage(model_path, entry.axes)
