@@ -103,7 +103,7 @@ class Edits(Edit, frozen=True, tag="together"):
         before = dict(vars(scene))  # columns are replaced, never written in place
         try:
             for edit in self.edits if forth else reversed(self.edits):
-                edit._write(scene, forth=forth)
+                (edit.apply if forth else edit.revert)(scene)
         except BaseException:  # all or none; the revision has grown, so mirrors look again
             vars(scene).update(before)
             raise
