@@ -51,9 +51,7 @@ def test_names_that_differ_stay_different(names: list[str]) -> None:
     assert len({same_name(name) for name in changed}) == len(changed)
 
 
-@pytest.mark.parametrize(
-    "name", ["IMG_0001", "a b (2)", "blue, 2", "é", "00.rgb", "console"]
-)
+@pytest.mark.parametrize("name", ["IMG_0001", "a b (2)", "blue, 2", "é", "00.rgb", "console"])
 def test_usual_names_stay(name: str) -> None:
     assert safe_name(name) == name
 
