@@ -2,6 +2,8 @@
 # make test    sets everything up and runs every check and test (starts its own Xvfb), JOBS=2 processes
 # make quick   the tests to run while you work, 2 minutes at most: no window, training or placement
 # make test-portable  tests whose results could hang on the processor, computed as another one does (3 minutes)
+# make test-gl33  pictures and the window with OpenGL 3.3 and nothing beyond it
+# make wheels  asks the package index for wheels of every dependency on every system
 # make screenshots  takes the pictures of README and guide again (docs/images), and at two other sizes (build/screenshots)
 # make demo    draws the demo scene again, which programs carry (assets/demo)
 # make docs    sets everything up and builds the documentation into docs/_build
@@ -22,7 +24,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
-.PHONY: app app-models test-app test-browsers test-portable studio test quick peers browser kernels fuzz soak faults cluster captures check demo style types imports pages docs setup bench screenshots clean
+.PHONY: wheels test-gl33 app app-models test-app test-browsers test-portable studio test quick peers browser kernels fuzz soak faults cluster captures check demo style types imports pages docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -45,8 +47,16 @@ quick: setup
 PORTABLE := $(addprefix tests/core/,grouping identity segmentation/test_regions.py scene/edits \
 	raster/test_operators.py raster/test_gradients.py raster/test_vote_slots.py)
 test-portable: setup
-	@OPENBLAS_CORETYPE=Haswell NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= GAGA_THREADS=1 \
+	@NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4 AVX512_ICL AVX512_SPR" OPENBLAS_CORETYPE=Haswell NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= GAGA_THREADS=1 \
 	$(BIN)/python -m pytest -q -n $(or $(JOBS),2) --dist loadfile $(PORTABLE)
+
+# What drivers of 2010 have, in Mesa: a call beyond it fails, and so does the test.
+test-gl33: setup
+	@MESA_GL_VERSION_OVERRIDE=3.3 MESA_GLSL_VERSION_OVERRIDE=330 $(BIN)/python -m pytest -q -n $(or $(JOBS),2) \
+	--dist loadfile tests/gpu tests/app/window/test_picture.py tests/app/window/test_window.py tests/app/window/test_start.py
+
+wheels: setup
+	@$(BIN)/python -m tests.wheels
 
 peers: .peers/.ready
 

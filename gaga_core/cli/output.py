@@ -90,7 +90,7 @@ def prepare_streams() -> None:
 
 def is_unread() -> bool:
     """Whether the reader of standard output or standard error has closed its end of the pipe."""
-    if not hasattr(select, "poll"):  # Windows reports a closed pipe as another error
+    if sys.platform == "win32":  # reports a closed pipe as another error
         return False
     closed = select.poll()
     for stream in (sys.stdout, sys.stderr):

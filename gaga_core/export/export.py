@@ -18,6 +18,7 @@ from gaga_core.export.options import ExportOptions, PageContent
 from gaga_core.export.page import write_scene_page_stage
 from gaga_core.export.solids import MeshConfig, box_mesh, convex_collider, proxy_mesh_stage
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import safe_name
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.meshes import MeshFile, TriangleMesh, write_mesh
 from gaga_core.io.splats.packing import PALETTE
@@ -107,7 +108,6 @@ def object_mesh_stage(
 T = TypeVar("T")
 ExportWhat = Literal["visible", "selected"]
 _AS_IS = ExportOptions()
-_RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
 
 
 @dataclass(frozen=True)
@@ -352,7 +352,7 @@ def slug(name: str) -> str:
     """A file name of ``name`` for every system: lower-case a-z, 0-9 and hyphens; may be empty."""
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     short = re.sub(r"[^a-z0-9]+", "-", plain)[:60].strip("-")
-    return f"{short}-object" if short in _RESERVED else short
+    return f"{short}-object" if short and safe_name(short) != short else short
 
 
 def estimated_bytes(

@@ -74,7 +74,7 @@ class Plane:
 
 def _normals_of(gaussians: Gaussians) -> tuple[DoubleArray, BoolArray]:
     """Shortest axis (N, 3) of each splat, and whether it is a normal: the splat is flat."""
-    order = np.argsort(gaussians.log_scales, axis=1)
+    order = np.argsort(gaussians.log_scales, axis=1, kind="stable")
     turns = quats_to_matrices(gaussians.quats)
     normals = np.take_along_axis(turns, order[:, None, :1], axis=2)[:, :, 0]
     sorted_scales = np.take_along_axis(gaussians.log_scales, order, axis=1)

@@ -9,6 +9,7 @@ import shutil
 import stat
 import sys
 import time
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -38,6 +39,12 @@ _ALWAYS_GRANTED = 1 << 30  # bytes
 _MOST_TIMES_FILE = 50  # SOG, the densest form of real splats, takes 20 times its size in memory
 _MEMORY_SHARE = 0.5  # of this machine's
 _UNKNOWN_MEMORY = 4 << 30  # bytes, where the system does not say
+_WAITS_S = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4)  # between attempts to rename what is in use
+_IN_USE = (5, 32)  # ERROR_ACCESS_DENIED and ERROR_SHARING_VIOLATION of the Windows API
+_LONG_NAME = 206  # ERROR_FILENAME_EXCED_RANGE: over 260 characters, where Windows is not set up
+# What Windows refuses in names; control characters; halves of letters, which macOS refuses.
+_REFUSED = re.compile(r'[<>:"/\\|?*\x00-\x1f\x7f\ud800-\udfff]')
+_DEVICES = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9¹²³])", re.IGNORECASE)
 
 
 def assets() -> Path:
@@ -169,7 +176,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
         raise GagaError(explain_os_error(error, path)) from error
     try:
         yield temporary
-        os.replace(temporary, path)  # noqa: PTH105  atomic on every system
+        replace_file(temporary, path)
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     finally:
@@ -177,6 +184,24 @@ def atomic_write(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
         except OSError as error:  # a read-only disk: what is raised already says more
             _LOG.info("%s was not removed: %s", temporary, error)
+
+
+def replace_file(source: Path, target: Path) -> None:
+    """Rename a file or a folder to ``target``, in place of a file there.
+
+    On Windows a virus scanner or an indexer may have either one open for a moment: it is tried
+    again for a second. Raises ``OSError``.
+    """
+    for wait in _WAITS_S:
+        try:
+            os.replace(source, target)  # noqa: PTH105  replaces on every system
+        except OSError as error:
+            if getattr(error, "winerror", 0) not in _IN_USE:
+                raise
+            time.sleep(wait)
+        else:
+            return
+    os.replace(source, target)  # noqa: PTH105
 
 
 def write_text(path: Path, text: str) -> None:
@@ -221,7 +246,7 @@ def set_aside(path: Path) -> Path | None:
     aside = path.with_name(f"{path.name}.damaged")
     try:
         refuse_links(path.parent)
-        os.replace(path, aside)  # noqa: PTH105  replaces on every system
+        replace_file(path, aside)
     except (OSError, GagaError) as error:
         _LOG.warning("%s cannot be set aside: %s", path, error)
         return None
@@ -245,6 +270,26 @@ def fingerprint(path: Path) -> str:
     return digest.hexdigest()
 
 
+def safe_name(name: str) -> str:
+    """``name`` as that of one file on Linux, macOS and Windows; unchanged where it is one.
+
+    Otherwise what a system refuses is left out or a hyphen, and a digest of ``name`` is appended:
+    different names stay different. A suffix may follow.
+    """
+    plain = _REFUSED.sub("-", name).encode()[:_LONGEST].decode(errors="ignore").strip(" .")
+    is_device = _DEVICES.fullmatch(plain.partition(".")[0].rstrip()) is not None
+    if plain == name != "" and not is_device:
+        return name
+    digest = hashlib.sha256(name.encode(errors="surrogatepass")).hexdigest()[:8]
+    short = plain.encode()[: _LONGEST - 10].decode(errors="ignore").strip(" .")
+    return f"_{short}-{digest}" if is_device else f"{short}-{digest}"
+
+
+def same_name(name: str) -> str:
+    """Equal for two names that are those of one file where letter case or accents do not count."""
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+
+
 def read_names(path: Path) -> list[str]:
     """Words of a text file, one a line."""
     try:
@@ -263,7 +308,7 @@ def explain_os_error(error: OSError, path: Path) -> str:
         return f"The disk is full: {path} was not written. Free some space, or choose another disk."
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
         return f"There is no permission to use {path}. Choose another place."
-    if error.errno == errno.ENAMETOOLONG:
+    if error.errno == errno.ENAMETOOLONG or getattr(error, "winerror", 0) == _LONG_NAME:
         longest = max(Path(os.fsdecode(error.filename or path)).parts, key=len)
         return f"The name {longest[:40]}… is too long. Choose a shorter one."
     if error.errno == errno.EISDIR:

@@ -11,6 +11,7 @@ from pathlib import Path
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.io.files import safe_name
 from gaga_core.io.folder.scene_folder import SceneFolder, select_views
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.masks.label_maps import view_key, write_labels
@@ -78,7 +79,7 @@ def import_masks(
     """
     cameras = select_views(folder, "all")
     found = recognise(source, [camera.name for camera in cameras])
-    name = name or found.name
+    name = name or safe_name(found.name)
     target = folder.root / "masks" / name
     _check_target(source, target, replace=replace)
     matched, unmatched = match_views([c.name for c in cameras], found.views)

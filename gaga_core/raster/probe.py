@@ -207,7 +207,7 @@ def _ask_child(may_compile: bool, seconds: float) -> SelfTest:
 
 
 def _end(child: "subprocess.Popen[bytes]") -> None:
-    if os.name == "posix":
+    if sys.platform != "win32":
         try:
             os.killpg(child.pid, signal.SIGKILL)
         except ProcessLookupError:

@@ -26,7 +26,7 @@ from gaga_core.export.export import (
 )
 from gaga_core.export.options import ExportOptions, PageContent, Point
 from gaga_core.export.page import content_of
-from gaga_core.io.files import explain_os_error
+from gaga_core.io.files import explain_os_error, safe_name
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import SplatFormat, form_of
 from gaga_core.pipeline import film as video
@@ -227,12 +227,7 @@ def proposed(session: Session, what: What, form: SplatFormat | CameraForm) -> Pa
     if what == "scene":
         return folder(session) / f"{stem} edited{form.suffix}"
     name = document.name_of(groups[0]) if len(groups) == 1 else f"{stem} selection"
-    return folder(session) / f"{_file_name(name)}{form.suffix}"
-
-
-def _file_name(name: str) -> str:
-    """``name`` without letters that a file may not have."""
-    return "".join("-" if letter in '/\\:*?"<>|' else letter for letter in name)
+    return folder(session) / f"{safe_name(name)}{form.suffix}"
 
 
 def up_of(session: Session) -> Point:

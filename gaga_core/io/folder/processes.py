@@ -14,13 +14,14 @@ from collections.abc import Generator, Mapping, Sequence
 
 
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_SYNCHRONIZE, _INFINITE = 0x00100000, 0xFFFFFFFF  # of the Windows API: winnt.h, winbase.h
 
 
 def end_with_parent() -> None:
     """Make this process end when the one that started it does; called by workers at their start.
 
-    On Linux the kernel sends SIGKILL, whatever the process is busy with; elsewhere a thread looks
-    every second, as far as the interpreter lets it run.
+    On Linux the kernel sends SIGKILL, whatever the process is busy with; elsewhere a thread waits
+    for the parent's end, as far as the interpreter lets it run.
     """
     parent = os.getppid()
     if sys.platform == "linux":
@@ -31,8 +32,14 @@ def end_with_parent() -> None:
 
 
 def _watch(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(1)
+    if sys.platform == "win32":  # the number of the parent stays when it has ended
+        kernel = ctypes.windll.kernel32
+        kernel.OpenProcess.restype = ctypes.c_void_p
+        handle = ctypes.c_void_p(kernel.OpenProcess(_SYNCHRONIZE, False, parent))
+        kernel.WaitForSingleObject(handle, _INFINITE)  # returns at once where there is none
+    else:
+        while os.getppid() == parent:
+            time.sleep(1)
     os._exit(1)
 
 

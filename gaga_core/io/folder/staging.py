@@ -20,11 +20,14 @@ import msgspec
 from filelock import FileLock
 
 from gaga_core.errors import GagaError
-from gaga_core.io.files import PLAN, explain_os_error, refuse_links, remove_leftovers
+from gaga_core.io.files import (
+    PLAN,
+    explain_os_error,
+    refuse_links,
+    remove_leftovers,
+    replace_file,
+)
 from gaga_core.io.json_file import PathText, read_json
-
-if sys.platform != "win32":
-    import fcntl
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S, _POLL_S = 30.0, 0.02
@@ -120,6 +123,10 @@ def _alone_in(target: Path) -> Iterator[None]:
 
 
 def _try_lock(folder: int) -> bool:
+    if sys.platform == "win32":  # has no fcntl: `_alone_in` locks a file there
+        return True
+    import fcntl
+
     try:
         fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -155,16 +162,16 @@ def _publish(staging: Path, name: str, target: Path) -> None:
     refuse_links(old.parent, target)
     if not new.is_dir():
         old.parent.mkdir(parents=True, exist_ok=True)
-        new.replace(old)
+        replace_file(new, old)
         return
     aside = staging / f"{name}.old"
     if old.exists():
-        old.replace(aside)
+        replace_file(old, aside)
     try:
-        new.replace(old)
+        replace_file(new, old)
     except OSError:
         if aside.exists():
-            aside.replace(old)
+            replace_file(aside, old)
         raise
 
 

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from functools import partial
 from io import BytesIO
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import msgspec
 import numpy as np
@@ -13,7 +13,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from gaga_core.arrays import IntArray, check_shape
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import atomic_write, safe_name, same_name
 from gaga_core.io.images import block_of, blocks, image_header, open_image, pictures_in
 from gaga_core.io.json_file import read_foreign_json
 from gaga_core.masks import MaskSet
@@ -95,12 +95,12 @@ def _gray(path: Path, labels: IntArray) -> Image.Image:
 def view_key(name: str) -> str:
     """Where the files of a view lie, without suffix: ``l/1`` of the photo ``l/1.jpg``.
 
-    Names come from files of other programs: parts that lead out of a folder (``..``, a drive, a
-    leading ``/``) are left out.
+    Names come from files of other programs: parts that lead out of a folder (``..``, a leading
+    ``/``) are left out, and each other part is a name on every system (`safe_name`).
     """
-    path = Path(name)
+    path = PurePosixPath(name)
     parts = (*path.parent.parts, path.stem)
-    return "/".join(part for part in parts if part not in (path.anchor, "..", "."))
+    return "/".join(safe_name(part) for part in parts if part not in (path.anchor, "..", ".", ""))
 
 
 def view_keys(names: Iterable[str]) -> dict[str, str]:
@@ -109,11 +109,11 @@ def view_keys(names: Iterable[str]) -> dict[str, str]:
     owners: dict[str, str] = {}
     for name in names:
         keys[name] = view_key(name)
-        owner = owners.setdefault(keys[name], name)
+        owner = owners.setdefault(same_name(keys[name]), name)
         if owner != name:
             raise GagaError(
-                f"The photos {owner} and {name} differ only in their suffix, so they would share "
-                "their masks. Rename one of them, and reconstruct the cameras again."
+                f"The photos {owner} and {name} differ only in their suffix or in case, so they "
+                "would share their masks. Rename one of them, and reconstruct the cameras again."
             )
     return keys
 
@@ -128,12 +128,14 @@ def list_label_files(folder: Path) -> tuple[Path, ...]:
 def label_files(folder: Path) -> dict[str, Path]:
     """Pictures of ``folder`` and of its subfolders by their path without suffix (``l/1``).
 
-    Hidden files and folders are left out. Raises ``GagaError`` when ``folder`` is no folder.
+    Names are those of `view_key`. Hidden files and folders are left out. Raises ``GagaError`` when
+    ``folder`` is no folder.
     """
-    found = {path.stem: path for path in list_label_files(folder)}
+    found = {safe_name(path.stem): path for path in list_label_files(folder)}
     for inner in sorted(folder.iterdir()):
         if inner.is_dir() and not inner.name.startswith("."):
-            found |= {f"{inner.name}/{key}": path for key, path in label_files(inner).items()}
+            name = safe_name(inner.name)
+            found |= {f"{name}/{key}": path for key, path in label_files(inner).items()}
     return found
 
 
@@ -149,14 +151,18 @@ def label_files_of(
     """
     names = list(view_names)
     files = label_files(folder)
-    n_of_stem = Counter(Path(name).stem for name in {*names, *among})
+    n_of_stem = Counter(_stem(name) for name in {*names, *among})
     found = {}
     for name in names:
-        stem = Path(name).stem
+        stem = _stem(name)
         path = files.get(view_key(name)) or (files.get(stem) if n_of_stem[stem] == 1 else None)
         if path is not None:
             found[name] = path
     return found
+
+
+def _stem(name: str) -> str:
+    return view_key(name).rpartition("/")[2]
 
 
 class MaskRecord(msgspec.Struct, frozen=True):

@@ -1,0 +1,113 @@
+"""Groups, repairs, scores and surfaces of small scenes: digests, as one line of JSON.
+
+``python -m tests.core.grouping.same_groups``, for `test_same_groups` under several processors.
+"""
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from gaga_core.arrays import AnyArray
+from gaga_core.errors import GagaError
+from gaga_core.evaluate.group_scores import score_pairs
+from gaga_core.fill.surfaces import FillConfig, surfaces_around
+from gaga_core.grouping.associate import AssociateConfig, associate_stage
+from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.grouping.repair.reassociate import NEW, Move, reassociate_stage
+from gaga_core.grouping.repair.split_group import split_group_stage
+from gaga_core.grouping.repair.view_evidence import Evidence
+from gaga_core.grouping.votes import splat_groups
+from gaga_core.masks import MaskSet
+from gaga_core.progress import run_stage
+from gaga_core.raster import choose
+from gaga_core.scene.cleanup import clean_object
+from gaga_core.scene.scene import Scene
+from tests.bench.rooms import bench_scene
+from tests.core.fill.tables import BOX, table_with_box
+from tests.core.grouping.true_masks import true_map
+from tests.scenes import Synthetic, objects_scene
+
+CPU = choose("cpu")
+Result = tuple[str, AnyArray]
+
+
+def results() -> Iterator[Result]:
+    yield from _rooms()
+    scene = objects_scene(5, 400, n_cameras=8, seed=4)
+    for preset in ("paper", "robust"):
+        yield from _repaired(scene, AssociateConfig.of(preset), preset)
+    yield from _filled()
+
+
+def _log(bank: MemoryBank) -> AnyArray:
+    return np.array([(d.view, str(d.mask), str(d.group)) for d in bank.log])
+
+
+def _rooms() -> Iterator[Result]:
+    sizes: dict[str, Any] = {"n_splats": 12_000, "n_train": 10, "n_test": 2, "size": (160, 120)}
+    bench = bench_scene("room", 0, **sizes)
+    for preset in ("paper", "robust"):
+        config = AssociateConfig.of(preset)
+        stage = associate_stage(bench.gaussians, bench.train, bench.masks, CPU, config)
+        found = run_stage(stage)
+        yield f"{preset} groups", found.labels
+        yield f"{preset} log", _log(found.bank)
+        shown = [splat_groups(CPU, bench.gaussians, c, found.labels) for c in bench.test]
+        yield f"{preset} maps", np.stack(shown)
+        pairs = [(bench.truth[c.name], own) for c, own in zip(bench.test, shown, strict=True)]
+        yield f"{preset} scores", np.array([str(score) for score in score_pairs(pairs)])
+        scene = Scene.of(bench.gaussians, found.labels)
+        for group in np.argsort(-np.bincount(found.labels)[1:], kind="stable")[:8] + 1:
+            preview = clean_object(scene, int(group))
+            yield f"{preset} clean {group}", np.r_[preview.add, -1, preview.remove]
+
+
+def _repaired(scene: Synthetic, config: AssociateConfig, preset: str) -> Iterator[Result]:
+    for merged in ((), (0, 5)):
+        maps = {}
+        for i, camera in enumerate(scene.cameras):
+            labels = true_map(scene, camera)
+            if i in merged:
+                labels[labels == 2] = 1
+            maps[camera.name] = labels
+        masks = MaskSet({name: partial(maps.__getitem__, name) for name in maps})
+        name = f"{preset} {merged}"
+        yield name + " maps", np.stack(list(maps.values()))
+        found = run_stage(associate_stage(scene.gaussians, scene.cameras, masks, CPU, config))
+        yield name + " labels", found.labels
+        evidence = Evidence.of(scene.gaussians, scene.cameras, masks, config)
+        for group in range(1, int(found.labels.max()) + 1):
+            log = [d for d in found.bank.log if d.group == group]
+            rows = np.flatnonzero(found.labels == group).astype(np.int32)
+            try:
+                split = run_stage(split_group_stage(evidence, log, rows, CPU))
+            except GagaError as error:
+                yield name + f" split {group}", np.array(str(error))
+            else:
+                yield name + f" split {group}", split.rows
+        for move in (Move("000.png", 4, NEW), Move("003.png", 3, 1)):
+            of = found.bank, found.labels, found.confidence
+            repair = run_stage(reassociate_stage(evidence, *of, move, CPU))
+            yield name + f" {move}", repair.labels
+
+
+def _filled() -> Iterator[Result]:
+    table = table_with_box(sh_degree=1)
+    is_box = table.labels == BOX
+    planes = surfaces_around(table.gaussians, table.labels, is_box, ~is_box, FillConfig())
+    for k, plane in enumerate(planes):
+        yield f"plane {k}", plane.splats
+
+
+def main() -> None:
+    found = {name: hashlib.sha256(value.tobytes()).hexdigest()[:12] for name, value in results()}
+    sys.stdout.write(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,31 @@
+"""Groups are the same on every processor: computed in processes that take their for another one."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+_PLAIN_NUMPY = {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR"}
+_OTHERS = {
+    "one thread": {"GAGA_THREADS": "1"},
+    "no AVX in kernels": {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", **_PLAIN_NUMPY},
+    "BLAS of Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
+    "BLAS of Nehalem": {"OPENBLAS_CORETYPE": "Nehalem"},
+}
+
+
+def _started(extra: dict[str, str]) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "tests.core.grouping.same_groups"]
+    return subprocess.Popen(command, env=os.environ | extra, stdout=subprocess.PIPE, text=True)
+
+
+@pytest.mark.slow
+def test_groups_repairs_and_scores_are_the_same_on_every_processor() -> None:
+    running = {name: _started(extra) for name, extra in {"this one": {}, **_OTHERS}.items()}
+    found = {name: json.loads(process.communicate()[0]) for name, process in running.items()}
+    here = found.pop("this one")
+    assert len(here) > 40
+    for name, there in found.items():
+        assert [key for key in here if there[key] != here[key]] == [], name
