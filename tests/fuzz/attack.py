@@ -1,5 +1,6 @@
 """Drives the workers: which cases run, and what was found."""
 
+import itertools
 import multiprocessing
 import threading
 import time
@@ -46,10 +47,12 @@ def attack(
     """
     result, seeds = Result(), list(seeds)
     names = sorted(targets, key=lambda name: -TARGETS[name].share)  # the slow ones first
-    end, first = time.monotonic() + seconds, 0
+    end = time.monotonic() + seconds
+    turns = ((first, seed) for first in itertools.count(0, batch) for seed in seeds)
 
-    def run(name: str, seed: int, first: int) -> None:
-        if first and time.monotonic() > end:
+    def run(name: str, turn: tuple[int, int]) -> None:
+        first, seed = turn
+        if turn != (0, seeds[0]) and time.monotonic() > end:
             return
         place = folder / name.replace(" ", "_").replace(",", "")
         place.mkdir(parents=True, exist_ok=True)
@@ -57,10 +60,10 @@ def attack(
         _run_batch(result, Cases(name, seed, first // share, max(batch // share, 1), place))
 
     with ThreadPoolExecutor(n_workers) as pool:
-        while not first or time.monotonic() <= end:
-            for seed in seeds:
-                list(pool.map(partial(run, seed=seed, first=first), names))
-            first += batch
+        for turn in turns:
+            list(pool.map(partial(run, turn=turn), names))
+            if time.monotonic() > end:
+                break
     return result
 
 

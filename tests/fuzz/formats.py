@@ -398,7 +398,7 @@ def _saved(image: Image.Image, kind: str, **options: Any) -> bytes:
         out = io.BytesIO()
         try:
             image.convert(mode).save(out, kind, **options)
-        except (OSError, ValueError, KeyError, TypeError, struct.error, NotImplementedError):
+        except (OSError, ValueError, LookupError, TypeError, struct.error, RuntimeError):
             options = options if mode == image.mode else {}
             continue
         if out.tell():
@@ -415,9 +415,12 @@ def _postscript(marker: Path) -> bytes:
 # --- links and pipes on the way to a file
 
 
-def linked(victim: Path, place: Path, outside: Path, rng: random.Random) -> None:
-    """Put something else in the place of a file below ``place``, or of a folder on the way."""
-    step = rng.choice([victim, victim, *(p for p in victim.parents if place in p.parents)])
+def linked(victim: Path, opened: Path, outside: Path, rng: random.Random) -> None:
+    """Put something else in the place of a file in ``opened``, or of a folder on the way.
+
+    ``opened`` itself may be a link to wherever a person wants, inside of it there may be none.
+    """
+    step = rng.choice([victim, victim, *(p for p in victim.parents if opened in p.parents)])
     is_folder, aside = step.is_dir(), outside / step.name
     way = rng.choice(
         ("out", "out", "itself", "nothing", "new", "up", "pipe", "device", "other", "empty")
@@ -428,7 +431,7 @@ def linked(victim: Path, place: Path, outside: Path, rng: random.Random) -> None
         shutil.rmtree(step)
     else:
         step.unlink()
-    goals = {"out": aside, "itself": step, "nothing": place / "nothing", "up": place}
+    goals = {"out": aside, "itself": step, "nothing": opened / "nothing", "up": opened}
     goals |= {"new": outside / "new", "device": Path("/dev/zero")}
     if way in goals:
         step.symlink_to(goals[way])
@@ -463,8 +466,8 @@ RULES: Mapping[str, Rule] = {
 LINKS = "links"
 
 
-def changed(victim: Path, place: Path, outside: Path, rng: random.Random) -> str:
-    """Change the file ``victim`` or the way to it from ``place``; return the rule's name.
+def changed(victim: Path, opened: Path, outside: Path, rng: random.Random) -> str:
+    """Change the file ``victim`` or the way to it from the folder ``opened``; return the rule.
 
     ``outside`` is an empty folder that no reader and no writer may change.
     """
@@ -472,7 +475,7 @@ def changed(victim: Path, place: Path, outside: Path, rng: random.Random) -> str
     fitting = [name for name, rule in RULES.items() if rule.fits(victim, content)]
     name = rng.choice([*fitting, *fitting, LINKS])
     if name == LINKS:
-        linked(victim, place, outside, rng)
+        linked(victim, opened, outside, rng)
     else:
         victim.write_bytes(RULES[name].change(content, rng, outside))
     return name

@@ -71,7 +71,8 @@ def damaged_case(target: Target, name: str, folder: Path, seed: int) -> str:
     files = sorted(p for p in place.glob(target.damaged or "**/*") if p.is_file())
     victim = rng.choice(files)
     if seed % 2:
-        return changed(victim, place, outside, rng)
+        opened = place / (target.damaged.split("/")[0] if "/" in target.damaged else "")
+        return changed(victim, opened, outside, rng)
     victim.write_bytes(mutated(victim.read_bytes(), rng))
     return _BYTES
 
@@ -100,7 +101,7 @@ def run_cases(cases: Cases, said: Connection) -> None:
         Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here: proc(5)
         faulthandler.dump_traceback_later(MOST_SECONDS, exit=True, file=errors)
         start = time.monotonic()
-        for fault in _faults(target, folder / "case"):
+        for fault in faults_of(target, folder / "case"):
             said.send(fault)
         cost = Cost(rule, time.monotonic() - start, _peak())
         faulthandler.cancel_dump_traceback_later()
@@ -112,7 +113,7 @@ def run_cases(cases: Cases, said: Connection) -> None:
     said.send(END)
 
 
-def _faults(target: Target, place: Path) -> list[str]:
+def faults_of(target: Target, place: Path) -> list[str]:
     """What is wrong with how a case ends: a text each."""
     try:
         return [fault for text in _texts(target.read(place)) for fault in _wrong_in(text)]
