@@ -11,6 +11,19 @@ from gaga_core.arrays import BoolArray, DoubleArray, check_shape
 NEAR = 0.01  # scene units: what is nearer to a camera is not drawn, here and in all shaders
 MOST_PIXELS = 65_536  # of a side of a picture
 _NUMBER = re.compile("([0-9]+)")
+_LONGEST_FOCAL = 1e9  # pixels: of a telescope with a picture of `MOST_PIXELS`
+_FARTHEST = 1e15  # scene units: float32 tells nothing apart there
+_RIGID = 0.01  # of a rotation times its transpose, off the identity: files round
+
+
+def is_usable(K: DoubleArray, cam_from_world: DoubleArray) -> bool:
+    """Whether pixels can be computed with numbers of a file: K (3, 3), pose (4, 4) or (3, 4)."""
+    focal, rotation = (K[0, 0], K[1, 1]), cam_from_world[:3, :3]
+    # Comparisons with NaN are false.
+    if not (np.abs(K).max() <= _LONGEST_FOCAL and np.abs(cam_from_world).max() <= _FARTHEST):
+        return False
+    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    return bool(min(focal) > 0 and off <= _RIGID and np.linalg.det(rotation) > 0)
 
 
 def natural_order(name: str) -> tuple[tuple[tuple[int, str], ...], str]:

@@ -9,11 +9,11 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
-from gaga_core.camera import Camera, natural_order
+from gaga_core.camera import MOST_PIXELS, Camera, is_usable, natural_order
 from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import read_array, read_arrays
 from gaga_core.io.cameras.colmap import has_colmap, read_colmap
-from gaga_core.io.files import explain_os_error, read_names
+from gaga_core.io.files import read_names
 from gaga_core.io.folder.scene_folder import (
     SceneFolder,
     find_mask_folders,
@@ -22,12 +22,14 @@ from gaga_core.io.folder.scene_folder import (
 )
 from gaga_core.io.folder.splits import PARTS, REPLICA_AFTER, REPLICA_EVERY, split_views
 from gaga_core.io.images import IMAGE_SUFFIXES, open_image, pictures_in
+from gaga_core.io.json_file import read_bytes
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.masks import Loader, MaskSet
 
 # How a data set is scored; qualitative: pictures and a film, and scores where there is truth.
 Protocol = Literal["instance", "lerf-mask", "3d-ovs", "qualitative"]
 _K = TypeVar("_K", int, str)
+_MOST_TEXT = 64 << 20  # bytes of numbers in text; the poses of 100,000 frames have half of it
 _WIDEST = 1600  # pixels of a photo of Mip-NeRF 360: wider ones are used in a smaller folder
 _DM_NERF_KEY = "ins_2d_label_id"
 # What the truth of ScanNet is: all instances of DM-NeRF's frames as published, or those of its
@@ -282,10 +284,9 @@ def _picture_size(path: Path) -> tuple[int, int]:
 
 def _read_numbers(path: Path, shape: tuple[int, ...]) -> DoubleArray:
     """Numbers of a text file in ``shape`` (-1 = as many as there are); ``GagaError`` otherwise."""
+    raw = read_bytes(path, "Copy it again.", _MOST_TEXT)
     try:
-        values = np.array(path.read_text(encoding="utf-8").split(), np.float64).reshape(shape)
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
+        values = np.array(raw.decode().split(), np.float64).reshape(shape)
     except ValueError as error:
         wanted = " x ".join("any" if n < 0 else str(n) for n in shape)
         raise GagaError(f"{path} must hold {wanted} numbers. Copy it again.") from error
@@ -300,10 +301,9 @@ def _posed_cameras(
     """Cameras of the poses that are usable (ScanNet writes -inf for frames that it lost)."""
     cameras = []
     for name, world_from_cam in poses:
-        rotation = world_from_cam[:3, :3]
-        if not np.isfinite(world_from_cam).all() or abs(np.linalg.det(rotation) - 1) > 0.01:
+        if not is_usable(K, world_from_cam):
             continue
-        pose = np.eye(4)
+        rotation, pose = world_from_cam[:3, :3], np.eye(4)
         pose[:3, :3] = rotation.T
         pose[:3, 3] = -rotation.T @ world_from_cam[:3, 3]
         cameras.append(Camera(K, pose, *size, name))
@@ -408,10 +408,10 @@ def _read_gaga_scannet(root: Path) -> _Found:
 def _read_instances(path: Path) -> IntArray:
     """Label map (H, W) of an ``.npz`` of DM-NeRF: its ids are one lower, its void is -1."""
     ids = read_arrays(path, "Copy it again.").get(_DM_NERF_KEY)
-    if ids is None or ids.ndim != 2 or ids.dtype.kind not in "iu":
+    is_map = ids is not None and ids.ndim == 2 and ids.dtype.kind in "iu"
+    if ids is None or not is_map or ids.max(initial=0) >= np.iinfo(np.int32).max:
         raise GagaError(f"{path} holds no label map {_DM_NERF_KEY}. Copy it again.")
-    result: IntArray = np.maximum(ids.astype(np.int32) + 1, 0)
-    return result
+    return np.maximum(ids, -1).astype(np.int32) + 1
 
 
 def _scannet_cameras(
@@ -437,9 +437,11 @@ def _intrinsics(folder: Path, width: int, height: int) -> DoubleArray:
     found = [_read_numbers(file, (4, 4))[:3, :3] for file in files if file.is_file()]
     if not found:
         raise GagaError(f"{folder} has no intrinsic_color.txt. Export the scene's intrinsics.")
+    if not all(is_usable(K, np.eye(4)) for K in found):
+        raise GagaError(f"{folder} has intrinsics that no camera has. Export the scene again.")
     K = min(found, key=lambda k: abs(np.log(2 * k[0, 2] / width)) if k[0, 2] > 0 else np.inf)
     # The principal point lies near the middle, so twice it tells the size that K is meant for.
-    scale = width / (2 * K[0, 2]) if K[0, 2] > 0 else 1.0
+    scale = width / (2 * K[0, 2]) if min(K[0, 2], K[1, 2]) > 0 else 1.0
     if 0.8 < scale < 1.25:
         return K
     return np.diag([scale, height / (2 * K[1, 2]), 1.0]) @ K
@@ -507,6 +509,9 @@ def _llff_cameras(root: Path, photos: Mapping[str, Path]) -> list[Camera]:
             f"{path} has {len(rows)} poses for {len(photos)} photos. "
             "Copy the scene again, or add a COLMAP model (sparse/0)."
         )
+    pixels = rows[:, [9, 14]]  # width and focal length
+    if not ((pixels >= 1) & (pixels <= MOST_PIXELS)).all():  # nor NaN
+        raise GagaError(f"{path} has widths or focal lengths that cannot be. Copy it again.")
     cameras = []
     for row, (name, photo) in zip(rows.astype(np.float64), sorted(photos.items()), strict=True):
         matrix = row[:15].reshape(3, 5)

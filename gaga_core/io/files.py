@@ -26,6 +26,7 @@ _LONGEST = 200  # bytes of a name in that of its temporary file: file systems ta
 _LEFT = re.compile(r"\..+\.[0-9a-f]{8}\.part|\.gaga-[a-z0-9_]{8}")
 PLAN = "publish.json"  # in a folder of results that are whole, see `staging.publish_all`
 _OLD_S = 3600.0
+_LONGEST_LIST = 1 << 20  # bytes of words that are read of a text file
 _looked_at: set[Path] = set()  # folders that this program has written to
 _BLOCKS, _BLOCK = 64, 1 << 16  # a fingerprint samples this many blocks of this many bytes
 # What reading a file may take without a look at its size: a picture of 100 megapixels does.
@@ -53,16 +54,17 @@ def open_file(path: Path, buffering: int = -1) -> BinaryIO:
     return path.open("rb", buffering=buffering)
 
 
-def check_memory(path: Path, n_bytes: float, what: str) -> None:
+def check_memory(path: Path, n_bytes: float, what: str, n_stored: int = 0) -> None:
     """Raise ``GagaError`` when reading ``path`` would take too much memory; call it before.
 
     ``n_bytes``: the most that reading takes at a time, computed from the file's header; ``what``
     the file claims to hold ("20,000,000 splats"). Refused: more than half of the machine's memory;
-    more than 1 GiB and 50 times the file's size, which no real file needs.
+    more than 1 GiB and 50 times the file's size, which no real file needs. ``n_stored``: bytes of
+    all files that are read, when ``path`` names others.
     """
     if n_bytes <= _ALWAYS_GRANTED:
         return
-    size, memory = path.stat().st_size, machine_memory()
+    size, memory = n_stored or path.stat().st_size, machine_memory()
     if n_bytes <= min(_MOST_TIMES_FILE * size, _MEMORY_SHARE * memory):
         return
     raise GagaError(
@@ -191,7 +193,8 @@ def fingerprint(path: Path) -> str:
 def read_names(path: Path) -> list[str]:
     """Words of a text file, one a line."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        with open_file(path) as file:
+            lines = file.read(_LONGEST_LIST).decode().splitlines()
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     except UnicodeDecodeError as error:

@@ -1,4 +1,4 @@
-"""Writing videos: frames go through a pipe into ffmpeg; the file appears when it is whole."""
+"""Videos through ffmpeg: what it may read; films that are written appear when they are whole."""
 
 import subprocess
 import tempfile
@@ -11,11 +11,29 @@ import numpy as np
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import atomic_write, explain_os_error, open_file
 from gaga_core.progress import Progress, Stage
 
 SUFFIXES = (".mp4", ".webm")
 _SMALLEST, _LARGEST = 16, 8192  # pixels of a side
+# Containers of films by ffmpeg's names: none of them names other files. A .gif is a film, too.
+_CONTAINERS = (
+    *("mov", "mp4", "matroska", "webm", "avi", "flv", "mpeg", "mpegts", "asf", "ogg", "mxf", "rm"),
+    *(
+        "dv",
+        "gif",
+        "ivf",
+        "h264",
+        "hevc",
+        "m4v",
+        "mpegvideo",
+        "mjpeg",
+        "yuv4mpegpipe",
+        "wtv",
+        "nut",
+    ),
+)
+_MOST_PIXELS = 8192 * 4320  # of a frame: 8K
 _GRACE = 60.0  # seconds that ffmpeg gets to write its last frames
 
 
@@ -32,6 +50,20 @@ def ffmpeg_program(purpose: str = "Reading a video") -> str:
         raise GagaError(
             f"{purpose} needs ffmpeg. Install the package imageio-ffmpeg again with pip."
         ) from error
+
+
+def video_input(video: Path) -> list[str]:
+    """Arguments with which ffmpeg reads a film that nobody vouches for.
+
+    No playlist, no pattern of names and nothing but this file is opened, whatever it holds. Raises
+    ``GagaError`` when it is no regular file.
+    """
+    try:
+        open_file(video).close()
+    except OSError as error:
+        raise GagaError(explain_os_error(error, video)) from error
+    limits = ["-protocol_whitelist", "file", "-format_whitelist", ",".join(_CONTAINERS)]
+    return [*limits, "-max_pixels", str(_MOST_PIXELS), "-i", f"file:{video.absolute()}"]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.io.folder.processes import follow
 from gaga_core.io.images import read_rgb
-from gaga_core.io.video import ffmpeg_program
+from gaga_core.io.video import ffmpeg_program, video_input
 from gaga_core.placing.photos import LOOK_SIDE, sharpness
 from gaga_core.progress import Progress, Stage
 
@@ -24,6 +24,7 @@ from gaga_core.progress import Progress, Stage
 
 
 _LOOK_WIDTH = 320  # pixels: frames are looked at in this size
+_LOOK_HEIGHT = 2048  # pixels at most, of a film that is narrow and high
 _BLOCK = 64  # pixels of a block, at half that size
 _CLEAR_PEAK = 0.08  # height of the peak of a phase correlation that is no chance
 
@@ -60,10 +61,11 @@ def look_through(
     config = config or MotionConfig()
     rate = min(native_rate, config.rate, config.most_looked / max(seconds, 1e-3))
     width = _LOOK_WIDTH
-    height = max(_BLOCK * 2, round(width * size[1] / max(size[0], 1) / 2) * 2)
-    command = [ffmpeg_program(), "-nostdin", "-v", "error", "-i", str(video)]
+    height = round(width * size[1] / max(size[0], 1) / 2) * 2
+    height = min(max(_BLOCK * 2, height), _LOOK_HEIGHT)
+    command = [ffmpeg_program(), "-nostdin", "-v", "error", *video_input(video)]
     command += ["-vf", f"fps={rate:.6g},scale={width}:{height}:flags=area", "-pix_fmt", "rgb24"]
-    command += ["-f", "rawvideo", "pipe:1"]
+    command += ["-frames:v", str(config.most_looked), "-f", "rawvideo", "pipe:1"]
     sharp, motion = list[float](), list[float]()
     before: FloatArray | None = None
     expected = max(1, int(seconds * rate))
@@ -172,6 +174,8 @@ def _halved(frame: UInt8Array) -> FloatArray:
 
 STAGE = "Read video"
 _CANDIDATES = 3  # frames looked at for each one kept
+_PATIENCE = 15  # seconds that ffmpeg gets to read a header
+_MOST_READ = 50_000  # pictures written of one film: of five hours at three a second
 _MOST_FRAMES = 300  # frames kept of a long video
 _USUAL_FPS = 2.0  # frames that are kept of a second of an unhurried film
 _USUAL_RATE, _USUAL_SIZE = 30.0, (1920, 1080)  # of a film whose header does not say
@@ -260,8 +264,18 @@ def _write(
     pictures.parent.mkdir(parents=True, exist_ok=True)
     size = f"min(1\\,{longest_side}/max(iw\\,ih))"
     scale = f"scale=trunc(iw*{size}/2)*2:trunc(ih*{size}/2)*2"
-    command = [ffmpeg_program(), "-nostdin", "-v", "error", "-progress", "pipe:1", "-i", str(video)]
-    command += ["-vf", f"{choose},{scale}", "-fps_mode", "passthrough", "-qscale:v", "2"]
+    command = [ffmpeg_program(), "-nostdin", "-v", "error", "-progress", "pipe:1"]
+    command += [
+        *video_input(video),
+        "-frames:v",
+        str(_MOST_READ),
+        "-vf",
+        f"{choose},{scale}",
+        "-fps_mode",
+        "passthrough",
+        "-qscale:v",
+        "2",
+    ]
     status, said = yield from _run([*command, str(pictures)], expected)
     if status != 0 or not any(pictures.parent.glob("all_*.jpg")):
         shutil.rmtree(pictures.parent, ignore_errors=True)
@@ -320,14 +334,17 @@ class _Header:
 
 
 def _header(video: Path) -> _Header:
-    told = subprocess.run(
-        [ffmpeg_program(), "-nostdin", "-hide_banner", "-i", str(video)],
-        capture_output=True,
-        check=False,
-        encoding="utf-8",
-        errors="replace",
-        timeout=60,
-    ).stderr
+    try:
+        told = subprocess.run(
+            [ffmpeg_program(), "-nostdin", "-hide_banner", *video_input(video)],
+            capture_output=True,
+            check=False,
+            encoding="utf-8",
+            errors="replace",
+            timeout=_PATIENCE,
+        ).stderr
+    except subprocess.TimeoutExpired as error:
+        raise _unreadable(video, f"ffmpeg does not answer within {_PATIENCE} seconds") from error
     found = re.search(r"Duration: (\d+):(\d+):(\d+\.?\d*)", told)
     hours, minutes, seconds = (float(p) for p in found.groups()) if found else (0.0, 0.0, 0.0)
     rate = re.search(r"Video:.*?(\d+\.?\d*) fps", told)

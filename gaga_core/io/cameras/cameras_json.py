@@ -8,7 +8,8 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from gaga_core.camera import MOST_PIXELS, Camera
+from gaga_core.camera import MOST_PIXELS, Camera, is_usable
+from gaga_core.errors import GagaError
 from gaga_core.io.files import write_text
 from gaga_core.io.json_file import read_json
 from gaga_core.io.masks.label_maps import view_key
@@ -38,7 +39,7 @@ def read_cameras_json(path: Path) -> tuple[Camera, ...]:
     is the middle of the picture. Raises ``GagaError`` when the file is damaged."""
     cure = "Copy the cameras.json of the training again."
     entries = read_json(path, list[CameraEntry], cure, most_bytes=_MOST_BYTES)
-    return tuple(map(_camera_of, entries))
+    return tuple(_camera_of(entry, path) for entry in entries)
 
 
 def write_cameras_json(path: Path, cameras: Sequence[Camera]) -> None:
@@ -59,7 +60,7 @@ def write_cameras_json(path: Path, cameras: Sequence[Camera]) -> None:
     write_text(path, json.dumps(entries, indent=1))
 
 
-def _camera_of(entry: CameraEntry) -> Camera:
+def _camera_of(entry: CameraEntry, path: Path) -> Camera:
     rotation, position = np.array(entry.rotation), np.array(entry.position)
     pose = np.eye(4)
     pose[:3, :3] = rotation.T
@@ -67,4 +68,9 @@ def _camera_of(entry: CameraEntry) -> Camera:
     middle = entry.width / 2, entry.height / 2
     K = np.array([[entry.fx, 0, middle[0]], [0, entry.fy, middle[1]], [0, 0, 1.0]])
     name = entry.id if entry.img_name is None else entry.img_name
+    if not is_usable(K, pose):
+        raise GagaError(
+            f"{path} has no usable camera {name}: its focal length or rotation cannot be. Copy it "
+            "again."
+        )
     return Camera(K, pose, entry.width, entry.height, str(name))

@@ -17,15 +17,17 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, DoubleArray, UInt8Array
-from gaga_core.camera import MOST_PIXELS, Camera
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, UInt8Array
+from gaga_core.camera import MOST_PIXELS, Camera, is_usable
 from gaga_core.errors import GagaError
 from gaga_core.geometry import matrices_to_quats
-from gaga_core.io.files import explain_os_error, write_text
+from gaga_core.io.files import check_memory, explain_os_error, open_file, write_text
 from gaga_core.io.folder.processes import end_with_parent
+from gaga_core.io.splats.packing import FARTHEST, say_changes
 
 _PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE")
 _SECONDS = 300
+_FURTHER = ("rigs", "frames")  # files that a model may have
 # Least bytes of one record. A count that asks for more than the file holds is damage: pycolmap
 # would allocate for it first, for half a minute.
 _RECORD = {"cameras": 24, "images": 73, "points3D": 51}
@@ -113,14 +115,19 @@ def _why_ended(status: int) -> str:
 def _check_files(folder: Path) -> None:
     """``GagaError`` when a file of the model is missing, or is too short for what it announces."""
     kind = "bin" if (folder / "images.bin").is_file() else "txt"
+    for stem in _FURTHER:
+        file = folder / f"{stem}.{kind}"
+        if file.exists() and not file.is_file():
+            raise GagaError(f"{file} is no regular file. Copy the COLMAP model again.")
     for stem, record in _RECORD.items():
         file = folder / f"{stem}.{kind}"
         if not file.is_file():
             raise GagaError(f"The COLMAP model in {folder} has no {file.name}. Copy it again.")
         try:
-            with file.open("rb") as stream:
+            with open_file(file) as stream:
                 n = int.from_bytes(stream.read(8), "little")
             size = file.stat().st_size
+            check_memory(file, _MEMORY_PER_BYTE * size, "a COLMAP model")
         except OSError as error:
             raise GagaError(explain_os_error(error, file)) from error
         if kind == "bin" and size < 8 + n * record:
@@ -211,10 +218,8 @@ def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
         pose[:3] = arrays["poses"][i]
         width, height = (int(v) for v in arrays["sizes"][i])
         K = arrays["K"][i]
-        usable = (
-            0 < width <= MOST_PIXELS and 0 < height <= MOST_PIXELS and min(K[0, 0], K[1, 1]) > 0
-        )
-        if not (usable and np.isfinite(K).all() and np.isfinite(pose).all()):
+        has_size = 0 < width <= MOST_PIXELS and 0 < height <= MOST_PIXELS
+        if not (has_size and is_usable(K, pose)):
             raise GagaError(
                 f"The COLMAP model in {folder} has no usable camera for {name}. Reconstruct it "
                 "again."
@@ -222,7 +227,11 @@ def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
         cameras.append(Camera(K, pose, width, height, str(name)))
     if not cameras:
         raise GagaError(f"The COLMAP model in {folder} has no views. Reconstruct it again.")
-    return ColmapModel(tuple(cameras), arrays["points"], arrays["colors"])
+    points = arrays["points"]
+    good: BoolArray = np.all(np.abs(points) <= FARTHEST, axis=1)  # False for NaN
+    what = "points with numbers that are not finite or out of range were left out"
+    say_changes(folder, {what: len(good) - int(good.sum())})
+    return ColmapModel(tuple(cameras), points[good], arrays["colors"][good])
 
 
 # --- the process that reads

@@ -6,7 +6,6 @@ are the place of the largest part of wxyz and the other three in 10 bits each.
 """
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,12 +24,13 @@ from gaga_core.io.splats.packing import (
     quats_of_three,
     reading,
     room_for,
+    sane,
     splat_reader,
     three_of_quats,
     unit_quats,
     writing,
 )
-from gaga_core.io.splats.ply import read_elements
+from gaga_core.io.splats.ply import PlyHeader, read_header, row_blocks
 from gaga_core.progress import Progress, Stage
 
 CHUNK = 256  # splats that share a box
@@ -54,10 +54,10 @@ _N_SH = {0: 1, 9: 4, 24: 9, 45: 16}
 def read_compressed_ply_stage(path: Path) -> Stage[Gaussians]:
     """Read a compressed .ply with progress; ``GagaError`` with one sentence when it is damaged."""
     yield reading(path, 0, 0)
-    elements, comments = read_elements(path)
-    chunks, rows, rest = _checked(path, elements)
+    header = read_header(path)
+    chunks, rows, rest = _checked(path, header)
     n = len(rows)
-    out = room_for(n, 1 + rest.shape[1] // 3, path.name)
+    out = room_for(path, n, 1 + rest.shape[1] // 3, rows.nbytes + rest.nbytes + chunks.nbytes)
     for part in parts_of(n, CHUNK * _BLOCK):
         yield reading(path, part.start, n)
         limits = chunks[np.arange(part.start, part.stop) // CHUNK]
@@ -71,25 +71,34 @@ def read_compressed_ply_stage(path: Path) -> Stage[Gaussians]:
         out.quats[part] = quats_of_three(rotation >> np.uint32(30), three)
         out.sh[part, 1:] = _sh_of_bytes(rest[part])
     yield reading(path, n, n)
-    return replace(out, comments=comments)
+    return replace(out, comments=header.comments)
 
 
-def _checked(path: Path, elements: Mapping[str, AnyArray]) -> tuple[FloatArray, AnyArray, AnyArray]:
+def _checked(path: Path, header: PlyHeader) -> tuple[FloatArray, AnyArray, AnyArray]:
     """Limits (C, 18), rows of packed words (N,) and SH bytes (N, K); ``GagaError`` if any lacks."""
-    chunk, rows = elements.get("chunk"), elements.get("vertex")
+
+    def rows_of(name: str) -> AnyArray | None:
+        n = header.elements[name].n if name in header.elements else 0
+        return next(row_blocks(header, name, n)) if n else None
+
+    chunk, rows = rows_of("chunk"), rows_of("vertex")
     if chunk is None or rows is None or not set(_PACKED) <= set(rows.dtype.names or ()):
         raise GagaError(f"{path.name} is not a compressed PLY. Choose another file.")
     present = set(chunk.dtype.names or ())
-    if not set(_LIMITS[:12]) <= present or len(chunk) * CHUNK < len(rows) or len(rows) == 0:
+    if not set(_LIMITS[:12]) <= present or len(chunk) * CHUNK < len(rows):
         raise GagaError(f"{path.name} is damaged: its chunks do not fit. Copy or export it again.")
     limits = np.zeros((len(chunk), 18), np.float32)
     limits[:, 15:] = 1  # files of the first kind have no range of colors: it is 0..1
     for i, name in enumerate(_LIMITS):
         if name in present:
-            limits[:, i] = chunk[name]
-    sh = elements.get("sh", np.zeros(0))
-    names = [k for k in sh.dtype.names or () if re.fullmatch(r"f_rest_\d+", k)]
-    if not names:
+            limits[:, i] = sane(chunk[name])
+    sh = rows_of("sh")
+    names = (
+        [k for k in sh.dtype.names or () if re.fullmatch(r"f_rest_\d+", k)]
+        if sh is not None
+        else []
+    )
+    if sh is None or not names:
         return limits, rows, np.zeros((len(rows), 0), np.uint8)
     fits = len(names) in _N_SH and {f"f_rest_{i}" for i in range(len(names))} == set(names)
     if not fits or len(sh) != len(rows) or any(sh.dtype[k] != np.uint8 for k in names):

@@ -16,6 +16,7 @@ import base64
 import io
 import json
 import struct
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -29,14 +30,17 @@ from gaga_core.color import sh_rotation
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, multiply_quats, quats_to_matrices
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import atomic_write, check_memory, open_file
 from gaga_core.io.json_file import decode_json
 from gaga_core.io.splats.packing import (
     EDGE,
-    TINY,
     damaged,
+    file_inside,
     joined_splats,
+    logs_of_sizes,
     reading,
+    row_bytes,
+    sane,
     splat_reader,
     unit_quats,
     writing,
@@ -54,7 +58,8 @@ _EXTENSION = "KHR_gaussian_splatting"
 _SPZ = (f"{_EXTENSION}_compression_spz_2", f"{_EXTENSION}_compression_spz")  # the draft's names
 _FORMER = "KHR_spz_gaussian_splats_compression"  # of the primitive itself, before the first of them
 _AXES = "LUF"
-_MOST_NODES = 10_000
+_MOST_NODES, _MOST_PARTS = 10_000, 10_000
+_SPLAT_BYTES = 2 * row_bytes((MOST_DEGREE + 1) ** 2)  # while it is decoded, columns and all
 _FARTHEST = 1e15  # scene units: far beyond what float32 tells apart
 FLOAT, UNSIGNED, _POINTS = 5126, 5125, 0
 # What JSON of any shape raises where it is taken for a glTF.
@@ -91,7 +96,14 @@ class Buffers:
         rows = gltf.get("buffers", [])
         if len(rows) > _MOST_BUFFERS:
             raise ValueError("too many buffers")
-        return Buffers(gltf, tuple(_buffer(row, binary, path) for row in rows))
+        named = {row.get("uri"): row for row in rows}  # one that is named twice is read once
+        read = {uri: _buffer(row, binary, path) for uri, row in named.items()}
+        return Buffers(gltf, tuple(read[row.get("uri")] for row in rows))
+
+    @property
+    def n_stored(self) -> int:
+        """Bytes of all buffers."""
+        return sum(len(binary) for binary in {id(b): b for b in self.binaries}.values())
 
     def accessor(self, index: int, width: int) -> AnyArray:
         """Numbers (N, width) of an accessor, float where it is normalized.
@@ -162,7 +174,8 @@ def _buffer(row: Mapping[str, Any], binary: bytes, path: Path) -> bytes:
     file = buffer_file(uri, path)
     if not file.is_file():
         raise GagaError(f"{path.name} needs {uri[:80]}, which is not next to it. Copy it, too.")
-    return file.read_bytes()
+    with open_file(file) as stream:
+        return stream.read()
 
 
 def buffer_file(uri: str, path: Path) -> Path:
@@ -170,12 +183,9 @@ def buffer_file(uri: str, path: Path) -> Path:
 
     Raises ``GagaError`` when it lies elsewhere.
     """
-    place = PurePosixPath(unquote(uri))
-    folder = path.parent.resolve()
-    file = (folder / place).resolve()
-    if ":" in uri or "\\" in place.name or not file.is_relative_to(folder) or "\0" in str(place):
-        raise GagaError(f"{path.name} asks for {uri[:80]}, outside of its folder: not read.")
-    return file
+    place = unquote(uri)
+    is_name = ":" not in uri and "\\" not in PurePosixPath(place).name
+    return file_inside(path, place if is_name else "..")
 
 
 def _natural(value: object) -> int:
@@ -196,22 +206,29 @@ def read_glb_stage(path: Path) -> Stage[Gaussians]:
     """
     yield reading(path, 0, 2)
     try:
-        parts = yield from _splats_of(Buffers.of(path.read_bytes(), path), path)
+        with open_file(path) as file:
+            buffers = Buffers.of(file.read(), path)
+        parts = yield from _splats_of(buffers, path)
     except _DAMAGED as error:
         raise GagaError(f"{path.name} is not a valid glTF ({error}). Export it again.") from error
     if not parts:
         raise GagaError(f"{path.name} holds no splats ({_EXTENSION}). Choose another file.")
     yield reading(path, 1, 2)
     alike = parts[0].comments if len({part.comments for part in parts}) == 1 else ()
-    whole = turned(replace(joined_splats(parts, path.name), comments=alike), _AXES)
+    joined = joined_splats(parts, path, _stored(buffers, path))
+    del parts
+    whole = turned(replace(joined, comments=alike), _AXES)
     yield reading(path, 2, 2)
     return whole
 
 
 def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
     """Splats of every primitive that has some, where its node puts them; axes of the glTF."""
-    gltf, found = buffers.gltf, []
-    for place, mesh in list(_placed_meshes(gltf)):  # a circle is found before memory is taken
+    gltf, found = buffers.gltf, list[Gaussians]()
+    meshes, n_bytes = list(_placed_meshes(gltf)), 0  # a circle is found before memory is taken
+    if sum(len(gltf["meshes"][mesh]["primitives"]) for _, mesh in meshes) > _MOST_PARTS:
+        raise ValueError("too many primitives")
+    for place, mesh in meshes:
         for primitive in gltf["meshes"][mesh]["primitives"]:
             extensions = primitive.get("extensions", {})
             inside = extensions.get(_EXTENSION, {}).get("extensions", {})
@@ -227,11 +244,23 @@ def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
                     "which gaga-studio reads SPZ alone in a glTF. Convert it to .ply or .spz."
                 )
             elif _EXTENSION in extensions:
+                n = _natural(
+                    gltf["accessors"][_natural(primitive["attributes"]["POSITION"])]["count"]
+                )
+                taken = n_bytes + n * _SPLAT_BYTES
+                check_memory(path, taken, f"{n:,} splats and more", _stored(buffers, path))
                 splats = _decoded(buffers, primitive["attributes"])
             else:
                 continue
+            # Next to them stand those of the whole, first in the axes of the file.
+            n_bytes += 3 * len(splats) * row_bytes(splats.sh.shape[1])
+            check_memory(path, n_bytes, "so many splats", _stored(buffers, path))
             found.append(_moved(splats, place))
     return found
+
+
+def _stored(buffers: Buffers, path: Path) -> int:
+    return path.stat().st_size + buffers.n_stored
 
 
 def _placed_meshes(gltf: Mapping[str, Any]) -> Iterator[tuple[DoubleArray, int]]:
@@ -239,10 +268,10 @@ def _placed_meshes(gltf: Mapping[str, Any]) -> Iterator[tuple[DoubleArray, int]]
     nodes = gltf.get("nodes", [])
     scenes = gltf.get("scenes")
     roots = scenes[gltf.get("scene", 0)].get("nodes", []) if scenes else range(len(nodes))
-    waiting = [(np.eye(4), int(root)) for root in roots]
+    waiting = deque((np.eye(4), int(root)) for root in roots)
     seen = 0
     while waiting:
-        parent, index = waiting.pop(0)
+        parent, index = waiting.popleft()
         seen += 1
         if seen > _MOST_NODES:
             raise ValueError("its nodes are a circle, or too many")
@@ -280,11 +309,11 @@ def _numbers(values: Sequence[float], n: int) -> DoubleArray:
 def _decoded(buffers: Buffers, attributes: Mapping[str, int]) -> Gaussians:
     def column(name: str, width: int) -> FloatArray:
         values = buffers.accessor(attributes[name], width)
-        return np.ascontiguousarray(values, np.float32)
+        return sane(values)
 
     means = column("POSITION", 3)
     scales = column(f"{_EXTENSION}:SCALE", 3)
-    opacity = np.clip(column(f"{_EXTENSION}:OPACITY", 1)[:, 0], EDGE, 1 - EDGE)
+    opacity = np.clip(column(f"{_EXTENSION}:OPACITY", 1)[:, 0], EDGE, 1 - EDGE)  # NaN stays
     sh = [column(f"{_EXTENSION}:SH_DEGREE_0_COEF_0", 3)]
     for degree in range(1, MOST_DEGREE + 1):
         names = [f"{_EXTENSION}:SH_DEGREE_{degree}_COEF_{k}" for k in range(2 * degree + 1)]
@@ -295,7 +324,7 @@ def _decoded(buffers: Buffers, attributes: Mapping[str, int]) -> Gaussians:
         means=means,
         quats=unit_quats(np.roll(column(f"{_EXTENSION}:ROTATION", 4), 1, axis=1)),
         # Sizes are linear; programs of before the extension was settled wrote logarithms.
-        log_scales=scales if (scales < 0).any() else np.log(np.maximum(scales, TINY)),
+        log_scales=scales if (scales < 0).any() else logs_of_sizes(scales),
         logit_opacities=np.log(opacity / (1 - opacity)).astype(np.float32),
         sh=np.ascontiguousarray(np.stack(sh, axis=1)),
     )

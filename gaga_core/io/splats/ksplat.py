@@ -15,13 +15,16 @@ import numpy as np
 from gaga_core.arrays import AnyArray, FloatArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.files import open_file
 from gaga_core.io.splats.packing import (
-    TINY,
     damaged,
     dc_of_bytes,
     logits_of_bytes,
+    logs_of_sizes,
     reading,
     room_for,
+    row_bytes,
+    sane,
     splat_reader,
     unit_quats,
 )
@@ -30,6 +33,7 @@ from gaga_core.progress import Stage
 _HEAD, _SECTION = 4096, 1024  # bytes
 _N_RESTS = (0, 3, 8)  # SH coefficients above degree 0, by degree
 _SH_RANGE = 1.5  # of SH in bytes, where the header does not say
+_WORK = 64  # bytes of a splat: its bucket, what is computed of its position and rotation
 _STEPS = 32767  # of positions to each side of a bucket's centre, where the section does not say
 
 
@@ -67,7 +71,8 @@ def read_ksplat_stage(path: Path) -> Stage[Gaussians]:
     one sentence when it is damaged or of another version.
     """
     yield reading(path, 0, 1)
-    content = path.read_bytes()
+    with open_file(path) as file:
+        content = file.read()
     if len(content) < _HEAD:
         raise damaged(path.name)
     major, minor, n_sections = struct.unpack_from("<BBxxI", content)
@@ -89,7 +94,8 @@ def read_ksplat_stage(path: Path) -> Stage[Gaussians]:
     if n * _record(level, 0).itemsize > len(content):
         raise damaged(path.name)
     n_rest = max(_N_RESTS[section.degree] for section in sections)
-    out, done = room_for(n, 1 + n_rest, path.name), 0
+    out = room_for(path, n, 1 + n_rest, len(content) + n * (row_bytes(1 + n_rest) + _WORK))
+    done = 0
     for section in sections:
         yield reading(path, done, n)
         at = _read_section(content, at, section, level, out, slice(done, done + section.n))
@@ -115,17 +121,18 @@ def _read_section(
         bucket = _buckets(section, np.frombuffer(content, "<u4", section.n_partial, at))
         if section.centre_bytes != 12 or (section.n > 0 and bucket.max() >= section.n_buckets):
             raise EOFError
-        centres = np.frombuffer(content, "<f4", 3 * section.n_buckets, centres_at).reshape(-1, 3)
+        centres = sane(np.frombuffer(content, "<f4", 3 * section.n_buckets, centres_at))
         steps = section.steps or _STEPS
         offsets = rows["centre"].astype(np.float32) - np.float32(steps)
-        out.means[part] = offsets * np.float32(section.size / 2 / steps) + centres[bucket]
-    out.log_scales[part] = np.log(np.maximum(rows["scale"].astype(np.float32), TINY))
+        width = float(sane(np.array([section.size]))[0]) / 2 / steps
+        out.means[part] = offsets * np.float32(width) + centres.reshape(-1, 3)[bucket]
+    out.log_scales[part] = logs_of_sizes(rows["scale"].astype(np.float32))
     out.quats[part] = unit_quats(rows["quat"].astype(np.float32))
     out.sh[part, 0] = dc_of_bytes(rows["color"][:, :3])
     out.logit_opacities[part] = logits_of_bytes(rows["color"][:, 3])
     out.sh[part, 1:] = 0
     if section.degree:
-        low, high = struct.unpack_from("<2f", content, 36)
+        low, high = sane(np.frombuffer(content, "<f4", 2, 36)).tolist()
         values = _rest(rows["sh"], low or -_SH_RANGE, high or _SH_RANGE)
         out.sh[part, 1 : 1 + values.shape[1]] = values
     return end

@@ -11,6 +11,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Concatenate, ParamSpec
 
 import numpy as np
@@ -27,16 +28,17 @@ from gaga_core.arrays import (
     UInt16Array,
 )
 from gaga_core.color import SH_C0
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, plain_text
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.files import explain_os_error
+from gaga_core.io.files import check_memory, explain_os_error
 from gaga_core.progress import Progress, Stage
 
 COLUMNS = ("means", "quats", "log_scales", "logit_opacities", "sh")
 CHUNK = 1 << 16  # splats worked on at once
 TINY = 1e-20  # scene units: a splat of size 0 has no logarithm
 _BLOCK = 1 << 12  # splats: about 1 MB, so that each column finds them in the processor's cache
-_LONGEST = 1e18  # of a part of a quaternion: its square is a float32
+FARTHEST = 1e18  # of any number, scene units for a position: sums of squares are a float32
+_LARGEST_LOG = np.float32(np.log(FARTHEST))  # of a size, 41.4
 _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 EDGE = 1e-6  # opacities of exactly 0 and 1 have no finite logit
 _OPACITIES = np.clip(np.arange(256) / 255, EDGE, 1 - EDGE)
@@ -94,47 +96,126 @@ def writing(path: Path, done: int, n: int) -> Progress:
     return Progress("Write splats", done, n, path.name)
 
 
-def without_broken_rows(path: Path, gaussians: Gaussians) -> Gaussians:
-    """``gaussians`` without the splats that hold numbers which are not finite, with a warning.
+def sane(values: AnyArray) -> FloatArray:
+    """Numbers as float32 that can be computed with: those beyond `FARTHEST` become NaN.
 
-    An opacity of +-inf is a legal logit (exactly 0 or 1), so only NaN is broken there. Raises
-    ``GagaError`` when they are the majority.
+    A new array. `kept_rows` drops what becomes of a NaN.
     """
+    with_nan: AnyArray = np.where(np.abs(values) <= FARTHEST, values, np.nan)
+    return with_nan.astype(np.float32)
+
+
+def logs_of_sizes(sizes: AnyArray, smallest: float = TINY) -> FloatArray:
+    """Logarithms of sizes, of which a negative one becomes NaN, and 0 is ``smallest``."""
+    logs: FloatArray = np.log(np.where(sizes >= 0, np.maximum(sizes, np.float32(smallest)), np.nan))
+    return logs
+
+
+def without_broken_rows(path: Path, gaussians: Gaussians) -> Gaussians:
+    """``gaussians`` without the splats that hold `broken` numbers, see `kept_rows`."""
     good = np.ones(len(gaussians), np.bool_)
+    n_set = 0
     for part in parts_of(len(good), _BLOCK):
-        good[part] = finite_rows({name: getattr(gaussians, name)[part] for name in COLUMNS})
-    return kept_rows(path, gaussians, good)
+        columns = {name: getattr(gaussians, name)[part] for name in COLUMNS}
+        good[part], n_of_part = checked_rows(columns)
+        n_set += n_of_part
+    return kept_rows(path, gaussians, good, n_set)
 
 
-def finite_rows(columns: Mapping[str, FloatArray]) -> BoolArray:
-    """Rows (N,) of the five columns by name that are whole, see `without_broken_rows`."""
+def checked_rows(columns: Mapping[str, FloatArray]) -> tuple[BoolArray, int]:
+    """Rows (N,) of the five columns by name that can be computed with, and rotations set.
+
+    A number must be finite, and within `FARTHEST` so that its square is; so must a size be whose
+    logarithm is stored. An opacity of +-inf is a legal logit (exactly 0 or 1), so only NaN is
+    broken there. A rotation of no length is set to none, in place.
+    """
     good: BoolArray = ~np.isnan(columns["logit_opacities"])
     for name in ("means", "quats", "log_scales", "sh"):
         flat = columns[name].reshape(len(good), -1)
-        # A sum is finite if all terms are (or overflows, then look closely): one fast pass.
-        with np.errstate(invalid="ignore", over="ignore"):
-            if np.isfinite(flat.sum()):
-                continue
-        good &= np.isfinite(flat).all(axis=1)
-    return good
+        # A sum of squares is below the square if all numbers are (or look closely): one fast pass.
+        if not np.vdot(flat, flat) < FARTHEST**2:
+            good &= (np.abs(flat) <= FARTHEST).all(axis=1)
+    largest = columns["log_scales"].max(initial=-np.inf)
+    if not largest <= _LARGEST_LOG:
+        good &= (columns["log_scales"] <= _LARGEST_LOG).all(axis=1)
+    quats = columns["quats"]
+    if quats[:, 0].all():
+        return good, 0
+    lengthless = good & ~quats.any(axis=1)
+    quats[lengthless, 0] = 1
+    return good, int(lengthless.sum())
 
 
-def kept_rows(path: Path, gaussians: Gaussians, good: BoolArray) -> Gaussians:
-    """The splats that are ``good`` (N,), see `without_broken_rows`."""
+def kept_rows(path: Path, gaussians: Gaussians, good: BoolArray, n_set: int = 0) -> Gaussians:
+    """The splats that are ``good`` (N,), with a logged warning of what was dropped and set.
+
+    The columns of ``gaussians`` are reused: none is copied. Raises ``GagaError`` when most splats
+    are dropped.
+    """
     n_bad = int((~good).sum())
-    if n_bad == 0:
-        return gaussians
     if 2 * n_bad > len(good):
         raise GagaError(
-            f"{path.name} is damaged: {n_bad:,} of {len(good):,} splats are not finite numbers. "
-            "Train or export the model again."
+            f"{path.name} is damaged: {n_bad:,} of {len(good):,} splats have numbers that are not "
+            "finite or out of range. Train or export the model again."
         )
-    _log.warning("%s: %s splats with values that are not finite were left out", path.name, n_bad)
-    return gaussians.take(good)
+    say_changes(
+        path,
+        {
+            "splats with numbers that are not finite or out of range were left out": n_bad,
+            "rotations of no length were set to none": n_set,
+        },
+    )
+    if n_bad == 0:
+        return gaussians
+    m, q, s, o, sh = (_closed_up(getattr(gaussians, name), good) for name in COLUMNS)
+    extra = {name: _closed_up(column, good) for name, column in gaussians.extra.items()}
+    return Gaussians(m, q, s, o, sh, MappingProxyType(extra), gaussians.comments)
 
 
-def room_for(n: int, n_sh: int, name: str) -> Gaussians:
-    """Gaussians of ``n`` splats to be filled in; ``GagaError`` when memory does not hold them."""
+def _closed_up(column: AnyArray, good: BoolArray) -> AnyArray:
+    """The rows that are ``good``, moved to the front in place."""
+    n = 0
+    for part in parts_of(len(good)):
+        kept = column[part][good[part]]
+        column[n : n + len(kept)] = kept
+        n += len(kept)
+    return column[:n]
+
+
+def file_inside(path: Path, name: str) -> Path:
+    """The file ``name`` in the folder of ``path`` or below, which need not exist.
+
+    Raises ``GagaError`` when it lies elsewhere, be it by a link.
+    """
+    folder = path.parent.resolve()
+    try:
+        file = (folder / name).resolve()
+    except (OSError, ValueError, RuntimeError):  # no name of a file, or a circle of links
+        file = Path()
+    if not file.is_relative_to(folder):
+        raise GagaError(f"{path.name} asks for {name[:80]}, outside of its folder: not read.")
+    return file
+
+
+def say_changes(path: Path, counts: Mapping[str, int]) -> None:
+    """Log one warning of how often what was done to the content of ``path``; nothing of zeros."""
+    said = [f"{n:,} {what}" for what, n in counts.items() if n]
+    if said:
+        _log.warning("%s", plain_text(f"{path.name}: {', and '.join(said)}"))
+
+
+def row_bytes(n_sh: int) -> int:
+    """Bytes of a splat in memory with so many coefficients of SH."""
+    return 4 * (3 + 4 + 3 + 1 + 3 * n_sh)
+
+
+def room_for(path: Path, n: int, n_sh: int, further: float = 0, n_stored: int = 0) -> Gaussians:
+    """Gaussians of ``n`` splats to be filled in; ``GagaError`` when memory does not hold them.
+
+    ``further``: bytes that reading takes next to them at its peak; ``n_stored``: of the files that
+    hold them when ``path`` is not the only one.
+    """
+    check_memory(path, n * row_bytes(n_sh) + further, f"{n:,} splats", n_stored)
     try:
         return Gaussians(
             means=np.empty((n, 3), np.float32),
@@ -145,18 +226,20 @@ def room_for(n: int, n_sh: int, name: str) -> Gaussians:
         )
     except (MemoryError, ValueError, OverflowError) as error:
         raise GagaError(
-            f"{name} says that it holds {n:,} splats, more than fit into memory. Split it, or "
+            f"{path.name} says that it holds {n:,} splats, more than fit into memory. Split it, or "
             "get it again."
         ) from error
 
 
-def joined_splats(pieces: Sequence[Gaussians], name: str) -> Gaussians:
+def joined_splats(pieces: Sequence[Gaussians], path: Path, n_stored: int = 0) -> Gaussians:
     """All pieces, without extra columns and comments; those of fewer SH get zeros.
 
-    ``GagaError`` that names the file ``name`` when memory does not hold them.
+    ``GagaError`` that names ``path`` when memory does not hold them, see `room_for`.
     """
     n_sh = max(piece.sh.shape[1] for piece in pieces)
-    out, first = room_for(sum(len(piece) for piece in pieces), n_sh, name), 0
+    held = sum(len(piece) * row_bytes(piece.sh.shape[1]) for piece in pieces)
+    out = room_for(path, sum(len(piece) for piece in pieces), n_sh, held, n_stored)
+    first = 0
     for piece in pieces:
         part = slice(first, first + len(piece))
         for column in COLUMNS[:-1]:
@@ -192,16 +275,15 @@ def to_bytes(values: AnyArray) -> UInt8Array:
 
 
 def unit_quats(quats: AnyArray) -> FloatArray:
-    """Quaternions (N, 4) wxyz of length 1; one of length 0 becomes the identity.
+    """Quaternions (N, 4) wxyz of length 1; one of length 0 stays so.
 
     One that is not finite, or so long that its length is not, becomes NaN: readers drop its row.
     """
-    sane = np.abs(quats).max(axis=1, initial=0) < _LONGEST  # False for NaN
-    inside = quats if sane.all() else np.where(sane[:, None], quats, np.float32(0))
+    is_sane = np.abs(quats).max(axis=1, initial=0) < FARTHEST  # False for NaN
+    inside = quats if is_sane.all() else np.where(is_sane[:, None], quats, np.float32(0))
     length = np.linalg.norm(inside, axis=1, keepdims=True)
     result: FloatArray = (inside / np.where(length > 0, length, 1)).astype(np.float32)
-    result[length[:, 0] == 0, 0] = 1
-    result[~sane] = np.nan
+    result[~is_sane] = np.nan
     return result
 
 

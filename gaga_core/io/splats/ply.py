@@ -2,31 +2,36 @@
 
 Reading copies the columns out of blocks that fit into the processor's cache, so that memory holds
 the result and little more; writing streams blocks into a temporary file that replaces the target at
-the end. plyfile is used here alone.
+the end. A header is compared with the size of its file before anything is read.
 """
 
+import io
+import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from itertools import cycle
+from dataclasses import dataclass, replace
+from itertools import cycle, islice
 from pathlib import Path
 from types import MappingProxyType
+from typing import BinaryIO
 
 import numpy as np
-import plyfile
 
-from gaga_core.arrays import AnyArray, FloatArray
+from gaga_core.arrays import AnyArray, BoolArray, FloatArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import atomic_write, explain_os_error, open_file
 from gaga_core.io.splats.packing import (
     COLUMNS,
-    finite_rows,
+    FARTHEST,
+    checked_rows,
     kept_rows,
     parts_of,
     reading,
     room_for,
+    sane,
+    say_changes,
     writing,
 )
 from gaga_core.io.splats.ply_kernels import pack_rows
@@ -40,6 +45,15 @@ _SCALES = ("scale_0", "scale_1", "scale_2")
 _QUATS = ("rot_0", "rot_1", "rot_2", "rot_3")
 _DC = ("f_dc_0", "f_dc_1", "f_dc_2")
 _REQUIRED = (*_MEANS, *_DC, "opacity", *_SCALES, *_QUATS)
+_MOST_HEADER, _DIGITS = 1 << 20, 18  # bytes of a header; of a count, which fits 64 bits
+_END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_KINDS = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"},
+    **{"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"},
+}
+_SENSE = 0.9  # share of splats with numbers that make sense in the right byte order
 _SH_BY_REST = {0: 1, 9: 4, 24: 9, 45: 16, 72: 25}
 
 
@@ -61,38 +75,52 @@ def read_ply_stage(path: Path) -> Stage[Gaussians]:
     with a logged warning; a file in which they are the majority is refused. Raises ``GagaError``
     with one sentence when the file is no 3DGS model.
     """
-    path = Path(path)
-    rows, comments = _open(path)
-    names = rows.dtype.names or ()
+    header = read_header(Path(path))
+    path = header.path
+    if "vertex" not in header.elements:
+        raise GagaError(
+            f"{path.name} has no vertex element, so no splats. Choose a 3DGS .ply file."
+        )
+    vertex = header.element("vertex")
+    assert vertex.row is not None
+    n, names = vertex.n, vertex.row.names or ()
+    if n == 0:
+        raise GagaError(f"{path.name} holds 0 splats. Choose another file.")
     n_sh = _check_columns(path, names)
     rest = tuple(f"f_rest_{i}" for i in range((n_sh - 1) * 3))
-    n = len(rows)
-    out = room_for(n, n_sh, path.name)
     standard = {*_REQUIRED, *rest}
-    extra = {
-        name: np.empty(n, rows.dtype[name].newbyteorder("="))
-        for name in names
-        if name not in standard
-    }
+    others = [name for name in names if name not in standard]
+    out = room_for(path, n, n_sh, n * sum(vertex.row[name].itemsize for name in others))
+    extra = {name: np.empty(n, vertex.row[name].newbyteorder("=")) for name in others}
     good = np.ones(n, np.bool_)
-    for start, block in _blocks(path, rows):
-        if start % (_STEP * _BLOCK) == 0:
-            yield reading(path, start, n)
-        part = slice(start, start + len(block))
+    n_set = 0
+    for part, block in zip(parts_of(n, _BLOCK), row_blocks(header, "vertex", _BLOCK), strict=True):
+        if part.start % (_STEP * _BLOCK) == 0:
+            yield reading(path, part.start, n)
         columns = {name: getattr(out, name)[part] for name in COLUMNS}
         for column, ours in (("means", _MEANS), ("quats", _QUATS), ("log_scales", _SCALES)):
             for i, name in enumerate(ours):
-                columns[column][:, i] = block[name]
-        columns["logit_opacities"][:] = block["opacity"]
+                columns[column][:, i] = _single(block[name])
+        columns["logit_opacities"][:] = _single(block["opacity"], np.inf)
         for i, name in enumerate(_DC):
-            columns["sh"][:, 0, i] = block[name]
+            columns["sh"][:, 0, i] = _single(block[name])
         for i, name in enumerate(rest):  # all coefficients of red, then of green, then of blue
-            columns["sh"][:, 1 + i % (n_sh - 1), i // (n_sh - 1)] = block[name]
+            columns["sh"][:, 1 + i % (n_sh - 1), i // (n_sh - 1)] = _single(block[name])
         for name, values in extra.items():
             values[part] = block[name]
-        good[part] = finite_rows(columns)
+        good[part], n_of_part = checked_rows(columns)
+        n_set += n_of_part
     yield reading(path, n, n)
-    return kept_rows(path, replace(out, extra=MappingProxyType(extra), comments=comments), good)
+    extra_columns = MappingProxyType(extra)
+    whole = replace(out, extra=extra_columns, comments=header.comments)
+    return kept_rows(path, whole, good, n_set)
+
+
+def _single(values: AnyArray, most: float = FARTHEST) -> AnyArray:
+    """Numbers that a float32 takes: those of a double that are too large become NaN."""
+    if values.dtype.itemsize <= 4:
+        return values
+    return sane(values) if most < np.inf else np.clip(values, -FARTHEST, FARTHEST)
 
 
 def write_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
@@ -131,71 +159,175 @@ def write_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     yield writing(path, n, n)
 
 
-def read_elements(path: Path) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
-    """Rows of each element of a .ply, and the comments.
+@dataclass(frozen=True)
+class Element:
+    """What a header says of an element."""
 
-    Nothing of the result is mapped: a mapped file that another program truncates would end the
-    process. Raises ``GagaError`` with one sentence when the file is damaged.
+    n: int
+    row: np.dtype[np.void] | None  # None: of lists, or of no property
+    start: int  # bytes (ascii: lines) before its rows, after the header
+    lists: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PlyHeader:
+    """The header of a .ply whose elements fit into its file."""
+
+    path: Path
+    size: int  # bytes of the header
+    is_ascii: bool
+    elements: Mapping[str, Element]
+    comments: tuple[str, ...]
+
+    def element(self, name: str) -> Element:
+        """An element with numbers alone; ``GagaError`` when it has lists."""
+        element = self.elements[name]
+        if element.row is None:
+            lists = element.lists or ("no",)
+            raise GagaError(
+                f"{self.path.name} has list columns ({lists[0]}) or no columns in its element "
+                f"{name[:40]}: this is no 3DGS model."
+            )
+        return element
+
+
+def read_header(path: Path) -> PlyHeader:
+    """Read the header of a .ply and compare it with the file.
+
+    Raises ``GagaError`` with one sentence when there is none, or it says what cannot be.
     """
-    data = _parsed(path)
-    elements = {element.name: _in_memory(path, element.data) for element in data.elements}
-    return elements, tuple(data.comments)
-
-
-def _in_memory(path: Path, rows: AnyArray) -> AnyArray:
-    """``rows``, read from the file when they are mapped."""
-    if not isinstance(rows, np.memmap):
-        return rows
     try:
-        with path.open("rb", buffering=0) as file:
-            file.seek(rows.offset)
-            read = np.fromfile(file, rows.dtype, len(rows))
+        with open_file(path) as file:
+            start, size = file.read(_MOST_HEADER), path.stat().st_size
     except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
-    if len(read) != len(rows):
-        raise GagaError(f"{path.name} is truncated or damaged. Copy it again.")
-    return read
-
-
-def _parsed(path: Path) -> plyfile.PlyData:
-    if path.is_dir():
-        raise GagaError(f"{path} is a folder. Choose a .ply file.")
+        folder = f"{path} is a folder. Choose a .ply file."
+        raise GagaError(folder if path.is_dir() else explain_os_error(error, path)) from error
+    if size == 0:
+        raise GagaError(f"{path.name} is empty (0 bytes). Choose another file.")
+    if not start.startswith(b"ply"):
+        raise GagaError(f"{path.name} is not a PLY file. Choose a 3DGS .ply file.")
+    end = _END.search(start)
     try:
-        size = path.stat().st_size
-        if size == 0:
-            raise GagaError(f"{path.name} is empty (0 bytes). Choose another file.")
-        with path.open("rb") as file:
-            if file.read(3) != b"ply":
-                raise GagaError(f"{path.name} is not a PLY file. Choose a 3DGS .ply file.")
-        return plyfile.PlyData.read(str(path), mmap="r")
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
+        if end is None:
+            raise ValueError("its header has no end")
+        return _header_of(path, start[: end.end()], size)
     except UnicodeDecodeError as error:
         raise GagaError(
             f"{path.name} has letters outside ASCII in its header, which PLY does not allow. "
             "Remove them, or export the model again."
         ) from error
-    except (plyfile.PlyParseError, ValueError, IndexError, OverflowError, MemoryError) as error:
-        why = (str(error) or type(error).__name__).splitlines()[0][:100]
-        raise GagaError(
-            f"{path.name} is truncated or damaged ({why}). Copy or export it again."
-        ) from error
+    except (ValueError, KeyError, IndexError) as error:
+        raise _damaged(path, str(error)) from error
 
 
-def _open(path: Path) -> tuple[AnyArray, tuple[str, ...]]:
-    """Rows of the vertex element, memory-mapped where the format allows it, and the comments."""
-    data = _parsed(path)
-    if "vertex" not in data:
-        raise GagaError(
-            f"{path.name} has no vertex element, so no splats. Choose a 3DGS .ply file."
+def _damaged(path: Path, why: str) -> GagaError:
+    return GagaError(f"{path.name} is truncated or damaged ({why[:100]}). Copy or export it again.")
+
+
+def _header_of(path: Path, header: bytes, size: int) -> PlyHeader:
+    """``ValueError``, ``KeyError`` or ``IndexError`` when the lines are none of a header."""
+    form, name, comments = "", "", list[str]()
+    described: dict[str, tuple[int, list[list[str]]]] = {}
+    for line in header.decode("ascii").splitlines()[1:-1]:
+        word, _, rest = line.strip().partition(" ")
+        if word == "format":
+            form = rest.split()[0]
+        elif word == "comment":
+            comments.append(rest)
+        elif word == "element":
+            name, count = rest.split()
+            if name in described or not count.isdecimal() or len(count) > _DIGITS:
+                raise ValueError(f"its element {rest}")
+            described[name] = int(count), []
+        elif word == "property":
+            described[name][1].append(rest.split())
+    order, n_bytes = _ORDERS[form], len(header)
+    is_ascii = order == ""
+    elements: dict[str, Element] = {}
+    start = least = 0
+    for name, (n, properties) in described.items():
+        lists = tuple(words[-1] for words in properties if words[0] == "list")
+        kinds = [
+            (words[-1], (order or "<") + _KINDS[words[0]])
+            for words in properties
+            if words[0] != "list"
+        ]
+        row = np.dtype(kinds) if kinds and not lists else None
+        elements[name] = Element(n, row, start, lists)
+        start += n if is_ascii else n * np.dtype(kinds).itemsize
+        # A number and what parts it from the next, and a list's length, take a byte at least.
+        least += n * (
+            max(2 * len(properties), 1) if is_ascii else np.dtype(kinds).itemsize + len(lists)
         )
-    vertex = data["vertex"]
-    if len(vertex.data) == 0:
-        raise GagaError(f"{path.name} holds 0 splats. Choose another file.")
-    lists = [p.name for p in vertex.properties if isinstance(p, plyfile.PlyListProperty)]
-    if lists:
-        raise GagaError(f"{path.name} has list columns ({lists[0]}): this is no 3DGS model.")
-    return vertex.data, tuple(data.comments)
+        if lists and not is_ascii:
+            break  # where the next one begins is not known
+    if n_bytes + least > size + is_ascii:  # the last line may lack its end
+        raise ValueError(f"{size:,} bytes for what its header says")
+    return PlyHeader(path, n_bytes, is_ascii, elements, tuple(comments))
+
+
+def row_blocks(header: PlyHeader, name: str, step: int) -> Iterator[AnyArray]:
+    """Rows of an element, ``step`` at a time; each block lives until the next is asked for.
+
+    Nothing is mapped: a mapped file that another program truncates would end the process. Numbers
+    in the other byte order than the header says are read right, with a logged warning. Raises
+    ``GagaError`` when the file is damaged.
+    """
+    element, path = header.element(name), header.path
+    row = element.row
+    assert row is not None
+    try:
+        with open_file(path) as file:
+            file.seek(header.size)
+            if header.is_ascii:
+                yield from _lines(file, element, row, step)
+                return
+            file.seek(element.start, os.SEEK_CUR)
+            assert isinstance(file, io.BufferedReader)
+            buffer = np.empty(min(step, element.n), row)
+            for start in range(0, element.n, step):
+                block = buffer[: element.n - start]
+                if file.readinto(block.view(np.uint8).data) != block.nbytes:
+                    raise EOFError
+                if start == 0 and _is_swapped(block):
+                    said = "numbers are in the other byte order than the header says: read so"
+                    say_changes(path, {said: element.n * len(row.names or ())})
+                    buffer = buffer.view(row.newbyteorder())
+                    block = buffer[: len(block)]
+                yield block
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    except (ValueError, EOFError, OverflowError) as error:
+        raise _damaged(path, str(error) or "it ends early") from error
+
+
+def _lines(
+    file: BinaryIO, element: Element, row: np.dtype[np.void], step: int
+) -> Iterator[AnyArray]:
+    for _ in range(element.start):
+        file.readline()
+    for start in range(0, element.n, step):
+        n = min(step, element.n - start)
+        block = np.loadtxt(islice(file, n), row, comments=None, ndmin=1, encoding="ascii")
+        if len(block) != n:
+            raise EOFError
+        yield block
+
+
+def _is_swapped(rows: AnyArray) -> bool:
+    """Whether most of these splats make sense in the other byte order alone."""
+    if not {*_SCALES, *_QUATS} <= set(rows.dtype.names or ()) or rows.dtype["rot_0"].kind != "f":
+        return False
+    stated, swapped = (_sense(r) for r in (rows, rows.view(rows.dtype.newbyteorder())))
+    return swapped > _SENSE > 1 - _SENSE > stated
+
+
+def _sense(rows: AnyArray) -> float:
+    """Share of splats whose log sizes are within 50, and quaternions within 1/1000 to 1000."""
+    sizes, parts = (np.stack([np.abs(rows[k]) for k in names]) for names in (_SCALES, _QUATS))
+    longest = parts.max(axis=0)  # False for NaN
+    sensible: BoolArray = (sizes <= 50).all(axis=0) & (longest >= 1e-3) & (longest <= 1e3)
+    return float(sensible.mean())
 
 
 def _check_columns(path: Path, names: Iterable[str]) -> int:
@@ -221,30 +353,6 @@ def _check_columns(path: Path, names: Iterable[str]) -> int:
             "or 72. Export the model again."
         )
     return _SH_BY_REST[n_rest]
-
-
-def _blocks(path: Path, rows: AnyArray) -> Iterator[tuple[int, AnyArray]]:
-    """Blocks of ``rows`` with the place of their first; each lives until the next is asked for.
-
-    Rows that are mapped into memory are read from the file instead: mapped pages that were touched
-    would count as memory in use, and the file is as large as the result.
-    """
-    n = len(rows)
-    if not isinstance(rows, np.memmap) or not rows.flags.c_contiguous:
-        for start in range(0, n, _BLOCK):
-            yield start, rows[start : start + _BLOCK]
-        return
-    buffer = np.empty(min(_BLOCK, n), rows.dtype)
-    try:
-        with path.open("rb", buffering=0) as file:
-            file.seek(rows.offset)
-            for start in range(0, n, _BLOCK):
-                block = buffer[: n - start]
-                if file.readinto(block.view(np.uint8).data) != block.nbytes:
-                    raise GagaError(f"{path.name} is truncated or damaged. Copy it again.")
-                yield start, block
-    except OSError as error:
-        raise GagaError(explain_os_error(error, path)) from error
 
 
 def _pack(gaussians: Gaussians, part: slice, rows: AnyArray) -> None:
@@ -276,7 +384,8 @@ def _side_by_side(rows: AnyArray, first: str, n: int) -> FloatArray:
 
 
 def _header(dtype: np.dtype[np.void], n: int, comments: tuple[str, ...]) -> bytes:
-    element = plyfile.PlyElement.describe(np.zeros(0, dtype), "vertex")
-    data = plyfile.PlyData([element], byte_order="<", comments=list(comments))
-    text: str = data.header.replace("element vertex 0", f"element vertex {n}")
-    return (text + "\n").encode("ascii", "replace")
+    kinds = {kind: name for name, kind in reversed(_KINDS.items())}
+    lines = ["ply", "format binary_little_endian 1.0", *(f"comment {text}" for text in comments)]
+    lines.append(f"element vertex {n}")
+    lines += [f"property {kinds[dtype[name].str[1:]]} {name}" for name in dtype.names or ()]
+    return ("\n".join([*lines, "end_header"]) + "\n").encode("ascii", "replace")

@@ -25,12 +25,13 @@ from PIL import Image
 from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import atomic_write, check_memory, open_file
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.json_file import decode_json, read_foreign_json
 from gaga_core.io.splats.packing import (
     bytes_of_logits,
     damaged,
+    file_inside,
     joined_splats,
     log_words,
     logits_of_bytes,
@@ -41,6 +42,8 @@ from gaga_core.io.splats.packing import (
     quats_of_three,
     reading,
     room_for,
+    row_bytes,
+    sane,
     splat_reader,
     table_of,
     writing,
@@ -48,7 +51,9 @@ from gaga_core.io.splats.packing import (
 from gaga_core.progress import Progress, Stage
 
 META, LOD_META = "meta.json", "lod-meta.json"
-_MOST_META, _MOST_LOD_META = 1 << 24, 1 << 28  # bytes
+_MOST_META, _MOST_LOD_META = 1 << 24, 1 << 26  # bytes
+_PICTURE_BYTES = 32  # of a splat while a picture is unpacked: Pillow has three copies, and we two
+_MOST_LOG = np.float32(60)  # of a position: exp(60) = 1e26
 _MOST_DEPTH = 64  # of the tree of a streamed SOG
 _MOST_SIDE = 16384  # of a WebP
 _SLACK = 1 << 20  # pixels that a picture may hold beyond its splats
@@ -69,13 +74,14 @@ class _Sog:
     version: int
     meta: Mapping[str, object]
     load: Callable[[str], bytes]
+    n_stored: int  # bytes of all files
 
     def part(self, name: str) -> Mapping[str, object]:
         return cast(Mapping[str, object], self.meta[name])
 
     def numbers(self, part: str, name: str, count: int) -> FloatArray:
         """A list of numbers; one alone stands for all."""
-        values = np.asarray(self.part(part)[name], np.float32).reshape(-1)
+        values = sane(np.asarray(self.part(part)[name], np.float64).reshape(-1))
         values = np.repeat(values, count) if len(values) == 1 else values
         if len(values) < count:
             raise ValueError(f"{part}.{name}")
@@ -120,7 +126,7 @@ def read_sog_stage(path: Path) -> Stage[Gaussians]:
     try:
         if path.name == META:
             return (yield from _decoded(_opened(path, lambda name: _of_folder(path, name))))
-        with zipfile.ZipFile(path) as archive:
+        with open_file(path) as file, zipfile.ZipFile(file) as archive:
             return (yield from _decoded(_opened(path, lambda name: _of_zip(archive, name))))
     # The last two are zipfile's words for an unknown compression and for a password.
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
@@ -145,13 +151,20 @@ def _opened(path: Path, load: Callable[[str], bytes]) -> _Sog:
     n = meta["means"]["shape"][0] if version == 1 else meta["count"]
     if isinstance(n, bool) or not isinstance(n, int) or not 0 < n <= _MOST_SIDE**2:
         raise ValueError(f"{n} splats")
-    return _Sog(path, n, version, meta, load)
+    stored = size_of_parts(path) if path.name == META else path.stat().st_size
+    return _Sog(path, n, version, meta, load, stored)
+
+
+def size_of_parts(meta: Path) -> int:
+    """Bytes of the files of a SOG in a folder."""
+    return sum(file.stat().st_size for file in meta.parent.iterdir() if file.is_file())
 
 
 def _of_folder(meta: Path, name: str) -> bytes:
     if Path(name).name != name:
         raise ValueError(f"file name {name!r}")
-    return meta.with_name(name).read_bytes()
+    with open_file(file_inside(meta, name)) as file:
+        return file.read()
 
 
 def _of_zip(archive: zipfile.ZipFile, name: str) -> bytes:
@@ -165,14 +178,16 @@ def _decoded(sog: _Sog) -> Stage[Gaussians]:
     n, is_antialiased = sog.n, sog.meta.get("model") == "antialiased"
     steps = 4 + ("shN" in sog.meta)
     yield reading(sog.path, 0, n)
-    low, high = sog.picture("means", 0), sog.picture("means", 1)  # before room is made for n
     palette = _palette(sog) if "shN" in sog.meta else np.zeros((1, 0, 3), np.float32)
-    out = room_for(n, 1 + palette.shape[1], sog.path.name)
+    room = n, 1 + palette.shape[1], n * _PICTURE_BYTES, sog.n_stored
+    out = room_for(sog.path, *room)  # before a picture is unpacked
+    low, high = sog.picture("means", 0), sog.picture("means", 1)
     lows, highs = (sog.numbers("means", name, 3) for name in ("mins", "maxs"))
     for part in parts_of(n):
         words = low[part, :3].astype(np.float32) + high[part, :3].astype(np.float32) * 256
         logs = lows + (highs - lows) * (words / np.float32(65535))
-        out.means[part] = np.sign(logs) * np.expm1(np.abs(logs))
+        # Beyond what a float32 takes it is out of range already.
+        out.means[part] = np.sign(logs) * np.expm1(np.minimum(np.abs(logs), _MOST_LOG))
     del low, high
     yield reading(sog.path, n // steps, n)
     pixels = sog.picture("quats", 0)
@@ -180,15 +195,17 @@ def _decoded(sog: _Sog) -> Stage[Gaussians]:
         out.quats[part] = _quats(pixels[part])
     yield reading(sog.path, 2 * n // steps, n)
     pixels = sog.picture("scales", 0)
-    out.log_scales[:] = _values(sog, "scales", pixels[:n])
+    _fill(out.log_scales, sog, "scales", pixels)
     yield reading(sog.path, 3 * n // steps, n)
     pixels = sog.picture("sh0", 0)
-    out.sh[:, 0] = _values(sog, "sh0", pixels[:n])
+    _fill(out.sh[:, 0], sog, "sh0", pixels)
     if sog.version == 2:
         out.logit_opacities[:] = logits_of_bytes(pixels[:n, 3])
     else:
-        least, most = (float(sog.numbers("sh0", name, 4)[3]) for name in ("mins", "maxs"))
-        out.logit_opacities[:] = least + (most - least) * (pixels[:n, 3] / np.float32(255))
+        least, most = (sog.numbers("sh0", name, 4)[3] for name in ("mins", "maxs"))
+        for part in parts_of(n):
+            shares = pixels[part, 3] / np.float32(255)
+            out.logit_opacities[part] = least + (most - least) * shares
     if "shN" in sog.meta:
         pixels = sog.picture("shN", 1)
         for part in parts_of(n):
@@ -205,13 +222,15 @@ def _quats(pixels: UInt8Array) -> FloatArray:
     return quats
 
 
-def _values(sog: _Sog, part: str, pixels: UInt8Array) -> FloatArray:
-    """Numbers (N, 3) that the first three channels of ``pixels`` (N, 4) stand for."""
+def _fill(column: FloatArray, sog: _Sog, name: str, pixels: UInt8Array) -> None:
+    """Fill ``column`` (N, 3) with what the first three channels of ``pixels`` (P, 4) stand for."""
     if sog.version == 2:
-        return sog.numbers(part, "codebook", 256)[pixels[:, :3]]
-    low, high = (sog.numbers(part, name, 3)[:3] for name in ("mins", "maxs"))
-    between: FloatArray = (low + (high - low) * (pixels[:, :3] / 255)).astype(np.float32)
-    return between
+        table = sog.numbers(name, "codebook", 256)
+    else:
+        low, high = (sog.numbers(name, end, 3)[:3] for end in ("mins", "maxs"))
+    for part in parts_of(len(column)):
+        rgb = pixels[part, :3]
+        column[part] = table[rgb] if sog.version == 2 else low + (high - low) * (rgb / 255)
 
 
 def _palette(sog: _Sog) -> FloatArray:
@@ -226,7 +245,7 @@ def _palette(sog: _Sog) -> FloatArray:
         values = sog.numbers("shN", "codebook", 256)[pixels[:, :, :3]]
         count = cast(int, sog.part("shN")["count"])
     else:
-        low, high = (float(sog.numbers("shN", name, 1)[0]) for name in ("mins", "maxs"))
+        low, high = (sog.numbers("shN", name, 1)[0] for name in ("mins", "maxs"))
         values = (low + (high - low) * (pixels[:, :, :3] / np.float32(255))).astype(np.float32)
         count = height * _PER_ROW
     entries = values.reshape(height * _PER_ROW, n_rest, 3)[:count]
@@ -394,21 +413,30 @@ def read_streamed_sog_stage(path: Path) -> Stage[Gaussians]:
             raise GagaError(f"{path} names chunk {finest.file}, which it does not list.")
         wanted.setdefault(finest.file, []).append(finest)
     pieces: list[Gaussians] = []
+    n = n_stored = 0
     names = [(meta.filenames[file], parts) for file, parts in sorted(wanted.items())]
+    if len({name for name, _ in names}) < len(names):
+        raise GagaError(f"{path} lists a chunk twice. Export it again.")
     if meta.environment:
         names.append((meta.environment, []))
     if not names:
         raise GagaError(f"{path} names no splats. Export it again.")
     for done, (name, parts) in enumerate(names):
         yield Progress("Read splats", done, len(names), name)
-        chunk = yield from read_sog_stage(chunk_path(path, name))
+        place = chunk_path(path, name)
+        chunk = yield from read_sog_stage(place)
+        n_stored += size_of_parts(place)
         n_asked = sum(part.count for part in parts)  # at one level none is asked for twice
         if n_asked > len(chunk) or any(part.offset + part.count > len(chunk) for part in parts):
             raise GagaError(f"{name} has fewer splats than {path} says. Export it again.")
         rows = [np.arange(part.offset, part.offset + part.count) for part in parts]
         pieces.append(chunk.take(np.concatenate(rows)) if rows else chunk)
+        n += len(pieces[-1])  # twice: they are joined at the end
+        n_bytes = 2 * n * row_bytes(chunk.sh.shape[1])
+        check_memory(path, n_bytes, f"{n:,} splats and more", n_stored)
     yield Progress("Read splats", len(names), len(names))
-    return replace(joined_splats(pieces, path.name), comments=pieces[0].comments)
+    whole = joined_splats(pieces, path, n_stored)
+    return replace(whole, comments=pieces[0].comments)
 
 
 def _leaves(node: Node, path: Path, depth: int) -> Iterator[Node]:
@@ -432,4 +460,4 @@ def chunk_path(path: Path, name: str) -> Path:
     inside = name and not parts.is_absolute() and ".." not in parts.parts and "\\" not in name
     if not inside or parts.name != META:
         raise GagaError(f"{path} names {name!r}, which is no {META} in its folder.")
-    return path.parent / Path(*parts.parts)
+    return file_inside(path, name)

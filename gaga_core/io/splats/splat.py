@@ -11,11 +11,12 @@ import numpy as np
 from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.files import atomic_write
+from gaga_core.io.files import atomic_write, open_file
 from gaga_core.io.splats.packing import (
     bytes_of_logits,
     dc_of_bytes,
     logits_of_bytes,
+    logs_of_sizes,
     parts_of,
     reading,
     room_for,
@@ -27,7 +28,7 @@ from gaga_core.io.splats.packing import (
 from gaga_core.progress import Stage
 
 _ROW = np.dtype([("xyz", "<f4", 3), ("size", "<f4", 3), ("rgba", "u1", 4), ("quat", "u1", 4)])
-_SMALLEST = np.float32(1e-30)  # a size of 0 has no logarithm
+_SMALLEST = 1e-30  # a size of 0 has no logarithm
 
 
 @splat_reader
@@ -46,8 +47,8 @@ def read_splat_stage(path: Path) -> Stage[Gaussians]:
             "Copy or export it again."
         )
     n = size // _ROW.itemsize
-    out = room_for(n, 1, path.name)
-    with path.open("rb") as file:
+    out = room_for(path, n, 1)
+    with open_file(path) as file:
         for part in parts_of(n):
             yield reading(path, part.start, n)
             block = file.read((part.stop - part.start) * _ROW.itemsize)
@@ -55,9 +56,7 @@ def read_splat_stage(path: Path) -> Stage[Gaussians]:
                 raise GagaError(f"{path.name} became shorter while it was read. Copy it again.")
             rows = np.frombuffer(block, _ROW)
             out.means[part] = rows["xyz"]
-            with np.errstate(invalid="ignore"):  # a negative size becomes NaN: a broken row
-                sizes = np.where(rows["size"] == 0, _SMALLEST, rows["size"])
-                out.log_scales[part] = np.log(sizes)
+            out.log_scales[part] = logs_of_sizes(rows["size"], _SMALLEST)
             out.sh[part, 0] = dc_of_bytes(rows["rgba"][:, :3])
             out.logit_opacities[part] = logits_of_bytes(rows["rgba"][:, 3])
             out.quats[part] = unit_quats((rows["quat"].astype(np.float32) - 128) / 128)

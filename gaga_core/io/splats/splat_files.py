@@ -16,7 +16,7 @@ from gaga_core.arrays import BoolArray
 from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.files import explain_os_error, fingerprint
+from gaga_core.io.files import explain_os_error, fingerprint, open_file
 from gaga_core.io.json_file import read_foreign_json
 from gaga_core.io.splats import compressed_ply, glb, spz
 from gaga_core.io.splats.compressed_ply import read_compressed_ply_stage, write_compressed_ply_stage
@@ -121,7 +121,7 @@ def read_splats_stage(path: Path, spz_axes: str = OURS) -> Stage[Gaussians]:
 def _reader_of(path: Path) -> Callable[[Path], Stage[Gaussians]]:
     """The reader of a file; ``GagaError`` when there is none."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             start = file.read(_HEADER)
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error

@@ -27,7 +27,7 @@ from gaga_core.color import sh_rotation
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, multiply_quats
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import atomic_write, explain_os_error, open_file
 from gaga_core.io.splats.packing import (
     bytes_of_logits,
     damaged,
@@ -37,6 +37,7 @@ from gaga_core.io.splats.packing import (
     quats_of_three,
     reading,
     room_for,
+    row_bytes,
     splat_reader,
     three_of_quats,
     to_bytes,
@@ -72,6 +73,7 @@ _ANTIALIASED = "antialiased 1"
 _DAMAGED = (EOFError, gzip.BadGzipFile, zlib.error, zstandard.ZstdError, struct.error)
 _MOST_RATIO = 1040  # deflate cannot do better, so a header that promises more is wrong
 _MOST_EXTENSIONS = 1 << 20  # bytes
+_WORK = 64 << 20  # bytes of a part that is worked on, of SH of degree 4 as doubles
 MOST_BITS = 16  # after the point of a position, when the scene is small enough
 SH_BUCKETS = (8, 16)  # of 256: SH of degree 1 keep 5 bits, the others 4, as Niantic's writer does
 _GZIP_LEVEL, _ZSTD_LEVEL = 6, 9
@@ -124,12 +126,14 @@ def turned(gaussians: Gaussians, axes: str) -> Gaussians:
         turn = matrices_to_quats(proper[None])
         quats = multiply_quats(turn, gaussians.quats.astype(np.float64)).astype(np.float32)
     bands = np.rint(sh_rotation(matrix, gaussians.sh_degree) * 1e12) / 1e12
-    sh = np.einsum("st,ntc->nsc", bands, gaussians.sh.astype(np.float64), optimize=True)
+    sh = np.empty_like(gaussians.sh)
+    for part in parts_of(len(sh)):
+        sh[part] = np.einsum("st,ntc->nsc", bands, gaussians.sh[part].astype(np.float64))
     return replace(
         gaussians,
         means=np.ascontiguousarray(gaussians.means @ matrix.T.astype(np.float32)),
         quats=np.ascontiguousarray(quats),
-        sh=np.ascontiguousarray(sh.astype(np.float32)),
+        sh=sh,
     )
 
 
@@ -178,11 +182,10 @@ def read_spz_stage(path: Path, silent_axes: str = OURS) -> Stage[Gaussians]:
     """Read an .spz file of version 1 to 4 with progress.
 
     Antialiasing becomes the comment ``antialiased 1``, as in a .ply; the axes that an extension
-    names become ours, and without one (`states_axes`) they are taken for ``silent_axes``. Memory
-    grows with what the streams really hold, not with what the header says. ``GagaError`` with one
-    sentence when the file is damaged or newer.
+    names become ours, and without one (`states_axes`) they are taken for ``silent_axes``.
+    ``GagaError`` with one sentence when the file is damaged or newer, or needs too much memory.
     """
-    with path.open("rb") as file:
+    with open_file(path) as file:
         return (yield from decode_spz_stage(path, file, silent_axes))
 
 
@@ -213,7 +216,7 @@ def states_axes(path: Path) -> bool:
     Raises ``GagaError`` when it cannot be read.
     """
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             is_packed = file.read(2) == GZIP_MAGIC
             file.seek(0)
             with gzip.GzipFile(fileobj=file) if is_packed else nullcontext(file) as stream:
@@ -243,7 +246,7 @@ def _read_stream(path: Path, file: BinaryIO) -> Stage[tuple[Head, Gaussians, byt
         ratio = _MOST_RATIO if is_packed else 1
         if version > 3 or n * sum(head.widths.values()) > ratio * size:
             raise damaged(path.name)
-        out = room_for(n, 1 + head.n_rest, path.name)
+        out = _room(path, head)
         done = 0
         for name in head.widths:
             yield from _read_section(path, stream, head, name, (out, done))
@@ -269,7 +272,7 @@ def _read_4(path: Path, file: BinaryIO) -> Stage[tuple[Head, Gaussians, bytes]]:
     wanted = [n * width for width in widths.values()]
     if [plain for _, plain in table] != wanted or at + sum(p for p, _ in table) > size:
         raise damaged(path.name)
-    out = room_for(n, 1 + head.n_rest, path.name)
+    out = _room(path, head)
     done = 0
     for name, (packed, _) in zip(widths, table, strict=True):
         file.seek(at)
@@ -289,6 +292,12 @@ def _checked(path: Path, magic: bytes, head: Head) -> Head:
     if head.n == 0:
         raise GagaError(f"{path.name} holds 0 splats. Choose another file.")
     return head
+
+
+def _room(path: Path, head: Head) -> Gaussians:
+    """Room for the splats, and for a second set of them in our axes."""
+    n_sh = 1 + head.n_rest
+    return room_for(path, head.n, n_sh, head.n * row_bytes(n_sh) + _WORK)
 
 
 def _read_section(

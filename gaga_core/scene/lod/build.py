@@ -77,7 +77,9 @@ def build_lod_stage(gaussians: Gaussians, folder: Path, digest: str) -> Stage[Lo
                         if level == 1:
                             below = gaussians.bare(rows)
                         else:
-                            below, rows = read_rows(target, level - 1, start, stop, n_sh)
+                            below, rows = read_rows(
+                                *(target, level - 1, start, stop, n_sh), len(order)
+                            )
                         splats, rows = merged_level(below, rows)
                         packed = np.empty(len(splats), row_type(n_sh))
                         packed["means"], packed["quats"] = splats.means, splats.quats

@@ -19,12 +19,13 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from gaga_core.arrays import AnyArray, FloatArray, IntArray
+from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.arrays_file import read_array
-from gaga_core.io.files import explain_os_error
+from gaga_core.io.files import explain_os_error, open_file
 from gaga_core.io.json_file import read_json
+from gaga_core.io.splats.packing import COLUMNS, FARTHEST, checked_rows
 
 FORMAT = 2  # 1: every four neighbours became one
 FILE, ORDER, NODES = "lod.json", "order.i32", "nodes.npy"
@@ -154,7 +155,7 @@ class LodTree:
         if level == 0:
             rows = self.order[first:end]
             return opened.bare(rows), rows
-        return read_rows(self.folder, level, first, end, self.n_sh)
+        return read_rows(self.folder, level, first, end, self.n_sh, len(self))
 
 
 def level_file(level: int) -> str:
@@ -163,20 +164,27 @@ def level_file(level: int) -> str:
 
 
 def read_rows(
-    folder: Path, level: int, first: int, end: int, n_sh: int
+    folder: Path, level: int, first: int, end: int, n_sh: int, n: int
 ) -> tuple[Gaussians, IntArray]:
-    """Merged splats ``first`` to ``end`` of a level, and their rows; ``GagaError`` if damaged."""
+    """Merged splats ``first`` to ``end`` of a level, and their rows of a model of ``n`` splats.
+
+    ``GagaError`` when they are damaged: nothing reaches a kernel or the GPU that is out of range.
+    """
     path, kind = folder / level_file(level), row_type(n_sh)
-    rows: AnyArray = np.empty(end - first, kind)
+    n_bytes = (end - first) * kind.itemsize
     try:
-        with path.open("rb", buffering=0) as file:
+        with open_file(path) as file:
             file.seek(first * kind.itemsize)
-            n_read = file.readinto(rows.view(np.uint8).data)
+            raw = file.read(n_bytes)
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
-    if n_read != rows.nbytes:
+    if len(raw) != n_bytes:
         raise GagaError(f"{path} is truncated or damaged. {CURE}")
-    *columns, row = (np.ascontiguousarray(rows[name]) for name in kind.names or ())
+    rows = np.frombuffer(raw, kind)
+    *columns, row = (rows[name].copy() for name in kind.names or ())
+    good, _ = checked_rows(dict(zip(COLUMNS, columns, strict=True)))
+    if not good.all() or row.min(initial=0) < 0 or row.max(initial=0) >= n:
+        raise GagaError(f"{path} is damaged: its splats are out of range. {CURE}")
     m, q, s, o, sh = columns
     return Gaussians(m, q, s, o, sh), row
 
@@ -194,14 +202,18 @@ def open_lod(folder: Path, digest: str, n: int, n_sh: int) -> LodTree | None:
     if not same or stored.sizes != level_sizes(n):
         return None
     try:
-        order = np.fromfile(folder / ORDER, "<i4")
+        with open_file(folder / ORDER) as stream:
+            raw = stream.read(4 * n + 1)
     except OSError as error:
         raise GagaError(explain_os_error(error, folder / ORDER)) from error
-    if len(order) != n or order.min(initial=0) < 0 or order.max(initial=0) >= n:
+    order = np.frombuffer(raw[: len(raw) // 4 * 4], "<i4")
+    if len(raw) != 4 * n or order.min(initial=0) < 0 or order.max(initial=0) >= n:
         raise GagaError(f"{folder / ORDER} is truncated or damaged. {CURE}")
     nodes = read_array(folder / NODES, CURE)
     n_nodes = sum(-(-size // NODE) for size in stored.sizes)
-    if nodes.shape != (n_nodes, 7) or nodes.dtype != np.float32:
+    is_table = nodes.shape == (n_nodes, 7) and nodes.dtype == np.float32
+    low, high = stored.log_scales
+    if not (is_table and np.isfinite(nodes).all() and -FARTHEST <= low <= high <= FARTHEST):
         raise GagaError(f"{folder / NODES} is damaged. {CURE}")
     for level, size in enumerate(stored.sizes[1:], 1):
         path = folder / level_file(level)
@@ -209,4 +221,4 @@ def open_lod(folder: Path, digest: str, n: int, n_sh: int) -> LodTree | None:
             raise GagaError(f"{path} is truncated or damaged. {CURE}")
     boxes, details = (np.ascontiguousarray(part) for part in (nodes[:, :6], nodes[:, 6]))
     model = folder, digest, tuple(stored.sizes), n_sh, stored.log_scales
-    return LodTree(*model, order.astype(np.int32, copy=False), boxes, details)
+    return LodTree(*model, order.astype(np.int32), boxes, details)
