@@ -24,6 +24,10 @@ _LOG = logging.getLogger(__name__)
 _LONGEST = 200  # bytes of a name in that of its temporary file: file systems take 255
 # Names of `atomic_write` and `staging_folder`.
 _LEFT = re.compile(r"\..+\.[0-9a-f]{8}\.part|\.gaga-[a-z0-9_]{8}")
+_OURS = re.compile(r"\.gaga-.+|.+\.gaga")  # folders that only this program makes
+_IN_SCENE = ("gaga", "masks")  # those that it makes in a scene, next to one of ...
+_SCENE = ("images", "input", "sparse", "colmap", "point_cloud", "point_cloud.ply")  # ... these
+_JUNCTION = 0xA0000003  # IO_REPARSE_TAG_MOUNT_POINT of the Windows SDK (winnt.h)
 PLAN = "publish.json"  # in a folder of results that are whole, see `staging.publish_all`
 _OLD_S = 3600.0
 _LONGEST_LIST = 1 << 20  # bytes of words that are read of a text file
@@ -98,14 +102,52 @@ def _windows_memory() -> int:
     return kilobytes.value * 1024 if is_known else _UNKNOWN_MEMORY
 
 
+def is_link(path: Path) -> bool:
+    """Whether ``path`` is a symbolic link, or a junction of Windows; False where nothing is."""
+    try:
+        status = path.lstat()
+    except (OSError, ValueError):
+        return False
+    return stat.S_ISLNK(status.st_mode) or getattr(status, "st_reparse_tag", 0) == _JUNCTION
+
+
+def refuse_links(path: Path, root: Path | None = None) -> None:
+    """Raise ``GagaError`` when ``path`` or a step from ``root`` to it is a link.
+
+    To be called before anything behind ``path`` is written, moved or removed: a scene may come from
+    anyone, and its links may lead anywhere. Without ``root`` the steps begin at the first folder
+    that this program makes, as SCENE/gaga; links on the way there are the user's own.
+    """
+    path = Path(path).absolute()
+    steps = (*reversed(path.parents), path)
+    start = path if root is None else root.absolute()
+    if root is None:
+        start = next((step.parent for step in steps if _is_ours(step)), path)
+    for step in steps:
+        if step != start and step.is_relative_to(start) and is_link(step):
+            raise GagaError(
+                f"{step} is a link, which may lead anywhere, so nothing is written behind it. "
+                "Put the file or folder itself there."
+            )
+
+
+def _is_ours(folder: Path) -> bool:
+    """Whether a folder is one that this program makes: by its name and its neighbours."""
+    if folder.name in _IN_SCENE:
+        return any((folder.parent / name).exists() for name in _SCENE)
+    return _OURS.fullmatch(folder.name) is not None
+
+
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
     """A temporary path next to ``path`` to write to; it replaces ``path`` when the block ends well.
 
     On any error (also a cancel) the temporary file is removed and ``path`` is as it was. A full
-    disk or missing permission is raised as ``GagaError``.
+    disk or missing permission is raised as ``GagaError``, and so is a link on the way in a folder
+    of ours (`refuse_links`). A link at ``path`` itself is replaced, not followed.
     """
     path = Path(path)
+    refuse_links(path.parent)
     stem = path.name.encode()[:_LONGEST].decode(errors="ignore")
     temporary = path.with_name(f".{stem}.{uuid4().hex[:8]}.part")
     try:
@@ -141,20 +183,22 @@ def remove_leftovers(folder: Path) -> int:
     """
     n, limit = 0, time.time() - _OLD_S
     try:
+        refuse_links(folder)
         names = [entry.name for entry in os.scandir(folder) if _LEFT.fullmatch(entry.name)]
         for name in names:
             left = folder / name
             if _newest(left) < limit and not (left / PLAN).is_file():
-                shutil.rmtree(left) if left.is_dir() else left.unlink()
+                is_folder = left.is_dir() and not is_link(left)
+                shutil.rmtree(left) if is_folder else left.unlink()
                 n += 1
-    except OSError as error:  # no permission, or another program was quicker: they do no harm
+    except (OSError, GagaError) as error:  # no permission, or another program was quicker: no harm
         _LOG.info("leftovers in %s: %s", folder, error)
     return n
 
 
 def _newest(path: Path) -> float:
     """Time of the last change of a file, or of anything in a folder."""
-    inside = path.rglob("*") if path.is_dir() and not path.is_symlink() else ()
+    inside = path.rglob("*") if path.is_dir() and not is_link(path) else ()
     times: list[float] = [item.lstat().st_mtime for item in (path, *inside)]
     return max(times)
 
@@ -166,8 +210,9 @@ def set_aside(path: Path) -> Path | None:
     """
     aside = path.with_name(f"{path.name}.damaged")
     try:
+        refuse_links(path.parent)
         os.replace(path, aside)  # noqa: PTH105  replaces on every system
-    except OSError as error:
+    except (OSError, GagaError) as error:
         _LOG.warning("%s cannot be set aside: %s", path, error)
         return None
     return aside

@@ -31,7 +31,7 @@ from PIL import Image
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import CancelledError, GagaError
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import atomic_write, explain_os_error, refuse_links
 from gaga_core.io.folder.scene_folder import (
     AssociateEntry,
     is_scene_folder,
@@ -397,6 +397,7 @@ def _note(root: Path, folder: Path, outcome: SceneOutcome, report: ScenesReport)
     path = folder / "gaga" / "report.json"
     texts = {root / SUMMARY: json.dumps(report.to_json(), indent=2) + "\n"}
     if folder.is_dir():  # photos that could not be placed leave none
+        refuse_links(path.parent, folder)
         texts[path] = with_entry(path, "run", asdict(outcome))
     for target, text in texts.items():
         with atomic_write(target) as temporary:

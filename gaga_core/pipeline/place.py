@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
 from gaga_core.io.folder.scene_folder import read_report_entry, with_entry
 from gaga_core.io.folder.splits import carry_split
 from gaga_core.pipeline.settings import ReconstructConfig
@@ -321,9 +321,11 @@ def write_entry(scene: Path, values: dict[str, object]) -> None:
 
 
 def _claim(workspace: Path, fingerprint: str) -> None:
-    """Make the workspace this task's: what another left in it is removed."""
+    """Make the workspace this task's: what another left in it is removed, and what has links."""
+    refuse_links(workspace)
     mark = workspace / "task"
-    if not (mark.is_file() and mark.read_text(encoding="ascii") == fingerprint):
+    is_own = mark.is_file() and mark.read_text(encoding="ascii", errors="replace") == fingerprint
+    if not is_own or any(map(is_link, workspace.rglob("*"))):
         shutil.rmtree(workspace, ignore_errors=True)
         workspace.mkdir(parents=True)
         mark.write_text(fingerprint, encoding="ascii")

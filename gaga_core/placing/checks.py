@@ -19,6 +19,7 @@ from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.files import refuse_links
 from gaga_core.placing.metrics import (
     AGAIN,
     MeasureConfig,
@@ -412,6 +413,9 @@ def check_poses_stage(
     """What the photos say of the poses; nothing when they fit, or too few pairs match to judge."""
     config = config or PoseCheckConfig()
     chosen = [camera for camera in sampled(cameras, config) if camera.name in photos]
+    if not chosen:
+        return ()
+    refuse_links(workspace)
     shutil.rmtree(workspace, ignore_errors=True)
     try:
         facts = yield from mapped(

@@ -8,7 +8,7 @@ import shutil
 from pathlib import Path
 
 from gaga_core.errors import GagaError
-from gaga_core.io.files import explain_os_error
+from gaga_core.io.files import explain_os_error, refuse_links
 from gaga_core.placing.photos import PhotoSet
 from gaga_core.placing.sfm import SfmConfig, run_step
 from gaga_core.progress import Progress, Stage
@@ -38,6 +38,7 @@ def undistort_into(
             if (scene / "images").exists():
                 (scene / "images").replace(scene / ORIGINALS)
             shutil.move(out / "images", scene / "images")
+        refuse_links(scene / "sparse", scene)
         (scene / "sparse").mkdir(exist_ok=True)
         (out / "sparse" / "0").replace(scene / "sparse" / "0")
     except OSError as error:

@@ -12,7 +12,7 @@ import msgspec
 from filelock import FileLock, Timeout
 
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import atomic_write, explain_os_error, refuse_links
 from gaga_core.io.json_file import read_json
 
 LOCK, OWNER = ".gaga.lock", ".gaga.owner.json"
@@ -83,8 +83,10 @@ def lock_folder(folder: Path, *, patience_s: float = 0.0) -> FolderLock:
 
     A program that ended, even by a crash, holds nothing. Raises ``InUseError`` when another one
     still holds the folder after ``patience_s`` seconds, ``GagaError`` when the place cannot be
-    written.
+    written, or a link leads out of it.
     """
+    refuse_links(folder)
+    refuse_links(folder / LOCK, folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         key = folder.resolve()

@@ -20,7 +20,7 @@ import msgspec
 from filelock import FileLock
 
 from gaga_core.errors import GagaError
-from gaga_core.io.files import PLAN, explain_os_error, remove_leftovers
+from gaga_core.io.files import PLAN, explain_os_error, refuse_links, remove_leftovers
 from gaga_core.io.json_file import PathText, read_json
 
 if sys.platform != "win32":
@@ -28,6 +28,7 @@ if sys.platform != "win32":
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S, _POLL_S = 30.0, 0.02
+_MOST_BYTES = 4 << 20  # of a plan; one of 20,000 pictures has 1 MB
 
 
 @contextmanager
@@ -39,6 +40,7 @@ def staging_folder(target: Path) -> Iterator[Path]:
     ``GagaError``.
     """
     made: list[Path] = []
+    refuse_links(target)
     try:
         made += [folder for folder in (target, *target.parents) if not folder.exists()]
         target.mkdir(parents=True, exist_ok=True)
@@ -62,7 +64,7 @@ def publish_all(staging: Path, names: Iterable[str], target: Path) -> None:
 
     A name may be a path; folders on the way are made. A folder is replaced as a whole. A program
     that is killed meanwhile leaves the rest to `finish_publishing`. One program moves at a time:
-    ``GagaError`` when another one takes too long.
+    ``GagaError`` when another one takes too long, or when a link would be followed.
     """
     plan = list(names)
     draft = staging / f"{PLAN}.part"
@@ -78,11 +80,12 @@ def finish_publishing(target: Path) -> int:
 
     Does nothing when there is nothing, or when ``target`` cannot be written.
     """
-    plans = [plan for plan in target.glob(f".gaga-*/{PLAN}") if not plan.parent.is_symlink()]
+    plans = list(target.glob(f".gaga-*/{PLAN}"))
     if not plans:
         return 0
     n = 0
     try:
+        refuse_links(target)
         with _alone_in(target):
             for plan in plans:
                 if plan.is_file():  # its program runs no more: it would hold the lock
@@ -129,10 +132,13 @@ def _try_lock(folder: int) -> bool:
 
 
 def _read_plan(plan: Path) -> list[str]:
-    """The names of a plan; ``GagaError`` when one leads out of the folder."""
-    names = read_json(plan, list[PathText], "")
+    """The names of a plan; ``GagaError`` when one leads out of the folder, or a link next to it."""
+    for path in (plan.parent, *plan.parent.rglob("*")):
+        refuse_links(path, plan.parent.parent)
+    names = read_json(plan, list[PathText], "", most_bytes=_MOST_BYTES)
     for name in names:
-        if not name or PurePath(name).is_absolute() or ".." in PurePath(name).parts:
+        parts = PurePath(name).parts
+        if not parts or PurePath(name).anchor or ".." in parts:
             raise GagaError(f"{plan} names {name!r}, which is not in its folder.")
     return names
 
@@ -146,6 +152,7 @@ def _move(staging: Path, names: Iterable[str], target: Path) -> None:
 def _publish(staging: Path, name: str, target: Path) -> None:
     """Move one file or folder; an old folder is set aside first and put back on failure."""
     new, old = staging / name, target / name
+    refuse_links(old.parent, target)
     if not new.is_dir():
         old.parent.mkdir(parents=True, exist_ok=True)
         new.replace(old)

@@ -232,7 +232,6 @@ def lift_project_stage(
 
     def lift() -> Stage[LiftedScene]:
         checkpoint = folder.work / CHECKPOINT
-        folder.work.mkdir(parents=True, exist_ok=True)
         task = task_of_association(
             gaussians,
             cameras,
