@@ -4,36 +4,62 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
 
+from gaga_core.cli.files import describe
 from gaga_core.errors import GagaError
 from gaga_core.export.export import export_objects_stage, export_scene_stage
 from gaga_core.grouping.associate import AssociateConfig
+from gaga_core.identity.lift import LiftConfig, Mode
+from gaga_core.identity.train import FILE as LIFT_CHECKPOINT
+from gaga_core.identity.train import PaperConfig
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.cameras.colmap import read_colmap, write_colmap
+from gaga_core.io.folder.lock import OWNER
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.folder.staging import finish_publishing
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks.label_maps import write_labels
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene
-from gaga_core.pipeline.reconstruct import reconstruct_scene, train_scene
-from gaga_core.pipeline.run import run_missing
+from gaga_core.pipeline.lift import lift_scene
+from gaga_core.pipeline.place import write_entry
+from gaga_core.pipeline.reconstruct import look_at_photos, reconstruct_scene, train_scene
+from gaga_core.pipeline.run import RunConfig, run_missing
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
+from gaga_core.scene.project import open_path_stage, save_project, scene_arrays
 from gaga_core.scene.scene import Scene
+from gaga_core.segmentation.models.catalogue import known_model
+from gaga_core.segmentation.models.download import LOCK_FILE, Consent, download, partial_bytes
+from gaga_core.segmentation.models.hub import HubConfig, list_files
+from gaga_core.training.settings import TrainConfig
 from tests.core.grouping.true_masks import permuted, true_map
 from tests.core.placing.photo_scenes import FOCAL, write_photos
+from tests.core.segmentation.models.hub_server import Hub, serve
 from tests.scenes import Synthetic, objects_scene
 
 Version = str  # "A" or "B"
-_TRAIN = ReconstructConfig(iterations=40, max_side=64)
+_PAPER = PaperConfig(iterations=40, reg_samples=50, checkpoint_every=4)
+_MODEL = known_model("sam2.1-tiny")
+_PAUSE_S = 0.01  # of the hub after each 16 kB: the download takes 0.2 s
+
+
+@dataclass(frozen=True)
+class _OftenKept(ReconstructConfig):
+    """Writes a checkpoint after each iteration."""
+
+    def train(self) -> TrainConfig:
+        return replace(super().train(), checkpoint_seconds=0.0)
+
+
+_TRAIN = _OftenKept(iterations=200, max_side=64, accept_wrong=True)
 
 
 @dataclass(frozen=True)
@@ -44,6 +70,7 @@ class Program:
     run: Callable[[Path, Version], object]
     result: Callable[[Path], str]  # digest of what it wrote; "" = nothing
     has_versions: bool = True  # else B is A, and each run begins without a result
+    opens: Callable[[Path], object] = lambda root: None  # what works at any time
 
 
 @cache
@@ -61,15 +88,18 @@ def _scene(version: Version) -> Scene:
 
 def _digest(root: Path, pattern: str) -> str:
     files = sorted(path for path in root.glob(pattern) if path.is_file())
+    files = [path for path in files if path.name not in (LIFT_CHECKPOINT, OWNER)]
     each = {str(p.relative_to(root)): hashlib.sha256(_stable(p)).hexdigest() for p in files}
     return json.dumps(each) if each else ""
 
 
 def _stable(path: Path) -> bytes:
-    """The content, without how long it took."""
+    """The content, without how long it took, when it was and from which port it came."""
     if path.suffix == ".npz":
         arrays = read_arrays(path, "")
         return b"".join(name.encode() + arrays[name].tobytes() for name in sorted(arrays))
+    if path.name == LOCK_FILE:
+        return json.dumps(json.loads(path.read_text())["files"]).encode()
     if path.name != "report.json":
         return path.read_bytes()
     report = json.loads(path.read_text())
@@ -96,8 +126,19 @@ def _associate(root: Path, version: Version) -> None:
     run_stage(associate_scene(open_scene_folder(root), config=config))
 
 
+def _associated(root: Path) -> None:
+    _scene_folder(root)
+    _associate(root, "A")
+
+
+def _lift(root: Path, version: Version) -> None:
+    mode: Mode = "vote" if version == "A" else "paper"
+    config = LiftConfig(paper=_PAPER)
+    run_stage(lift_scene(open_scene_folder(root), mode, config, rasterizer=CpuRasterizer()))
+
+
 def _run(root: Path, _: Version) -> None:
-    run_stage(run_missing(open_scene_folder(root)))
+    run_stage(run_missing(open_scene_folder(root), RunConfig(reconstruct=_TRAIN)))
 
 
 def _untrained(root: Path) -> None:
@@ -105,8 +146,45 @@ def _untrained(root: Path) -> None:
     (root / "point_cloud.ply").unlink()
 
 
+def _ungrouped(root: Path) -> None:
+    """Photos whose poses were checked, which takes longest, and masks."""
+    _untrained(root)
+    write_entry(root, {"poses": {"checks": []}})
+
+
 def _train(root: Path, _: Version) -> None:
     run_stage(train_scene(open_scene_folder(root), _TRAIN, rasterizer=CpuRasterizer()))
+
+
+def _save(root: Path, version: Version) -> None:
+    project = run_stage(open_path_stage(root / "point_cloud.ply"))
+    project.scene.names[1] = version
+    project.scene.state[:: 2 if version == "A" else 3] = 8
+    save_project(project, root / "it.gaga", overwrites=True)
+
+
+def _saved(root: Path) -> str:
+    if not (root / "it.gaga").exists():
+        return ""
+    scene = run_stage(open_path_stage(root / "it.gaga")).scene
+    arrays = scene_arrays(scene)
+    digests = {name: hashlib.sha256(arrays[name].tobytes()).hexdigest() for name in arrays}
+    return json.dumps([scene.names, digests])
+
+
+def _repository(root: Path) -> None:
+    folder = root / "repository"
+    folder.mkdir()
+    (folder / "config.json").write_text("{}")
+    weights = np.random.default_rng(0).integers(0, 256, 300_000, np.uint8)
+    (folder / "model.safetensors").write_bytes(weights.tobytes())
+
+
+def _download(root: Path, _: Version) -> None:
+    with serve(Hub({_MODEL.hub: root / "repository"}, pause_s=_PAUSE_S)) as hub:
+        config = HubConfig(hub.url)
+        consent = Consent(_MODEL.name, _MODEL.licence)
+        run_stage(download(list_files(_MODEL, config), consent, config))
 
 
 def _photos(root: Path) -> None:
@@ -130,6 +208,20 @@ def _placed(root: Path) -> str:
     return json.dumps([sorted(str(p.relative_to(scene)) for p in scene.rglob("*")), poses])
 
 
+def _of_groups(root: Path) -> str:
+    return _digest(root, "gaga/**/*")
+
+
+def _of_run(root: Path) -> str:
+    """Of everything, once its last stage has ended."""
+    is_done = any((root / "gaga/renders").rglob("*.png"))
+    return _digest(root, "point_cloud.ply") + _of_groups(root) if is_done else ""
+
+
+def _described(root: Path) -> object:
+    return run_stage(describe(root))
+
+
 PROGRAMS: Mapping[str, Program] = {
     "export": Program(
         lambda root: None,
@@ -141,14 +233,31 @@ PROGRAMS: Mapping[str, Program] = {
         lambda root, v: run_stage(export_objects_stage(_scene(v), root / "objects")),
         lambda root: _digest(root, "objects/*"),
     ),
-    "associate": Program(_scene_folder, _associate, lambda root: _digest(root, "gaga/**/*")),
-    "run": Program(
-        _scene_folder, _run, lambda root: _digest(root, "gaga/**/*"), has_versions=False
-    ),
+    "save": Program(_scene_folder, _save, _saved),
+    "associate": Program(_scene_folder, _associate, _of_groups, opens=_described),
+    "lift": Program(_associated, _lift, _of_groups, opens=_described),
     "train": Program(
-        _untrained, _train, lambda root: _digest(root, "point_cloud.ply"), has_versions=False
+        _untrained,
+        _train,
+        lambda root: _digest(root, "point_cloud.ply"),
+        has_versions=False,
+        opens=look_at_photos,
     ),
-    "place": Program(_photos, _place, _placed, has_versions=False),
+    "run": Program(_ungrouped, _run, _of_run, has_versions=False, opens=look_at_photos),
+    "place": Program(
+        _photos,
+        _place,
+        _placed,
+        has_versions=False,
+        opens=lambda root: look_at_photos(root / "photos"),
+    ),
+    "model": Program(
+        _repository,
+        _download,
+        lambda root: _digest(root, "home/models/*/*"),
+        has_versions=False,
+        opens=lambda root: partial_bytes(_MODEL),
+    ),
 }
 
 
