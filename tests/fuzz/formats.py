@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -228,7 +228,7 @@ def _number(content: bytes, rng: random.Random) -> bytes:
     named = [i + 4 for i in range(len(content) - 8) if content[i : i + 4].isalpha()][:300]
     anywhere = [rng.randrange(len(content) // 4 + 1) * 4 for _ in range(4)]
     at = rng.choice(rng.choice([some for some in (starts, starts, named, anywhere) if some]))
-    order = "big" if named and at in named and rng.random() < 0.5 else "little"
+    order: Literal["big", "little"] = "big" if at in named and rng.random() < 0.5 else "little"
     size = rng.choice((2, 4, 4, 8))
     raw = (rng.choice(_COUNTS) % (1 << 8 * size)).to_bytes(size, order)
     if rng.random() < 0.2:
@@ -338,7 +338,7 @@ def _spz(content: bytes, rng: random.Random) -> bytes:
 def _npy_head(content: bytes, rng: random.Random) -> bytes:
     n = int.from_bytes(content[8:10], "little")
     shapes = ("()", "(-1,)", "(0,)", "(1099511627776,)", "(4294967296, 4294967296)", "(3.0,)")
-    shapes += ("(True,)", "('a',)", "(1,) * 9", "(9223372036854775807,)", "(0, 1099511627776)")
+    more = ("(True,)", "('a',)", "(1,) * 9", "(9223372036854775807,)", "(0, 1099511627776)")
     kinds = (
         "'|O'",
         "'<U4000000'",
@@ -348,7 +348,7 @@ def _npy_head(content: bytes, rng: random.Random) -> bytes:
         "'>i4'",
         "'|b1'",
     )
-    shape, kind = rng.choice(shapes), rng.choice(("'<f4'", *kinds))
+    shape, kind = rng.choice((*shapes, *more)), rng.choice(("'<f4'", *kinds))
     text = (
         f"{{'descr': {kind}, 'fortran_order': {rng.choice((True, False, 3))}, 'shape': {shape}, }}"
     )

@@ -32,6 +32,7 @@ from gaga_core.identity.field import (
     load_identity,
     save_identity,
 )
+from gaga_core.identity.training_step import Training
 from gaga_core.io.cameras.cameras_json import read_cameras_json, write_cameras_json
 from gaga_core.io.cameras.colmap import read_colmap, write_colmap
 from gaga_core.io.datasets import open_dataset
@@ -420,13 +421,15 @@ def _read_index(folder: Path) -> None:
 
 
 class _NoModel:
-    """Vectors of any text."""
+    """The same vector for everything."""
+
+    fingerprint = "m"
 
     def texts(self, texts: Sequence[str]) -> FloatArray:
         return np.ones((len(texts), 8), np.float32)
 
-    def pictures(self, crops: Sequence[UInt8Array]) -> FloatArray:
-        return np.ones((len(crops), 8), np.float32)
+    def pictures(self, pictures: Sequence[UInt8Array]) -> FloatArray:
+        return np.ones((len(pictures), 8), np.float32)
 
 
 def _streamed(folder: Path) -> None:
@@ -460,7 +463,7 @@ def _checkpoints(folder: Path) -> None:
     shapes = [(300, 16), (5, 16), (5,)]
     values = [rng.normal(size=shape).astype("f4") for shape in shapes]
     moments = tuple(np.zeros(shape, "f4") for shape in shapes for _ in range(2))
-    training = identity_training.Training(values[0], values[1], values[2], moments, 3)
+    training = Training(values[0], values[1], values[2], moments, 3)
     identity_training.save_checkpoint(folder / "identity.npz", training, "digest")
 
 

@@ -100,7 +100,6 @@ def _asks_for_too_much(_: Path) -> None:
         (Image.open, "Error"),
     ],
 )
-@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_faults_of_readers_are_found(
     read: Callable[[Path], object], fault: str | None, tmp_path: Path
 ) -> None:

@@ -89,7 +89,6 @@ def run_cases(cases: Cases, said: Connection) -> None:
     shutil.rmtree(folder / "case", ignore_errors=True)
     shutil.copytree(folder / "good", folder / "case")
     target.read(folder / "case")  # kernels are loaded, and the good files are good
-    warnings.simplefilter("error", RuntimeWarning)  # numpy's stand before what a command says
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + _MOST_ASKED, used + _MOST_ASKED))
     for number in range(cases.first, cases.first + cases.count):
@@ -116,7 +115,10 @@ def run_cases(cases: Cases, said: Connection) -> None:
 def faults_of(target: Target, place: Path) -> list[str]:
     """What is wrong with how a case ends: a text each."""
     try:
-        return [fault for text in _texts(target.read(place)) for fault in _wrong_in(text)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)  # it stands before what a command says
+            result = target.read(place)
+        return [fault for text in _texts(result) for fault in _wrong_in(text)]
     except GagaError as error:
         cause: BaseException | None = error
         while cause is not None and not isinstance(cause, MemoryError):
