@@ -58,7 +58,7 @@ _EXTENSION = "KHR_gaussian_splatting"
 _SPZ = (f"{_EXTENSION}_compression_spz_2", f"{_EXTENSION}_compression_spz")  # the draft's names
 _FORMER = "KHR_spz_gaussian_splats_compression"  # of the primitive itself, before the first of them
 _AXES = "LUF"
-_MOST_NODES, _MOST_PARTS = 10_000, 10_000
+_MOST_NODES, _MOST_PARTS = 10_000, 2_000
 _SPLAT_BYTES = 2 * row_bytes((MOST_DEGREE + 1) ** 2)  # while it is decoded, columns and all
 _FARTHEST = 1e15  # scene units: far beyond what float32 tells apart
 FLOAT, UNSIGNED, _POINTS = 5126, 5125, 0
@@ -80,7 +80,7 @@ class Buffers:
     """A glTF in memory."""
 
     gltf: Mapping[str, Any]
-    binaries: tuple[bytes, ...]  # by the number of the buffer
+    binaries: tuple[memoryview, ...]  # by the number of the buffer
 
     @staticmethod
     def of(content: bytes, path: Path) -> "Buffers":
@@ -92,7 +92,7 @@ class Buffers:
             gltf, binary = _chunks(content, path.name)
         else:
             gltf = decode_json(content, dict[str, Any], path.name, "Export it again.")
-            binary = b""
+            binary = memoryview(b"")
         rows = gltf.get("buffers", [])
         if len(rows) > _MOST_BUFFERS:
             raise ValueError("too many buffers")
@@ -131,7 +131,7 @@ class Buffers:
         shares: AnyArray = np.maximum(values.astype(np.float32) / most, -1)
         return shares
 
-    def view(self, index: int) -> bytes:
+    def view(self, index: int) -> memoryview:
         """The bytes of a buffer view; ``ValueError`` when some lie outside of the file."""
         view = self.gltf["bufferViews"][_natural(index)]
         binary = self.binaries[_natural(view["buffer"])]
@@ -142,27 +142,28 @@ class Buffers:
         return binary[start:end]
 
 
-def _chunks(content: bytes, name: str) -> tuple[dict[str, Any], bytes]:
+def _chunks(content: bytes, name: str) -> tuple[dict[str, Any], memoryview]:
     """JSON and numbers of a GLB."""
     magic, version, total = _HEAD.unpack_from(content)
     if magic != MAGIC or version != 2:
         raise GagaError(f"{name} is not a GLB of glTF 2.0. Choose another file.")
     if total > len(content):
         raise damaged(name)
-    chunks: dict[bytes, bytes] = {}
+    chunks: dict[bytes, memoryview] = {}
+    whole = memoryview(content)
     at = _HEAD.size
     while at + _CHUNK.size <= total:
         size, kind = _CHUNK.unpack_from(content, at)
         at += _CHUNK.size
         if at + size > total:
             raise damaged(name)
-        chunks.setdefault(kind, content[at : at + size])
+        chunks.setdefault(kind, whole[at : at + size])
         at += size
-    gltf = decode_json(chunks[JSON], dict[str, Any], name, "Export it again.")
-    return gltf, chunks.get(BIN, b"")
+    gltf = decode_json(bytes(chunks[JSON]), dict[str, Any], name, "Export it again.")
+    return gltf, chunks.get(BIN, memoryview(b""))
 
 
-def _buffer(row: Mapping[str, Any], binary: bytes, path: Path) -> bytes:
+def _buffer(row: Mapping[str, Any], binary: memoryview, path: Path) -> memoryview:
     """The bytes of one buffer: of the GLB itself, in the text, or of a file in the same folder."""
     uri = row.get("uri")
     if uri is None:
@@ -170,12 +171,12 @@ def _buffer(row: Mapping[str, Any], binary: bytes, path: Path) -> bytes:
     if not isinstance(uri, str):
         raise ValueError("a buffer whose address is no text")
     if uri.startswith("data:"):
-        return base64.b64decode(uri.partition(",")[2], validate=True)
+        return memoryview(base64.b64decode(uri.partition(",")[2], validate=True))
     file = buffer_file(uri, path)
     if not file.is_file():
         raise GagaError(f"{path.name} needs {uri[:80]}, which is not next to it. Copy it, too.")
     with open_file(file) as stream:
-        return stream.read()
+        return memoryview(stream.read())
 
 
 def buffer_file(uri: str, path: Path) -> Path:
@@ -215,7 +216,7 @@ def read_glb_stage(path: Path) -> Stage[Gaussians]:
         raise GagaError(f"{path.name} holds no splats ({_EXTENSION}). Choose another file.")
     yield reading(path, 1, 2)
     alike = parts[0].comments if len({part.comments for part in parts}) == 1 else ()
-    joined = joined_splats(parts, path, _stored(buffers, path))
+    joined = joined_splats(parts, path, path.stat().st_size + buffers.n_stored)
     del parts
     whole = turned(replace(joined, comments=alike), _AXES)
     yield reading(path, 2, 2)
@@ -225,7 +226,8 @@ def read_glb_stage(path: Path) -> Stage[Gaussians]:
 def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
     """Splats of every primitive that has some, where its node puts them; axes of the glTF."""
     gltf, found = buffers.gltf, list[Gaussians]()
-    meshes, n_bytes = list(_placed_meshes(gltf)), 0  # a circle is found before memory is taken
+    meshes = list(_placed_meshes(gltf))  # a circle is found before memory is taken
+    n_stored = n_bytes = path.stat().st_size + buffers.n_stored
     if sum(len(gltf["meshes"][mesh]["primitives"]) for _, mesh in meshes) > _MOST_PARTS:
         raise ValueError("too many primitives")
     for place, mesh in meshes:
@@ -248,19 +250,15 @@ def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
                     gltf["accessors"][_natural(primitive["attributes"]["POSITION"])]["count"]
                 )
                 taken = n_bytes + n * _SPLAT_BYTES
-                check_memory(path, taken, f"{n:,} splats and more", _stored(buffers, path))
+                check_memory(path, taken, f"{n:,} splats and more", n_stored)
                 splats = _decoded(buffers, primitive["attributes"])
             else:
                 continue
             # Next to them stand those of the whole, first in the axes of the file.
             n_bytes += 3 * len(splats) * row_bytes(splats.sh.shape[1])
-            check_memory(path, n_bytes, "so many splats", _stored(buffers, path))
+            check_memory(path, n_bytes, "so many splats", n_stored)
             found.append(_moved(splats, place))
     return found
-
-
-def _stored(buffers: Buffers, path: Path) -> int:
-    return path.stat().st_size + buffers.n_stored
 
 
 def _placed_meshes(gltf: Mapping[str, Any]) -> Iterator[tuple[DoubleArray, int]]:

@@ -135,13 +135,13 @@ def checked_rows(columns: Mapping[str, FloatArray]) -> tuple[BoolArray, int]:
         # A sum of squares is below the square if all numbers are (or look closely): one fast pass.
         if not np.vdot(flat, flat) < FARTHEST**2:
             good &= (np.abs(flat) <= FARTHEST).all(axis=1)
-    largest = columns["log_scales"].max(initial=-np.inf)
-    if not largest <= _LARGEST_LOG:
+    sizes = columns["log_scales"] if good.all() else columns["log_scales"][good]
+    if sizes.max(initial=-np.inf) > _LARGEST_LOG:
         good &= (columns["log_scales"] <= _LARGEST_LOG).all(axis=1)
     quats = columns["quats"]
-    if quats[:, 0].all():
+    if (quats[:, 0] != 0).all():
         return good, 0
-    lengthless = good & ~quats.any(axis=1)
+    lengthless = good & (quats == 0).all(axis=1)
     quats[lengthless, 0] = 1
     return good, int(lengthless.sum())
 

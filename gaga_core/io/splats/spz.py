@@ -128,7 +128,9 @@ def turned(gaussians: Gaussians, axes: str) -> Gaussians:
     bands = np.rint(sh_rotation(matrix, gaussians.sh_degree) * 1e12) / 1e12
     sh = np.empty_like(gaussians.sh)
     for part in parts_of(len(sh)):
-        sh[part] = np.einsum("st,ntc->nsc", bands, gaussians.sh[part].astype(np.float64))
+        sh[part] = np.einsum(
+            "st,ntc->nsc", bands, gaussians.sh[part].astype(np.float64), optimize=True
+        )
     return replace(
         gaussians,
         means=np.ascontiguousarray(gaussians.means @ matrix.T.astype(np.float32)),

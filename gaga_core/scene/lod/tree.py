@@ -168,7 +168,8 @@ def read_rows(
 ) -> tuple[Gaussians, IntArray]:
     """Merged splats ``first`` to ``end`` of a level, and their rows of a model of ``n`` splats.
 
-    ``GagaError`` when they are damaged: nothing reaches a kernel or the GPU that is out of range.
+    Splats that cannot be computed with are made transparent. ``GagaError`` when a row is none of
+    the model: it would be followed on the GPU.
     """
     path, kind = folder / level_file(level), row_type(n_sh)
     n_bytes = (end - first) * kind.itemsize
@@ -183,9 +184,12 @@ def read_rows(
     rows = np.frombuffer(raw, kind)
     *columns, row = (rows[name].copy() for name in kind.names or ())
     good, _ = checked_rows(dict(zip(COLUMNS, columns, strict=True)))
-    if not good.all() or row.min(initial=0) < 0 or row.max(initial=0) >= n:
-        raise GagaError(f"{path} is damaged: its splats are out of range. {CURE}")
+    if row.min(initial=0) < 0 or row.max(initial=0) >= n:
+        raise GagaError(f"{path} is damaged: it has rows that are not there. {CURE}")
     m, q, s, o, sh = columns
+    for column in columns:
+        column[~good] = 0
+    o[~good] = -np.inf
     return Gaussians(m, q, s, o, sh), row
 
 
@@ -213,8 +217,9 @@ def open_lod(folder: Path, digest: str, n: int, n_sh: int) -> LodTree | None:
     n_nodes = sum(-(-size // NODE) for size in stored.sizes)
     is_table = nodes.shape == (n_nodes, 7) and nodes.dtype == np.float32
     low, high = stored.log_scales
-    if not (is_table and np.isfinite(nodes).all() and -FARTHEST <= low <= high <= FARTHEST):
+    if not is_table or not -FARTHEST <= low <= high <= FARTHEST:
         raise GagaError(f"{folder / NODES} is damaged. {CURE}")
+    nodes = np.clip(np.nan_to_num(nodes), -FARTHEST, FARTHEST)
     for level, size in enumerate(stored.sizes[1:], 1):
         path = folder / level_file(level)
         if not path.is_file() or path.stat().st_size != size * row_type(n_sh).itemsize:
