@@ -1,9 +1,12 @@
 """Errors that a user can fix, and text from files as it may be shown."""
 
+import logging
 import re
 import unicodedata
+from typing import Any
 
 LONGEST_SENTENCE = 400  # characters; a notice of the window has room for them
+LONGEST_LINE = 10_000  # characters of a line of output or of the log: 50 lines of 200 columns
 _LONGEST_WORD = 80  # what a long sentence keeps of a path or a name
 _JOINERS = "\u200c\u200d"  # format characters that scripts and emoji are written with
 
@@ -31,15 +34,40 @@ def plain_text(text: str, longest: int = LONGEST_SENTENCE) -> str:
     shown as Python escapes (``\\x1b``, ``\\u202e``). Of what is too long the longest words lose
     their middle first.
     """
+    text = _shortened(text, longest)
     if not text.isprintable():
-        text = "".join(_shown(character) for character in text)
-    while len(text) > longest:
-        word = max(re.findall(r"\S+", text) or [text], key=len)
-        kept = min(_LONGEST_WORD, longest)
-        if len(word) <= kept:
-            return text[: longest - longest // 3 - 1] + "…" + text[-(longest // 3) :]
-        text = text.replace(word, word[: kept // 2] + "…" + word[len(word) - kept // 2 + 1 :])
+        text = _shortened("".join(_shown(character) for character in text), longest)
     return text
+
+
+class PlainFormatter(logging.Formatter):
+    """Writes records of the log as `plain_text`: they quote files, too."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802  the base's name
+        """One line."""
+        return plain_text(super().formatMessage(record), LONGEST_LINE)
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802  the base's name
+        """The lines of a traceback."""
+        lines = super().formatException(ei).split("\n")
+        return "\n".join(plain_text(line, LONGEST_LINE) for line in lines)
+
+
+def _shortened(text: str, longest: int) -> str:
+    """Without the middle of its longer words, half of them at a time, then of the whole."""
+    kept = min(_LONGEST_WORD, longest)
+    while len(text) > longest:
+        lengths = sorted((len(word) for word in re.findall(r"\S+", text)), reverse=True)
+        lengths = [length for length in lengths if length > kept]
+        if not lengths:
+            return text[: longest - longest // 3 - 1] + "…" + text[-(longest // 3) :]
+        least = lengths[(len(lengths) - 1) // 2]
+        text = re.sub(rf"\S{{{least},}}", lambda word: _cut(word[0], kept), text)
+    return text
+
+
+def _cut(word: str, kept: int) -> str:
+    return word[: kept // 2] + "…" + word[len(word) - kept // 2 + 1 :]
 
 
 def _shown(character: str) -> str:

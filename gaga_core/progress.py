@@ -9,6 +9,8 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
+from gaga_core.errors import plain_text
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -61,11 +63,11 @@ def show_stage(
 
     console = console or Console(stderr=True)
     columns = (
-        bars.TextColumn("{task.description}"),
+        bars.TextColumn("{task.description}", markup=False),
         bars.BarColumn(bar_width=30),
         bars.TextColumn("{task.completed:.0f}/{task.total:.0f}"),
         bars.TimeRemainingColumn(),
-        bars.TextColumn("{task.fields[message]}", style="dim"),
+        bars.TextColumn("{task.fields[message]}", style="dim", markup=False),
     )
     quiet = not (console.is_terminal or console.is_jupyter)
     tasks: dict[str, bars.TaskID] = {}
@@ -76,8 +78,10 @@ def show_stage(
                 on_progress(step)
             total = step.total or max(step.done, 1)
             if step.stage not in tasks:
-                tasks[step.stage] = bar.add_task(step.stage, total=step.total or 1, message="")
-            bar.update(tasks[step.stage], completed=step.done, total=total, message=step.message)
+                title = plain_text(step.stage)
+                tasks[step.stage] = bar.add_task(title, total=step.total or 1, message="")
+            message = plain_text(step.message)
+            bar.update(tasks[step.stage], completed=step.done, total=total, message=message)
 
         with closing(stage):
             return run_stage(stage, show)

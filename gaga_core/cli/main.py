@@ -34,7 +34,7 @@ from gaga_core.cli.scene import (
     LiftCommand,
     RenderCommand,
 )
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, PlainFormatter
 from gaga_core.io.files import explain_os_error
 
 AnyCommand = (
@@ -73,7 +73,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of a disk, or what is left 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of ``gaga``; returns the exit status."""
-    out.open_closed_streams()
+    out.prepare_streams()
     try:
         try:
             return _run(arguments)
@@ -93,14 +93,17 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(arguments: list[str] | None) -> int:
-    logging.basicConfig(format="gaga: %(message)s", level=logging.WARNING, stream=sys.stderr)
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(PlainFormatter("gaga: %(message)s"))
+    logging.basicConfig(level=logging.WARNING, handlers=[handler])
+    logging.captureWarnings(True)
     given = sys.argv[1:] if arguments is None else arguments
     if given in (["--version"], ["-V"]):
         sys.stdout.write(f"gaga {gaga_core.__version__}\n")
         return 0
     flat = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     try:
-        parsed = tyro.cli(Main, prog="gaga", args=given, config=flat)
+        parsed = out.parsed(lambda a: tyro.cli(Main, prog="gaga", args=a, config=flat), given)
         return parsed.command.run()
     except GagaError as error:
         out.fail(str(error))

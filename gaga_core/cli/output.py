@@ -1,6 +1,7 @@
 """What the command prints, and the options that several commands share.
 
-Messages and progress go to standard error, results to standard output.
+Messages and progress go to standard error, results to standard output. What is printed may quote
+files: all of it is made `errors.plain_text`, so that no terminal obeys it.
 """
 
 import ast
@@ -13,17 +14,19 @@ import sys
 import textwrap
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import fields
+from io import StringIO, TextIOWrapper
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 from tyro.conf import Positional, arg
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import LONGEST_LINE, GagaError, plain_text
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.progress import Stage, show_stage
 
@@ -41,29 +44,48 @@ class _Console(Console):
         raise BrokenPipeError
 
 
-_messages = _Console(stderr=True, highlight=False)
+_messages = _Console(stderr=True, highlight=False, emoji=False)
 
 
 def say(text: str) -> None:
     """A message for the person at the terminal."""
-    _messages.print(text, markup=False, soft_wrap=True)
+    _messages.print(plain_text(text, LONGEST_LINE), markup=False, soft_wrap=True)
 
 
 def fail(text: str) -> None:
     """The one sentence of a failure."""
-    _messages.print(f"gaga: {text}", markup=False, style="red", soft_wrap=True)
+    shown = plain_text(f"gaga: {text}", LONGEST_LINE)
+    _messages.print(shown, markup=False, style="red", soft_wrap=True)
 
 
 def line(text: str) -> None:
     """One line of the result, for a person or a script."""
-    sys.stdout.write(text + "\n")
+    sys.stdout.write(plain_text(text, LONGEST_LINE) + "\n")
 
 
-def open_closed_streams() -> None:
-    """Send nowhere what goes to a stream that is closed from the start, as by ``>&-``."""
+def parsed(parse: Callable[[list[str]], T], given: list[str]) -> T:
+    """The arguments as ``parse`` reads them; its messages quote those that are wrong."""
+    plain = [plain_text(argument) for argument in given]
+    if plain == given:
+        return parse(given)
+    try:
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            return parse(given)
+    except SystemExit:
+        parse(plain)  # says the same
+        raise
+
+
+def prepare_streams() -> None:
+    """Send nowhere what goes to a stream that is closed from the start, as by ``>&-``.
+
+    Characters that standard output has no code for are shown as escapes.
+    """
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115  # to the end
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def is_unread() -> bool:
@@ -138,7 +160,7 @@ def result(values: Mapping[str, object], *, as_json: bool) -> int:
     Returns 0, the exit status.
     """
     if as_json:
-        line(json.dumps(values, indent=2))
+        sys.stdout.write(json.dumps(values, indent=2).replace("\x7f", "\\u007f") + "\n")
         return 0
     width = max((len(key) for key in values), default=0)
     for key, value in values.items():
@@ -202,10 +224,16 @@ def scores(report: Scores, *, as_json: bool) -> int:
 
 def table(rows: list[list[str]]) -> None:
     """Print rows of text as a table, headings first."""
-    shown = Table(*rows[0])
+    shown = Table()
+    for heading in rows[0]:
+        shown.add_column(_cell(heading))
     for row in rows[1:]:
-        shown.add_row(*row)
+        shown.add_row(*map(_cell, row))
     _Console(highlight=False).print(shown)
+
+
+def _cell(text: str) -> Text:
+    return Text(plain_text(text))
 
 
 def _readable(value: object) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, plain_text
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.masks import MaskSet
@@ -177,7 +177,8 @@ class Session:
         self, level: Level, text: str, command: str = "", *, shows: Path | None = None
     ) -> None:
         """Tell the user one sentence; offer the command with this id, or to show a file."""
-        self.notices = (*self.notices, Notice(level, text, command, shows=shows))[-_MOST_NOTICES:]
+        notice = Notice(level, plain_text(text), command, shows=shows)
+        self.notices = (*self.notices, notice)[-_MOST_NOTICES:]
 
     def answer(self, choice: str) -> None:
         """Answer the pending question."""

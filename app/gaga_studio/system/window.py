@@ -12,7 +12,7 @@ from pathlib import Path
 import glfw
 from imgui_bundle import ImVec2, ImVec4, glfw_utils, hello_imgui, imgui, immapp
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, plain_text
 from gaga_studio.system.key_queue import KeyQueue
 
 # --- Docking of the panels: a wide and a compact layout, sized for the text that they hold.
@@ -242,6 +242,7 @@ class Window:
 
     def set_title(self, title: str) -> None:
         """Show ``title`` in the title bar."""
+        title = plain_text(title)
         if title != self._title:
             self._title = title
             glfw.set_window_title(glfw_utils.glfw_window_hello_imgui(), title)
