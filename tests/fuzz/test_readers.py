@@ -79,7 +79,7 @@ def test_links_lead_out_of_the_folder_and_what_is_changed_there_shows(tmp_path: 
 
 
 def _says(text: str) -> Callable[[Path], object]:
-    return lambda _: (text,)
+    return lambda _: [text]
 
 
 def _asks_for_too_much(_: Path) -> None:
@@ -93,8 +93,8 @@ def _asks_for_too_much(_: Path) -> None:
     ("read", "fault"),
     [
         (_says("one plain sentence"), None),
-        (_says("x" * 401), "401 characters"),
-        (_says("two\nlines"), "not plain"),
+        (_says("x" * 10_001), "10,001 characters"),
+        (_says("\x1b[31mred"), "not plain"),
         (_asks_for_too_much, "too much memory"),
         (lambda _: np.float32(1e30) * np.float32(1e30), "RuntimeWarning"),
         (Image.open, "Error"),

@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NamedTuple
 
-from gaga_core.errors import LONGEST_SENTENCE, GagaError
+from gaga_core.errors import LONGEST_LINE, LONGEST_SENTENCE, GagaError
 from tests.fuzz.formats import changed, inventory
 from tests.fuzz.mutate import mutated
 from tests.fuzz.targets import TARGETS, Target
@@ -118,13 +118,14 @@ def faults_of(target: Target, place: Path) -> list[str]:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)  # it stands before what a command says
             result = target.read(place)
-        return [fault for text in _texts(result) for fault in _wrong_in(text)]
+        shown = result if isinstance(result, list) else []
+        return [fault for line in shown for fault in _wrong_in(line, LONGEST_LINE)]
     except GagaError as error:
         cause: BaseException | None = error
         while cause is not None and not isinstance(cause, MemoryError):
             cause = cause.__cause__ or cause.__context__
         asked = [] if cause is None else [f"asks for too much memory: {cause}\n{_trace(cause)}"]
-        return [*_wrong_in(str(error)), *asked]
+        return [*_wrong_in(str(error), LONGEST_SENTENCE), *asked]
     except Exception as error:  # noqa: BLE001  whatever escapes is what we look for
         return [_trace(error)]
 
@@ -133,20 +134,13 @@ def _trace(error: BaseException) -> str:
     return "".join(traceback.format_exception(error))
 
 
-def _texts(value: object) -> list[str]:
-    """The sentences that a reader returned."""
-    if isinstance(value, str):
-        return [value]
-    return [text for item in value for text in _texts(item)] if isinstance(value, tuple) else []
-
-
-def _wrong_in(text: str) -> list[str]:
-    """Why a sentence is not plain."""
+def _wrong_in(text: str, longest: int) -> list[str]:
+    """Why a text is not plain."""
     wrong = []
-    if len(text) > LONGEST_SENTENCE:
-        wrong.append(f"a sentence of {len(text):,} characters: {text[:300]!r}")
+    if len(text) > longest:
+        wrong.append(f"a text of {len(text):,} characters: {text[:300]!r}")
     if not text.isprintable():
-        wrong.append(f"a sentence that is not plain text: {text[:300]!r}")
+        wrong.append(f"a text that is not plain: {text[:300]!r}")
     return wrong
 
 
