@@ -524,7 +524,7 @@ def _camera_path(folder: Path) -> None:
 
 def _read_camera_path(folder: Path) -> None:
     path = load_path(folder / "path.json")
-    for second in np.linspace(0, min(path.seconds, 1e6), 5):
+    for second in np.linspace(0, min(path.seconds, 1e6), 5) if path.keyframes else ():
         path.shot(float(second))
 
 
