@@ -1,16 +1,45 @@
-"""Pictures: photos in, renders out."""
+"""Pictures: photos in, renders out. Nothing else opens a picture file."""
 
+import struct
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
-from gaga_core.arrays import FloatArray, UInt8Array
+from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import atomic_write, check_memory, explain_os_error, open_file
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 _FORMATS = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".webp": "WEBP"}
+# What a file may hold, whatever its suffix; JPEG with further pictures (MPO, of phones) is read as
+# JPEG. Pillow knows 40 more, and hands PostScript to a program that executes it.
+_READ = ("JPEG", "PNG", "WEBP", "BMP", "TIFF")
+# What Pillow raises on files with wrong bytes beyond OSError, found by flipping and setting bytes.
+_DAMAGED = (
+    ValueError,
+    SyntaxError,
+    TypeError,
+    LookupError,
+    ArithmeticError,
+    AttributeError,
+    RuntimeError,
+    EOFError,
+    struct.error,
+)
+_POINTER = 8  # bytes that Pillow keeps for each row of a picture
+_BLOCK = 1 << 20  # pixels that are converted at a time
+# Bytes a pixel that the decoder takes next to the picture: libwebp keeps two canvases and gives a
+# third, libtiff takes strips whole. Measured on 36 megapixels: 15.0 and 4.0.
+_OF_DECODER = {"WEBP": 16, "TIFF": 8}
+_OF_COEFFICIENTS = 2  # bytes a pixel and channel that libjpeg keeps of a progressive JPEG
+
+# Sizes are checked here, and odd tags harm nobody: both would be warnings on the terminal.
+warnings.filterwarnings("ignore", module=r"PIL\.")
 
 
 def pictures_in(folder: Path, pattern: str = "*") -> dict[str, Path]:
@@ -23,38 +52,115 @@ def pictures_in(folder: Path, pattern: str = "*") -> dict[str, Path]:
     return {path.relative_to(folder).as_posix(): path for path in pictures}
 
 
-def open_image(path: Path) -> Image.Image:
-    """Open a picture with pillow, turned as its EXIF tag says; ``GagaError`` if it is none."""
+@contextmanager
+def image_header(
+    path: Path, data: bytes | None = None, *, per_pixel: int = 0, side: int = 0, held: int = 0
+) -> Iterator[Image.Image]:
+    """Open a picture with pillow; pixels are read when they are asked for.
+
+    ``data``: its bytes where it lies in the file ``path``. What reading takes is checked first: the
+    picture, its decoder, ``held`` bytes, and ``per_pixel`` bytes of each pixel, of a picture no
+    longer than ``side`` if given. Raises ``GagaError`` when it is none, damaged or too large.
+    """
     try:
-        with Image.open(path) as image:
-            image.load()
-            return ImageOps.exif_transpose(image)
+        with (
+            open_file(path) if data is None else BytesIO(data) as file,
+            Image.open(file, formats=_READ) as image,
+        ):
+            n = image.width * image.height
+            result = per_pixel * (min(n, side * side) if side else n)
+            n_bytes = held + _bytes_held(image) + max(_bytes_to_decode(image), result)
+            check_memory(path, n_bytes, f"{image.width:,} x {image.height:,} pixels")
+            yield image
     except UnidentifiedImageError as error:
-        raise GagaError(f"{path} is not a picture. Remove it or save it again.") from error
+        if data is not None:
+            raise GagaError(f"{path} is damaged (what it holds is no picture).") from error
+        raise GagaError(
+            f"{path} is not a picture in JPEG, PNG, WebP, BMP or TIFF. Remove it or save it again."
+        ) from error
     except OSError as error:
         if error.errno is None:  # pillow's word for a truncated file
             raise GagaError(f"{path} is damaged ({error}). Copy it again.") from error
         raise GagaError(explain_os_error(error, path)) from error
     except MemoryError as error:  # a part of the file says that it has gigabytes
         raise GagaError(f"{path} is damaged, or too large for this machine.") from error
-    except (ValueError, SyntaxError, Image.DecompressionBombError) as error:
+    except Image.DecompressionBombError as error:
+        most = 2 * (Image.MAX_IMAGE_PIXELS or 0) // 1_000_000
+        raise GagaError(f"{path} has more than {most} megapixels. Make it smaller.") from error
+    except _DAMAGED as error:
         raise GagaError(f"{path} is damaged ({error}). Copy it again.") from error
+
+
+def _bytes_held(image: Image.Image) -> int:
+    """Bytes of a picture in Pillow's memory."""
+    small = 1 if image.mode in ("1", "L", "P") else 2 if image.mode.startswith("I;16") else 4
+    return image.height * (_POINTER + image.width * small)
+
+
+def _bytes_to_decode(image: Image.Image) -> int:
+    """Bytes that decoding, and turning it upright, take next to the picture."""
+    decoder = _OF_DECODER.get(image.format or "", 0)
+    if image.info.get("progressive"):
+        decoder = _OF_COEFFICIENTS * len(image.getbands())
+    # Pillow would read a PNG whole to find its tag.
+    is_turned = image.format != "PNG" and image.getexif().get(ExifTags.Base.Orientation, 1) != 1
+    turned = image.width * _POINTER + _bytes_held(image) if is_turned else 0
+    return max(decoder * image.width * image.height, turned)
+
+
+def open_image(
+    path: Path, data: bytes | None = None, *, per_pixel: int = 0, side: int = 0, held: int = 0
+) -> Image.Image:
+    """Read a picture with pillow, turned as its EXIF tag says; arguments as of `image_header`."""
+    with image_header(path, data, per_pixel=per_pixel, side=side, held=held) as image:
+        ImageOps.exif_transpose(image, in_place=True)
+        return image.convert("LA") if image.mode == "La" else image  # Pillow converts La to LA only
+
+
+def blocks(height: int, width: int) -> Iterator[tuple[slice, slice]]:
+    """Parts of a picture (H, W), in order, so that what is made of one takes little memory."""
+    columns = min(width, _BLOCK)
+    rows = _BLOCK // max(columns, 1)
+    for top in range(0, height, rows):
+        for left in range(0, width, columns):
+            yield slice(top, min(top + rows, height)), slice(left, min(left + columns, width))
+
+
+def block_of(image: Image.Image, where: tuple[slice, slice], mode: str | None = None) -> AnyArray:
+    """Pixels of one of the `blocks` of a picture, converted to ``mode`` if given."""
+    rows, columns = where
+    block = image.crop((columns.start, rows.start, columns.stop, rows.stop))
+    return np.asarray(block if mode in (None, block.mode) else block.convert(mode))
 
 
 def read_rgb(path: Path, longest_side: int = 0) -> UInt8Array:
     """Picture (H, W, 3) uint8; transparency over black; shrunk to ``longest_side`` if given."""
-    image = open_image(path)
+    image = open_image(path, per_pixel=4 if longest_side else 3, side=longest_side)
+    if image.mode[0] in "IF":  # 16 bits or more
+        image = Image.fromarray(_eight_bits(image))
     if longest_side:
         image.thumbnail((longest_side, longest_side))
-    if image.mode in ("I;16", "I", "F"):
-        values = np.asarray(image, np.float64)
-        top = 65535.0 if values.max(initial=0) > 255 else 255.0
-        gray = np.clip(values / top * 255, 0, 255).astype(np.uint8)
-        return np.repeat(gray[:, :, None], 3, axis=2)
-    if "A" in image.getbands():
-        black = Image.new("RGBA", image.size, (0, 0, 0, 255))
-        image = Image.alpha_composite(black, image.convert("RGBA"))
-    return np.array(image.convert("RGB"))
+    picture = np.empty((image.height, image.width, 3), np.uint8)
+    for where in blocks(image.height, image.width):
+        if "A" in image.getbands():
+            rgba = Image.fromarray(block_of(image, where, "RGBA"))
+            black = Image.new("RGBA", rgba.size, (0, 0, 0, 255))
+            picture[where] = np.asarray(Image.alpha_composite(black, rgba))[..., :3]
+        else:
+            picture[where] = block_of(image, where, "RGB")
+    return picture
+
+
+def _eight_bits(image: Image.Image) -> UInt8Array:
+    """Gray values (H, W): those of 0..255 as they are, else 0..65535 on that scale."""
+    parts = list(blocks(image.height, image.width))
+    gray = np.empty((image.height, image.width), np.uint8)
+    top = max(float(np.nan_to_num(block_of(image, where)).max()) for where in parts)
+    top = 65535.0 if top > 255 else 255.0
+    for where in parts:
+        values = np.nan_to_num(block_of(image, where)).astype(np.float64)
+        gray[where] = np.clip(values / top * 255, 0, 255)
+    return gray
 
 
 def write_rgb(path: Path, picture: FloatArray | UInt8Array, quality: int = 93) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from PIL import ExifTags, Image
+from PIL import ExifTags
 
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
@@ -21,7 +21,7 @@ from gaga_core.export.export import exported_indices
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.folder.scene_folder import SceneFolder
 from gaga_core.io.folder.staging import publish_all, staging_folder
-from gaga_core.io.images import open_image, read_rgb, write_rgb
+from gaga_core.io.images import image_header, open_image, read_rgb, write_rgb
 from gaga_core.io.masks.coco import (
     CocoJson,
     LabelledPicture,
@@ -145,7 +145,7 @@ def _write_view(
 def _copy_photo(source: Path, target: Path) -> None:
     """The file itself; upright pixels instead where a tag says that it lies on its side."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    with Image.open(source) as raw:
+    with image_header(source) as raw:
         is_upright = raw.getexif().get(ExifTags.Base.Orientation, 1) == 1
     if is_upright:
         shutil.copyfile(source, target)

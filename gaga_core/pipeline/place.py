@@ -25,7 +25,6 @@ from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.checks import Verdict
 from gaga_core.placing.diagnosis import MatchFacts, chain_breaks
 from gaga_core.placing.foreground import (
-    MASKS,
     masks_from_folder,
     masks_of_what_moves,
     paint_background,
@@ -33,7 +32,9 @@ from gaga_core.placing.foreground import (
 from gaga_core.placing.ladder import Ladder, place_stage
 from gaga_core.placing.metrics import SfmFacts
 from gaga_core.placing.photos import (
+    MASKS,
     PhotoSet,
+    check_prepared,
     ignored_files,
     is_video,
     list_photos,
@@ -64,7 +65,9 @@ def photo_set_stage(source: Path, workspace: Path, config: ReconstructConfig) ->
     """
     file = workspace / "photos.json"
     if file.is_file():
-        return read_photo_set(file)
+        found = read_photo_set(file)
+        check_prepared(found, workspace)
+        return found
     if is_video(source):
         found = yield from _film(source, workspace, config)
     else:

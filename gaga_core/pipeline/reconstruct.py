@@ -15,7 +15,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
@@ -29,7 +28,7 @@ from gaga_core.io.folder.scene_folder import (
     is_scene_folder,
     open_scene_folder,
 )
-from gaga_core.io.images import IMAGE_SUFFIXES
+from gaga_core.io.images import IMAGE_SUFFIXES, image_header
 from gaga_core.io.json_file import read_foreign_json
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.place import (
@@ -268,7 +267,7 @@ def look_at_photos(path: Path) -> PhotoFind | None:
         return None
     size = _VIDEO_SIZE
     for file in files[:5]:  # the first that can be read
-        with suppress(OSError, ValueError), Image.open(file) as image:
+        with suppress(GagaError), image_header(file) as image:
             size = image.size
             break
     return PhotoFind(outside, scene, len(files), size, False, is_placed, going_on, iteration)

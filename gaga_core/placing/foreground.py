@@ -14,12 +14,11 @@ from scipy.ndimage import binary_closing, binary_dilation, binary_fill_holes, la
 
 from gaga_core.arrays import BoolArray
 from gaga_core.errors import GagaError
-from gaga_core.io.images import IMAGE_SUFFIXES, read_rgb
+from gaga_core.io.images import IMAGE_SUFFIXES, open_image, read_rgb
 from gaga_core.placing.photos import Photo, PhotoSet, shrunk
 from gaga_core.placing.sfm import option
 from gaga_core.progress import Progress, Stage
 
-MASKS = "photo_masks"  # folder next to the photos: NAME.jpg.png, black = background
 _LOOK_SIDE = 320  # pixels: the moving part is looked for at this size
 _MOST_PHOTOS = 40  # photos that it is looked for in
 _MOVING_DEVIATION = 10.0  # of 255: deviation over the photos of a pixel that something moves over
@@ -96,7 +95,7 @@ def paint_background(photos: Sequence[Photo], pictures: Path, masks: Path) -> St
     for i, photo in enumerate(photos):
         yield Progress("Leave out the background", i, len(photos), photo.name)
         picture = read_rgb(pictures / photo.name)
-        mask = np.asarray(Image.open(masks / f"{photo.name}.png")) > 0
+        mask = np.asarray(open_image(masks / f"{photo.name}.png")) > 0
         Image.fromarray(np.where(mask[..., None], picture, np.uint8(0))).save(
             pictures / photo.name, quality=97, subsampling=0
         )

@@ -17,7 +17,7 @@ from PIL import ExifTags, Image
 
 from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.io.images import IMAGE_SUFFIXES, read_rgb
+from gaga_core.io.images import IMAGE_SUFFIXES, image_header, read_rgb
 from gaga_core.io.json_file import read_json
 from gaga_core.progress import Progress, Stage
 
@@ -99,6 +99,9 @@ FEWEST = 3  # photos: two to train on and one held out
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
 UNREAD_SUFFIXES = (".heic", ".heif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf")
 _SAVE_AS = "save as JPEG to use"
+MASKS = "photo_masks"  # folder next to the photos: NAME.jpg.png, black = background
+_PREPARED = re.compile(r"[\w.\-]+\.(jpg|png)")  # names of photos that were made ready
+_PLAIN = ("JPEG", "PNG")  # formats of those
 _EXIF, _ORIENTATION = 0x8769, 0x0112  # tags
 _SIDE_35MM = np.hypot(36, 24)  # millimetres: the diagonal of a 35 mm negative
 _NAMED = 3  # names in a sentence
@@ -142,6 +145,21 @@ class PhotoSet:
 def read_photo_set(path: Path) -> PhotoSet:
     """Read what `PhotoSet.to_json` gave. Raises ``GagaError`` when the file is damaged."""
     return read_json(path, PhotoSet, "Remove it and run again.")
+
+
+def check_prepared(photos: PhotoSet, workspace: Path) -> None:
+    """``GagaError`` unless ``photos`` and their masks are files that `prepare_photos` could write.
+
+    COLMAP reads them by readers of its own, for any format.
+    """
+    for photo in photos.photos:
+        found = [workspace / "photos" / photo.name, workspace / MASKS / f"{photo.name}.png"]
+        for path in found[: 2 if (workspace / MASKS).is_dir() else 1]:
+            if not _PREPARED.fullmatch(photo.name) or path.is_symlink():
+                raise GagaError(f"{path} was not made here. Remove {workspace} and run again.")
+            with image_header(path) as image:
+                if image.format not in _PLAIN:
+                    raise GagaError(f"{path} was not made here. Remove {workspace} and run again.")
 
 
 def is_video(path: Path) -> bool:
@@ -232,9 +250,9 @@ def _largest_first(sources: Sequence[Path]) -> list[Path]:
 
     def pixels(path: Path) -> int:
         try:
-            with Image.open(path) as image:
+            with image_header(path) as image:
                 return image.width * image.height
-        except (OSError, ValueError, SyntaxError):
+        except GagaError:
             return 0
 
     return sorted(sources, key=pixels, reverse=True)
@@ -308,9 +326,9 @@ def _prepared(path: Path, picture: UInt8Array, target: Path, longest_side: int) 
 
 def _is_plain(path: Path) -> bool:
     """Whether the file is an upright 8-bit RGB JPEG or PNG already."""
-    with Image.open(path) as image:
+    with image_header(path) as image:
         upright = image.getexif().get(_ORIENTATION, 1) == 1
-        return image.format in ("JPEG", "PNG") and image.mode == "RGB" and upright
+        return image.format in _PLAIN and image.mode == "RGB" and upright
 
 
 def exif_focal(path: Path, width: int, height: int) -> float | None:
@@ -320,10 +338,10 @@ def exif_focal(path: Path, width: int, height: int) -> float | None:
     the sensor.
     """
     try:
-        with Image.open(path) as image:
+        with image_header(path) as image:
             stored = (image.width, image.height)
             tags = image.getexif().get_ifd(_EXIF)
-    except (OSError, ValueError, SyntaxError):
+    except GagaError:
         return None
     equivalent = _number(tags.get(ExifTags.Base.FocalLengthIn35mmFilm))
     if equivalent > 0:

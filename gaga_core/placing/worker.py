@@ -23,7 +23,7 @@ from gaga_core.arrays import AnyArray, DoubleArray, LongArray
 from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.processes import end_with_parent
 from gaga_core.io.json_file import read_json
-from gaga_core.placing.foreground import MASKS
+from gaga_core.placing.photos import MASKS
 from gaga_core.placing.sfm import CameraGroup, StepSettings
 
 # --- What the checks read of a model: plain arrays that the worker writes.

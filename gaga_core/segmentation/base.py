@@ -27,6 +27,9 @@ from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage
 from gaga_core.settings import setting
 
+# Of the masks of a picture: 500 masks, each in a sixth of a picture of 24 megapixels.
+_MOST_BYTES = 2 << 30
+
 
 @dataclass(frozen=True, eq=False)
 class Picture:
@@ -84,8 +87,11 @@ def scored_masks(
     height: int,
     width: int,
 ) -> ScoredMasks:
-    """Whole masks cut to their boxes; empty ones are left out. Raises ``ValueError`` on shapes."""
-    boxes, crops, kept = [], [], []
+    """Whole masks cut to their boxes; empty ones are left out.
+
+    Raises ``ValueError`` on shapes, ``GagaError`` when they take too much memory.
+    """
+    boxes, crops, kept, n_bytes = [], [], [], 0
     for i, mask in enumerate(masks):
         check_shape("mask", mask, (height, width), np.bool_)
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
@@ -94,6 +100,12 @@ def scored_masks(
         x0, y0, x1, y1 = columns[0], rows[0], columns[-1] + 1, rows[-1] + 1
         boxes.append((x0, y0, x1, y1))
         crops.append(np.ascontiguousarray(mask[y0:y1, x0:x1]))
+        n_bytes += crops[-1].nbytes
+        if n_bytes > _MOST_BYTES:
+            raise GagaError(
+                f"The first {i + 1} masks of a picture of {height:,} x {width:,} pixels take more "
+                f"than {_MOST_BYTES >> 20:,} MB. Make fewer of them, or of a smaller picture."
+            )
         kept.append(i)
     return ScoredMasks(
         height,

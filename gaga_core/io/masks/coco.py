@@ -21,7 +21,7 @@ from gaga_core.io.files import write_text
 _FIRST = 48  # character code of digit 0
 _MORE, _SIGN, _BITS = 0x20, 0x10, 5
 _LONGEST = 8  # digits of a count: 40 bits
-_MAX_SIDE = 65_536  # pixels; a larger picture is damage
+MOST_SIDE = 65_536  # pixels; a larger picture is damage
 
 
 def encode_rle(mask: BoolArray) -> list[int]:
@@ -66,10 +66,10 @@ def decode_rle(counts: Sequence[int] | str | bytes, size: Sequence[int]) -> Bool
 
     Raises ``GagaError`` when the counts do not make such a picture.
     """
-    if len(size) != 2 or not all(0 <= side <= _MAX_SIDE for side in size):
+    if len(size) != 2 or not all(0 <= side <= MOST_SIDE for side in size):
         raise GagaError(
             f"A run-length mask says its size is {tuple(size)}. It must be two numbers of at most "
-            f"{_MAX_SIDE:,} pixels."
+            f"{MOST_SIDE:,} pixels."
         )
     height, width = int(size[0]), int(size[1])
     if isinstance(counts, str | bytes):

@@ -11,15 +11,16 @@ import numpy as np
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from gaga_core.arrays import AnyArray, IntArray, check_shape
+from gaga_core.arrays import IntArray, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
-from gaga_core.io.images import open_image, pictures_in
+from gaga_core.io.images import block_of, blocks, image_header, open_image, pictures_in
 from gaga_core.io.json_file import read_foreign_json
 from gaga_core.masks import MaskSet
 
 RECORD = "provider.json"  # next to label maps that were made here: by whom, with which settings
 _FURTHER = b"gaLV"  # private, ancillary, not to be copied to a changed picture (PNG, section 5.4)
+_PER_PIXEL = 4  # bytes, int32
 _WITHOUT_MODEL = "regions"  # the provider that has no model: `segmentation.regions`
 
 
@@ -29,7 +30,7 @@ def read_labels(path: Path) -> IntArray:
     8- and 16-bit gray and palette pictures hold ids; in RGB pictures every distinct color but black
     is an id (in the order of its value). Raises ``GagaError`` when the file is not a picture.
     """
-    return _ids_of(path, open_image(path))
+    return _ids_of(path, open_image(path, per_pixel=_PER_PIXEL))
 
 
 def read_further_labels(path: Path) -> tuple[IntArray, ...]:
@@ -37,34 +38,35 @@ def read_further_labels(path: Path) -> tuple[IntArray, ...]:
 
     None where another program wrote the file. Raises ``GagaError`` when they are damaged.
     """
-    maps = []
-    try:
-        with Image.open(path) as image:
-            chunks = getattr(image, "private_chunks", ())
-        for inner in [BytesIO(chunk[1]) for chunk in chunks if chunk[0] == _FURTHER]:
-            with Image.open(inner, formats=("PNG",)) as image:
-                maps.append(_ids_of(path, image))
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise GagaError(f"{path} is damaged ({error}). Make the masks again.") from error
+    with image_header(path) as image:
+        chunks = getattr(image, "private_chunks", ())
+    maps: list[IntArray] = []
+    for data in [chunk[1] for chunk in chunks if chunk[0] == _FURTHER]:
+        held = sum(labels.nbytes for labels in maps)
+        maps.append(_ids_of(path, open_image(path, data, per_pixel=_PER_PIXEL, held=held)))
     return tuple(maps)
 
 
 def _ids_of(path: Path, image: Image.Image) -> IntArray:
-    if image.mode == "1":
-        image = image.convert("L")
-    values = np.asarray(image)
-    if values.ndim == 2:
-        return _as_ids(path, values)
-    colors = np.asarray(image.convert("RGB")).astype(np.int64)
-    codes = (colors[..., 0] << 16) | (colors[..., 1] << 8) | colors[..., 2]
-    if np.array_equal(colors[..., 0], colors[..., 1]) and np.array_equal(
-        colors[..., 0], colors[..., 2]
-    ):
-        return _as_ids(path, colors[..., 0])  # a gray picture saved as RGB holds ids
-    distinct = np.unique(codes)
-    distinct = distinct[distinct > 0]
-    ids = np.searchsorted(distinct, codes) + 1
-    return np.where(codes == 0, 0, ids).astype(np.int32)
+    if image.mode == "F":
+        raise GagaError(f"{path.name} holds fractions, not ids. Save it as an 8- or 16-bit PNG.")
+    labels = np.empty((image.height, image.width), np.int32)
+    parts = list(blocks(*labels.shape))
+    if len(image.getbands()) == 1:
+        mode = "L" if image.mode == "1" else None
+        for where in parts:  # some data sets mark void with -1; here 0 is "none"
+            labels[where] = np.maximum(block_of(image, where, mode), 0)
+        return labels
+    colors = np.zeros(1, np.int32)  # in order; 0 stays "none"
+    is_gray = True
+    for where in parts:
+        red, green, blue = np.moveaxis(block_of(image, where, "RGB").astype(np.int32), 2, 0)
+        labels[where] = (red << 16) | (green << 8) | blue
+        colors = np.union1d(colors, labels[where])
+        is_gray = is_gray and np.array_equal(red, green) and np.array_equal(red, blue)
+    for where in parts:  # a gray picture saved as RGB holds ids
+        labels[where] = labels[where] >> 16 if is_gray else np.searchsorted(colors, labels[where])
+    return labels
 
 
 def write_labels(path: Path, labels: IntArray, further: Sequence[IntArray] = ()) -> None:
@@ -185,10 +187,3 @@ def _are_regions(folder: Path) -> bool:
     except GagaError:
         return False  # not recorded
     return record.provider == _WITHOUT_MODEL
-
-
-def _as_ids(path: Path, values: AnyArray) -> IntArray:
-    if values.dtype.kind == "f":
-        raise GagaError(f"{path.name} holds fractions, not ids. Save it as an 8- or 16-bit PNG.")
-    # Some data sets mark void with -1; here 0 is "none". A copy: pillow's memory is read-only.
-    return np.array(np.maximum(values, 0), np.int32, order="C")

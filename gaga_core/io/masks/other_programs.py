@@ -7,6 +7,7 @@ generator are read: a segmentation is a run-length mask ``{"size": [H, W], "coun
 """
 
 import csv
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,23 +18,28 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from gaga_core.arrays import AnyArray, BoolArray, IntArray
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import read_array, read_arrays
-from gaga_core.io.files import explain_os_error
+from gaga_core.io.files import check_memory, explain_os_error
 from gaga_core.io.images import IMAGE_SUFFIXES, open_image
 from gaga_core.io.json_file import convert_json, read_foreign_json
-from gaga_core.io.masks.coco import decode_rle
+from gaga_core.io.masks.coco import MOST_SIDE, decode_rle
 from gaga_core.io.masks.label_maps import label_files, list_label_files, read_labels, view_key
 
 _FORM = "JSON"
 _MOST_BYTES = 1 << 30  # of one file: the masks of COCO's 118,000 pictures have half of it
 _MOST_PIXELS = 1 << 28  # of one picture: more is damage, not a photo
+_PER_PIXEL = 14  # bytes of a mask, its runs and its label map: measured on 121 megapixels, 13.3
+_MOST_MASK_PIXELS = 1 << 34  # of all masks of a picture: 500 masks of 34 megapixels
+_MOST_COVERS = 100  # times that the frames of a mask's polygons may cover its picture
+_MOST_CROSSINGS = 1 << 22  # rows that a polygon's edges cross: the outline of a mask has fewer
 MOST_COLORS = 4096  # a picture with more is a photo or an overlay, no label map
 _ARRAY_SUFFIXES = (".npz", ".npy")
 _LOSSY = (".jpg", ".jpeg")
 _LABEL_KEYS = ("labels", "label", "ins_2d_label_id", "instance", "mask", "seg", "arr_0")
 _MASK_KEYS = ("masks", "segmentation", "segmentations", "pred_masks", "mask", "arr_0")
+_MOST_ID = 2**31 - 1
 _NOT_MASKS = ("info.json", "import.json", "split.json", "transforms.json", "cameras.json")
 _Number = int | float
 SCORE_KEYS = ("score", "predicted_iou", "iou_preds", "iou", "confidence", "scores", "pred_scores")
@@ -110,7 +116,7 @@ def recognise_json(path: Path) -> MaskSource:
         by_image: dict[str, list[MaskEntry]] = {}
         for entry in entries:
             by_image.setdefault(view_key(str(entry.image_id)), []).append(entry)
-        views = {name: partial(_mask_list, path.name, of_it) for name, of_it in by_image.items()}
+        views = {name: partial(_mask_list, path, of_it) for name, of_it in by_image.items()}
         said = f"COCO results with masks of {len(views)} pictures: {path.name}."
         return MaskSource(_FORM, said, views)
     said = f"A list of {len(entries)} masks of one picture: {path.name}."
@@ -154,7 +160,7 @@ def _image(path: Path, content: object) -> ImageEntry | None:
 
 def _read_list(path: Path) -> MaskList:
     content = read_foreign_json(path, object, most_bytes=_MOST_BYTES)
-    return _mask_list(path.name, _entries(path, content), _size_of(_image(path, content)))
+    return _mask_list(path, _entries(path, content), _size_of(_image(path, content)))
 
 
 def _coco_views(path: Path, content: object) -> dict[str, Callable[[], ImportedMasks]]:
@@ -170,7 +176,7 @@ def _coco_views(path: Path, content: object) -> dict[str, Callable[[], ImportedM
         by_image[name].append(entry)
     return {
         view_key(image.file_name): partial(
-            _mask_list, path.name, by_image[str(image.id)], _size_of(image)
+            _mask_list, path, by_image[str(image.id)], _size_of(image)
         )
         for image in images
     }
@@ -185,9 +191,10 @@ def _size_of(image: ImageEntry | None) -> tuple[int, int] | None:
 
 
 def _mask_list(
-    file: str, entries: Sequence[MaskEntry], size: tuple[int, int] | None = None
+    path: Path, entries: Sequence[MaskEntry], size: tuple[int, int] | None = None
 ) -> MaskList:
     """The masks of one picture; polygons need its ``size`` (H, W)."""
+    file = path.name
     for entry in entries:
         if isinstance(entry.segmentation, RunLengths):
             size = size or entry.segmentation.shape
@@ -198,6 +205,13 @@ def _mask_list(
     height, width = size
     if not 0 < height * width <= _MOST_PIXELS or min(size) < 1:
         raise GagaError(f"{file} says that a picture has {height} x {width} pixels. Fix the file.")
+
+    check_memory(path, _PER_PIXEL * height * width, f"masks of {height:,} x {width:,} pixels")
+    if len(entries) * height * width > _MOST_MASK_PIXELS:
+        raise GagaError(
+            f"{file} says that a picture of {height} x {width} pixels has {len(entries):,} masks, "
+            "too many to be true. Fix the file."
+        )
 
     def masks() -> Iterator[BoolArray]:
         for entry in entries:
@@ -218,9 +232,7 @@ def _decode(
 
 def _fill(file: str, polygons: list[list[_Number]], size: tuple[int, int]) -> BoolArray:
     """Pixels whose centres lie in any of the polygons; COCO's corners are at whole numbers."""
-    from skimage.draw import polygon as inside
-
-    mask = np.zeros(size, np.bool_)
+    mask, n_looked_at = np.zeros(size, np.bool_), 0
     for polygon in polygons:
         if len(polygon) < 6 or len(polygon) % 2:
             raise GagaError(f"{file} has a polygon of fewer than three points.")
@@ -228,8 +240,61 @@ def _fill(file: str, polygons: list[list[_Number]], size: tuple[int, int]) -> Bo
             corners = np.array(polygon, np.float64).reshape(-1, 2) - 0.5
         except OverflowError as error:
             raise GagaError(f"{file} has a polygon that is no list of numbers.") from error
-        mask[inside(corners[:, 1], corners[:, 0], size)] = True  # type: ignore[no-untyped-call]
+        if not np.abs(corners).max() <= MOST_SIDE:  # NaN, too
+            raise GagaError(
+                f"{file} has a polygon with a corner beyond {MOST_SIDE:,} pixels. Fix the file."
+            )
+        n_looked_at += _fill_polygon(file, mask, corners)
+        if n_looked_at > _MOST_COVERS * mask.size:
+            raise GagaError(
+                f"{file} has a mask of polygons that cover its picture {_MOST_COVERS} times. "
+                "Fix the file."
+            )
     return mask
+
+
+def _fill_polygon(file: str, mask: BoolArray, corners: DoubleArray) -> int:
+    """Set the pixels of ``mask`` (H, W) whose centres lie in a polygon (P, 2) xy, or on its edge.
+
+    By where its edges cross the rows of pixel centres: an odd one enters it. Returns the number of
+    pixels that were looked at.
+    """
+    top = max(int(np.ceil(corners[:, 1].min())), 0)
+    left = max(int(np.ceil(corners[:, 0].min())), 0)
+    part = mask[top : int(np.floor(corners[:, 1].max())) + 1]
+    part = part[:, left : int(np.floor(corners[:, 0].max())) + 1]
+    if part.size == 0:
+        return 0
+    height, width = part.shape
+    corners = corners - (left, top)
+    ends = np.roll(corners, -1, axis=0)
+    is_down = (corners[:, 1] <= ends[:, 1])[:, None]
+    low, high = np.where(is_down, corners, ends), np.where(is_down, ends, corners)  # (P, 2) by y
+    first = np.maximum(np.ceil(low[:, 1]), 0).astype(np.int64)
+    last = np.minimum(np.floor(high[:, 1]), height - 1).astype(np.int64)
+    n_rows = np.maximum(last - first + 1, 0)
+    if n_rows.sum() > _MOST_CROSSINGS:
+        raise GagaError(f"{file} has a polygon with too many long edges. Fix the file.")
+    edge = np.repeat(np.arange(len(corners)), n_rows)
+    row = np.arange(len(edge)) - np.repeat(np.cumsum(n_rows) - n_rows - first, n_rows)
+    low, high = low[edge], high[edge]
+    rise = high[:, 1] - low[:, 1]
+    x = low[:, 0] + (row - low[:, 1]) * (high[:, 0] - low[:, 0]) / np.where(rise > 0, rise, 1)
+    column = np.clip(np.ceil(x), 0, width).astype(np.int64)
+    # An edge counts in the row of its lower end, not of its upper: a corner is crossed once.
+    counts = row < high[:, 1]
+    enters = np.zeros((height, width + 1), np.uint8)
+    np.bitwise_xor.at(enters, (row[counts], column[counts]), 1)
+    part |= np.bitwise_xor.accumulate(enters, axis=1, out=enters)[:, :width].astype(np.bool_)
+    on_edge = (column == x) & (column < width)
+    part[row[on_edge], column[on_edge]] = True
+    if (level := np.flatnonzero(rise == 0)).size:  # edges along a row
+        ends_x = np.clip(np.sort([low[level, 0], high[level, 0]], axis=0), -1, width)
+        inside = np.zeros((height, width + 2), np.int32)
+        np.add.at(inside, (row[level], np.ceil(ends_x[0]).clip(0).astype(np.int64)), 1)
+        np.add.at(inside, (row[level], np.floor(ends_x[1]).astype(np.int64) + 1), -1)
+        part |= np.cumsum(inside, axis=1)[:, :width] > 0
+    return part.size
 
 
 def _score(file: str, entry: MaskEntry) -> float:
@@ -237,9 +302,12 @@ def _score(file: str, entry: MaskEntry) -> float:
         value: _Number | None = getattr(entry, key)
         if value is not None:
             try:
-                return float(value)
-            except OverflowError as error:
-                raise GagaError(f"{file} has a {key} that is no number. Write it again.") from error
+                score = float(value)
+            except OverflowError:
+                score = math.inf
+            if not math.isfinite(score):
+                raise GagaError(f"{file} has a {key} that is no number. Write it again.")
+            return score
     return 1.0
 
 
@@ -405,7 +473,11 @@ def _read_array_file(path: Path) -> ImportedMasks:
             return _mask_stack(path, arrays[key], arrays)
     for key in _LABEL_KEYS:
         if key in arrays and arrays[key].ndim == 2 and arrays[key].dtype.kind in "iub":
-            return np.maximum(arrays[key].astype(np.int64), 0).astype(np.int32)
+            labels = arrays[key]
+            if labels.size and int(labels.max()) > _MOST_ID:
+                raise GagaError(f"{path.name} has ids above {_MOST_ID:,}. Number them again.")
+            ids: IntArray = np.maximum(labels, labels.dtype.type(0)).astype(np.int32)
+            return ids
     found = ", ".join(f"{name} {array.shape}" for name, array in arrays.items()) or "nothing"
     raise GagaError(f"{path.name} holds no masks (M, H, W) and no label map (H, W), but {found}.")
 
@@ -414,11 +486,15 @@ def _mask_stack(path: Path, stack: AnyArray, arrays: Mapping[str, AnyArray]) -> 
     if stack.ndim == 4 and stack.shape[1] == 1:
         stack = stack[:, 0]
     if stack.ndim != 3 or stack.dtype.kind not in "biuf":
-        raise GagaError(f"{path.name}: masks must be (M, H, W), these are {stack.shape}.")
+        raise GagaError(
+            f"{path.name}: masks must be numbers (M, H, W), these are {stack.dtype} {stack.shape}."
+        )
     scores = np.ones(len(stack))
     for key in SCORE_KEYS:
         if key in arrays:
-            scores = np.asarray(arrays[key], np.float64).reshape(-1)
+            if arrays[key].dtype.kind not in "biuf" or not np.isfinite(arrays[key]).all():
+                raise GagaError(f"{path.name}: {key} must be finite numbers. Write it again.")
+            scores = arrays[key].astype(np.float64).reshape(-1)
     if len(scores) != len(stack):
         raise GagaError(f"{path.name} has {len(stack)} masks but {len(scores)} scores.")
     return MaskList(
@@ -464,7 +540,10 @@ def _metadata(path: Path) -> dict[str, float]:
         return {}
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            return {row["id"]: float(row["predicted_iou"]) for row in csv.DictReader(file)}
+            scores = {row["id"]: float(row["predicted_iou"]) for row in csv.DictReader(file)}
+        if not all(math.isfinite(score) for score in scores.values()):
+            raise ValueError("a score is no number")
+        return scores
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     except (KeyError, ValueError, TypeError, csv.Error) as error:

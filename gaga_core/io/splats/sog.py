@@ -27,6 +27,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, check_memory, open_file
 from gaga_core.io.folder.staging import publish_all, staging_folder
+from gaga_core.io.images import image_header
 from gaga_core.io.json_file import decode_json, read_foreign_json
 from gaga_core.io.splats.packing import (
     bytes_of_logits,
@@ -97,7 +98,7 @@ class _Sog:
     def image(self, part: str, i: int, most: int) -> UInt8Array:
         """Pixels (H, W, 4) of the i-th file of a part, at most so many."""
         name = cast(Sequence[str], self.part(part)["files"])[i]
-        with Image.open(io.BytesIO(self.load(name)), formats=("WEBP", "PNG")) as picture:
+        with image_header(self.path, self.load(name)) as picture:
             if max(picture.size) > _MOST_SIDE or picture.width * picture.height > most:
                 raise ValueError(f"{part} has too many pixels")
             return np.asarray(picture.convert("RGBA"))
@@ -133,14 +134,6 @@ def read_sog_stage(path: Path) -> Stage[Gaussians]:
         raise damaged(path.name) from error
     except (ValueError, KeyError, TypeError, IndexError, OverflowError, SyntaxError) as error:
         raise GagaError(f"{path.name} is not a valid SOG ({error}). Export it again.") from error
-    except Image.DecompressionBombError as error:
-        raise GagaError(f"{path.name} has a picture too large to be true.") from error
-    except OSError as error:
-        if error.errno is None:  # Pillow's word for a damaged picture
-            raise GagaError(
-                f"{path.name} holds a damaged picture. Copy or export it again."
-            ) from error
-        raise
 
 
 def _opened(path: Path, load: Callable[[str], bytes]) -> _Sog:
