@@ -116,7 +116,8 @@ def faults_of(target: Target, place: Path) -> list[str]:
     """What is wrong with how a case ends: a text each."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", RuntimeWarning)  # it stands before what a command says
+            # It would stand before what a command says. What the program ignores comes first.
+            warnings.simplefilter("error", RuntimeWarning, append=True)
             result = target.read(place)
         shown = result if isinstance(result, list) else []
         return [fault for line in shown for fault in _wrong_in(line, LONGEST_LINE)]
