@@ -256,7 +256,7 @@ def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
                 continue
             # Next to them stand those of the whole, first in the axes of the file.
             n_bytes += 3 * len(splats) * row_bytes(splats.sh.shape[1])
-            check_memory(path, n_bytes, "so many splats", n_stored)
+            check_memory(path, n_bytes, f"{len(splats):,} splats and more", n_stored)
             found.append(_moved(splats, place))
     return found
 
