@@ -14,6 +14,7 @@ UInt16Array = npt.NDArray[np.uint16]
 UInt32Array = npt.NDArray[np.uint32]
 BoolArray = npt.NDArray[np.bool_]
 AnyArray = npt.NDArray[Any]
+MOST_GROUP = (1 << 24) - 1  # the highest id of a group: panoptic pictures hold ids in three bytes
 
 
 def check_shape(

@@ -4,17 +4,16 @@ A rendered encoding is F = sum w_i e_i, without background and without normalisa
 published code blends it; its label is the argmax of the layer, its probability the softmax.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, UInt8Array, check_shape
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.identity.linear_kernels import D, softmax_rows
-from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.arrays_file import TEXT, Column, damage, read_columns
 from gaga_core.io.files import atomic_write
 from gaga_core.raster.base import LabelFrame, Rasterizer
 from gaga_core.threads import run_chunks
@@ -52,6 +51,19 @@ def encoding_colors(encodings: FloatArray) -> UInt8Array:
 FILE = "identity.npz"  # in the work folder of a scene
 _BLOCK = 1024  # rows whose scores are held at a time by a thread
 _CURE = "Lift the groups again."
+# Arrays of identity.npz: the layer, and what it says of each Gaussian.
+_LAYER = {
+    "encodings": Column(np.float32, ("N", D)),
+    "weight": Column(np.float32, ("classes", D)),
+    "bias": Column(np.float32, ("classes",)),
+    "labels": Column(np.int32, ("N",), low=0, below="classes"),
+}
+LABELLING = {
+    "confidence": Column(np.float32, ("N",)),
+    "colors": Column(np.uint8, ("N", 3), optional=True),
+    "mode": TEXT,
+    "bank": replace(TEXT, optional=True),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,16 +193,8 @@ def save_identity(path: Path, identity: Identity) -> None:
 
 def load_identity(path: Path) -> Identity:
     """Read ``identity.npz``; ``GagaError`` when it is missing or damaged."""
-    arrays = read_arrays(path, _CURE)
-    try:
-        columns = ("encodings", "weight", "bias")
-        field = IdentityField(*(np.ascontiguousarray(arrays[c], np.float32) for c in columns))
-        labels = np.ascontiguousarray(arrays["labels"], np.int32)
-        confidence = np.ascontiguousarray(arrays["confidence"], np.float32)
-        bank = str(arrays.get("bank", ""))
-        identity = Identity(field, labels, confidence, str(arrays["mode"]), bank)
-    except (ValueError, KeyError, TypeError) as error:
-        raise GagaError(f"{path} is damaged. {_CURE}") from error
-    if labels.min(initial=0) < 0 or labels.max(initial=0) > field.n_groups:
-        raise GagaError(f"{path} is damaged: it names groups that are not there. {_CURE}")
-    return identity
+    arrays = read_columns(path, _CURE, _LAYER | LABELLING)
+    with damage(path, _CURE):
+        field = IdentityField(arrays["encodings"], arrays["weight"], arrays["bias"])
+        texts = str(arrays["mode"]), str(arrays.get("bank", ""))
+        return Identity(field, arrays["labels"], arrays["confidence"], *texts)

@@ -23,7 +23,6 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.field import Identity, LiftFigures
@@ -48,7 +47,7 @@ from gaga_core.identity.training_step import (
     nearest,
     start_from_zeros,
 )
-from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.arrays_file import TEXT, Column, damage, read_columns
 from gaga_core.io.files import atomic_write
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
@@ -87,20 +86,17 @@ def load_checkpoint(path: Path, digest: str, n_gaussians: int, n_groups: int) ->
     Raises ``GagaError`` when the file is damaged.
     """
     cure = "Remove it to train from the start."
-    arrays = read_arrays(path, cure)
-    try:
-        if str(arrays["digest"]) != digest:
-            return None
-        values = [np.ascontiguousarray(arrays[name], np.float32) for name in _VALUES]
-        moments = tuple(np.ascontiguousarray(arrays[name], np.float32) for name in _MOMENTS)
-        training = Training(values[0], values[1], values[2], moments, int(arrays["step"]))
-    except (ValueError, KeyError, TypeError) as error:
-        raise GagaError(f"{path} is damaged. {cure}") from error
-    shapes = [(n_gaussians, D), (n_groups + 1, D), (n_groups + 1,)]
-    found = [array.shape for array in (*values, *moments)]
-    if found != shapes + [shape for shape in shapes for _ in range(2)] or training.step < 0:
-        raise GagaError(f"{path} is damaged. {cure}")
-    return training
+    if str(read_columns(path, cure, {"digest": TEXT})["digest"]) != digest:
+        return None
+    shapes = (n_gaussians, D), (n_groups + 1, D), (n_groups + 1,)
+    columns = {"step": Column(np.int64, low=0)}
+    for name, shape in zip(_VALUES, shapes, strict=True):
+        kinds = (name, f"mean_{name}", f"square_{name}")
+        columns |= {kind: Column(np.float32, shape) for kind in kinds}
+    arrays = read_columns(path, cure, columns)
+    with damage(path, cure):
+        values, moments = ([arrays[name] for name in names] for names in (_VALUES, _MOMENTS))
+        return Training(values[0], values[1], values[2], tuple(moments), int(arrays["step"]))
 
 
 STAGE = "Train identities"

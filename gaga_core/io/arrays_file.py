@@ -1,19 +1,24 @@
-"""Reading ``.npz`` and ``.npy`` files of plain arrays, damaged ones included."""
+"""Reading ``.npz`` and ``.npy`` files of plain arrays, damaged and hostile ones included.
+
+What we write is read by `read_columns`, which knows what each array must be.
+"""
 
 import math
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
 import numpy as np
+import numpy.typing as npt
 
 from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
-from gaga_core.io.files import explain_os_error
+from gaga_core.io.files import check_memory, explain_os_error, open_file
 
 # What numpy and zipfile raise on files with wrong bytes, found by flipping bits: zlib.error and
 # TokenError (from numpy's parse of an array header) are no ValueError, and an odd compression
@@ -35,6 +40,97 @@ _DAMAGED = (
 MOST_BYTES = 4 << 30  # of the arrays of one file: a scene of 40 million splats has half of it
 _MOST_ARRAYS = 100_000
 _LONGEST_HEADER = 65_536
+_KINDS = {"b": "b", "i": "iu", "u": "iu", "f": "fiu", "U": "U"}  # of a dtype: read as it
+
+
+@dataclass(frozen=True)
+class Column:
+    """What an array of a file must be, and what it becomes."""
+
+    dtype: npt.DTypeLike  # that it becomes; whole numbers, numbers and text are told apart
+    shape: tuple[int | str, ...] = ()  # a letter is a length, the same wherever it stands
+    # The values that there can be. Without them: those of the dtype, or finite ones of float32, in
+    # which all is drawn.
+    low: float | None = None
+    high: float | None = None
+    below: str = ""  # letter of a length: values are places in a table that is so long
+    unknown: bool = False  # NaN and infinities may be there
+    optional: bool = False
+
+    def with_shape_of(self, name: str, array: AnyArray, lengths: dict[str, int]) -> None:
+        """Raise ``ValueError`` unless kind and shape are right; notes new ``lengths``."""
+        fits = array.ndim == len(self.shape) and all(
+            got == (lengths.setdefault(want, got) if isinstance(want, str) else want)
+            for want, got in zip(self.shape, array.shape, strict=True)
+        )
+        kind = np.dtype(self.dtype).kind
+        if not fits or (array.size and array.dtype.kind not in _KINDS[kind]):
+            wanted = ", ".join(f"{lengths.get(str(want), want)}" for want in self.shape)
+            what = np.dtype(self.dtype).name
+            raise ValueError(f"{name}: expected ({wanted}) {what}, got {array.shape} {array.dtype}")
+
+    def converted(self, name: str, array: AnyArray, lengths: Mapping[str, int]) -> AnyArray:
+        """``array`` as `dtype`, C-contiguous. Raises ``ValueError`` when a value cannot be."""
+        dtype = np.dtype(self.dtype)
+        if array.size == 0:  # numpy gives no values a kind of their own
+            return np.zeros(array.shape, dtype)
+        if dtype.kind == "U":
+            "".join(array.ravel().tolist()).encode()  # raises for what is no text
+            return array
+        if dtype.kind != "b":
+            limits = np.iinfo(dtype) if dtype.kind in "iu" else np.finfo(np.float32)
+            # In Python's numbers, which compare without a cast; NaN, where there is one.
+            first, last = array.min().item(), array.max().item()
+            low = np.asarray(limits.min).item() if self.low is None else self.low
+            high = np.asarray(limits.max).item() if self.high is None else self.high
+            high = lengths[self.below] - 1 if self.below else high
+            if not (self.unknown or (low <= first and last <= high)):
+                odd = last if low <= first else first
+                raise ValueError(f"{name}: {odd} is not in {low} to {high}")
+        return np.asarray(array, dtype, order="C")
+
+
+TEXT = Column(np.str_)
+
+
+def checked(
+    arrays: Mapping[str, AnyArray], columns: Mapping[str, Column], **lengths: int
+) -> dict[str, AnyArray]:
+    """Those of ``arrays`` that ``columns`` name, each as its column says; others are left out.
+
+    ``lengths`` are those that letters must have. Nothing is cast before its values are known to
+    fit. Raises ``ValueError`` that names the array.
+    """
+    for name, column in columns.items():
+        if name in arrays:
+            column.with_shape_of(name, arrays[name], lengths)
+        elif not column.optional:
+            raise ValueError(f"{name} is missing")
+    found = {name: column for name, column in columns.items() if name in arrays}
+    return {name: column.converted(name, arrays[name], lengths) for name, column in found.items()}
+
+
+def read_columns(
+    path: Path, cure: str, columns: Mapping[str, Column], **lengths: int
+) -> dict[str, AnyArray]:
+    """The arrays of an ``.npz`` that ``columns`` name, each as its column says: see `checked`.
+
+    Raises ``GagaError`` with one sentence when the file is missing, or an array is or holds what
+    it must not: ``cure`` says what to do then.
+    """
+    optional = [name for name, column in columns.items() if column.optional]
+    arrays = read_arrays(path, cure, columns.keys() - optional, optional)
+    with damage(path, cure):
+        return checked(arrays, columns, **lengths)
+
+
+@contextmanager
+def damage(path: Path, cure: str) -> Iterator[None]:
+    """Turn what is raised about the values of a file into one sentence."""
+    try:
+        yield
+    except (ValueError, TypeError, LookupError, OverflowError, MemoryError) as error:
+        raise GagaError(f"{path} is damaged ({error}). {cure}") from error
 
 
 @contextmanager
@@ -56,7 +152,7 @@ def read_array(path: Path, cure: str) -> AnyArray:
     Raises ``GagaError`` when the file is missing, damaged, or holds Python objects: ``cure`` says
     what to do then.
     """
-    with _sentences(path, "is damaged or holds Python objects", cure), path.open("rb") as file:
+    with _sentences(path, "is damaged or holds Python objects", cure), open_file(path) as file:
         if file.read(len(np.lib.format.MAGIC_PREFIX)) == np.lib.format.MAGIC_PREFIX:
             file.seek(0)
             _check_header(file, path.stat().st_size)
@@ -80,9 +176,9 @@ def read_arrays(
     Raises ``GagaError`` when the file is missing or damaged: ``cure`` says what to do then.
     """
     # Opened here: numpy leaves the file open when its archive is damaged.
-    with _sentences(path, "is damaged", cure), path.open("rb") as file:
+    with _sentences(path, "is damaged", cure), open_file(path) as file:
         if zipfile.is_zipfile(file):
-            _check_archive(file)
+            _check_archive(file, path)
         file.seek(0)
         stored = np.load(file, allow_pickle=False)
         wanted = stored.files if names is None else names
@@ -90,13 +186,17 @@ def read_arrays(
         return {name: stored[name] for name in (*wanted, *further)}
 
 
-def _check_archive(file: IO[bytes]) -> None:
-    """Raise ``ValueError`` unless the arrays of an archive have the sizes that they announce."""
+def _check_archive(file: IO[bytes], path: Path) -> None:
+    """Raise ``ValueError`` unless the arrays of an archive have the sizes that they announce.
+
+    ``GagaError`` when they would take too much memory.
+    """
     with zipfile.ZipFile(file) as archive:
         entries = archive.infolist()
         total = sum(entry.file_size for entry in entries)
         if len(entries) > _MOST_ARRAYS or total > MOST_BYTES:
             raise ValueError(f"{len(entries)} arrays of {total} bytes")
+        check_memory(path, total, f"arrays of {total:,} bytes")
         for entry in entries:
             with archive.open(entry) as stored:
                 _check_header(stored, entry.file_size)

@@ -47,6 +47,16 @@ def assets() -> Path:
     return inside if inside.is_dir() else here.parent / "assets"
 
 
+def is_file(path: Path) -> bool:
+    """Whether ``path`` is a file; ``GagaError`` where the system cannot say, as of a name of
+    thousands of letters that a file gave."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError) as error:
+        known = error if isinstance(error, OSError) else OSError(errno.EINVAL, str(error))
+        raise GagaError(explain_os_error(known, path)) from error
+
+
 def open_file(path: Path, buffering: int = -1) -> BinaryIO:
     """Open a file to read its bytes. Raises ``OSError``, for a pipe or a device, too.
 

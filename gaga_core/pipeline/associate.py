@@ -16,11 +16,10 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.add_views import FormerGroups, add_views_stage
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
-from gaga_core.grouping.bank_file import load_bank, read_groups, save_bank
+from gaga_core.grouping.bank_file import load_bank, read_groups, read_labels, save_bank
 from gaga_core.grouping.memory_bank import Preset
 from gaga_core.grouping.views import load_labels
 from gaga_core.grouping.votes import associated_labels
-from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.folder.scene_folder import (
     AssociateEntry,
     SceneFolder,
@@ -132,7 +131,7 @@ def views_to_add(folder: SceneFolder) -> tuple[str, ...]:
     if len(mask_set) == 0 or mask_set.are_regions:
         return ()
     bank = load_bank(bank_path)
-    if bank.levels is not None or "weight" not in read_arrays(labels_path, "Associate again."):
+    if bank.levels is not None or "weight" not in read_labels(labels_path, len(bank.group)):
         return ()
     known = {decision.view for decision in bank.log}
     return tuple(
@@ -175,12 +174,11 @@ def _read_former(folder: SceneFolder, n_gaussians: int, mask_path: Path) -> Form
             "associate without --add."
         )
     labels, confidence = read_groups(folder, n_gaussians)
-    bank = load_bank(folder.work / "bank.npz")
-    arrays = read_arrays(folder.work / "labels.npz", "Associate the masks again.")
-    weight = arrays.get("weight")
-    if weight is None or weight.shape != (n_gaussians,):
+    bank = load_bank(folder.work / "bank.npz", N=n_gaussians)
+    weight = read_labels(folder.work / "labels.npz", n_gaussians).get("weight")
+    if weight is None:
         raise GagaError(
             "These groups were saved without the weight of their votes. Associate once more "
             "without --add."
         )
-    return FormerGroups(bank, labels, confidence, weight.astype(np.float32))
+    return FormerGroups(bank, labels, confidence, weight)

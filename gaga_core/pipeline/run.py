@@ -15,7 +15,7 @@ from gaga_core.grouping.bank_file import load_bank
 from gaga_core.grouping.memory_bank import Preset
 from gaga_core.identity.field import FILE
 from gaga_core.identity.lift import LiftConfig, Mode, mode_of_preset
-from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.arrays_file import TEXT, read_columns
 from gaga_core.io.folder.scene_folder import (
     SceneFolder,
     is_scene_folder,
@@ -233,7 +233,7 @@ def _is_lifted(work: Work) -> bool:
         return False
     if work.config.mode is None and work.config.keeps_groups:
         return True
-    stored = read_arrays(identity, "Remove it, and run again.", ("mode",))
+    stored = read_columns(identity, "Remove it, and run again.", {"mode": TEXT})
     preset = _preset_of(work) or work.config.associate.preset
     return str(stored["mode"]) == (work.config.mode or mode_of_preset(preset))
 

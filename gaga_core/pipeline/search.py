@@ -235,7 +235,8 @@ def pictures_of(project: Project, load: Callable[[], Embedder]) -> Pictures | No
     index = load_index(work / INDEX_FILE)
     if index is None:
         return None
-    return Pictures(index, TextVectors(index.model, load, work / TEXTS_FILE))
+    texts = TextVectors(index.model, load, work / TEXTS_FILE, index.vectors.shape[1])
+    return Pictures(index, texts)
 
 
 def stale_groups(scene: Scene, index: GroupIndex | None) -> int:

@@ -18,10 +18,11 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.arrays_file import TEXT, Column, read_columns
 from gaga_core.io.files import refuse_links
 from gaga_core.placing.metrics import (
     AGAIN,
+    PAIRS,
     MeasureConfig,
     SfmFacts,
     SfmSummary,
@@ -448,6 +449,13 @@ def judge_poses(facts: SfmFacts, config: PoseCheckConfig) -> tuple[Verdict, ...]
     return (Verdict("pairs", level, text),)
 
 
+_MATCHED = PAIRS | {  # what `placing.worker` writes of pairs
+    "names": replace(TEXT, shape=("A",)),
+    "match_names": Column(np.int64, ("M", 2), low=0, below="A"),
+    "match_places": Column(np.float64, ("M", 2, 2)),
+}
+
+
 def _facts(
     cameras: Sequence[Camera], photos: Mapping[str, Path], workspace: Path, threads: int
 ) -> Stage[SfmFacts | None]:
@@ -464,8 +472,8 @@ def _facts(
     yield from run_step("export", found, workspace, sfm)
     by_source = {str(photos[camera.name]): camera for camera in cameras}
     posed = {photo.name: by_source[photo.source] for photo in found.photos}
-    arrays = read_arrays(workspace / "pair_matches.npz", AGAIN)
-    views = [posed[str(name)] for name in arrays["names"]]
+    arrays = read_columns(workspace / "pair_matches.npz", AGAIN, _MATCHED)
+    views = [posed[name] for name in arrays["names"].tolist()]
     match_views, none = arrays["match_names"], np.zeros(0, np.int64)
     sizes = np.array([(view.width, view.height) for view in views], np.int64)
     inverse = np.array([np.linalg.inv(view.K) for view in views])

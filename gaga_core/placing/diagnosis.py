@@ -4,7 +4,7 @@ Looked at after each attempt, so that the next one does what may help and a pers
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from gaga_core.arrays import BoolArray, DoubleArray, LongArray
-from gaga_core.io.arrays_file import read_arrays
-from gaga_core.placing.metrics import AGAIN
+from gaga_core.io.arrays_file import TEXT, Column, read_columns
+from gaga_core.placing.metrics import AGAIN, PAIRS
 from gaga_core.placing.photos import PhotoSet
 from gaga_core.placing.sfm import option
 
@@ -74,6 +74,13 @@ def _turn(of: LongArray, turns: DoubleArray, first: LongArray, second: LongArray
 
 
 _NAMED = 3  # photos named in a sentence
+_FILE = PAIRS | {  # arrays of `MatchFacts`
+    "names": replace(TEXT, shape=("A",)),
+    "n_features": Column(np.int64, ("A",), low=0),
+    "coverage": Column(np.float64, ("A",)),
+    "still": Column(np.float64, ("Q",), unknown=True),
+    "turns": Column(np.float64, ("Q", 3, 3), unknown=True),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +98,7 @@ class MatchFacts:
     @staticmethod
     def load(path: Path) -> "MatchFacts":
         """Read what `sfm_export.write_match_facts` wrote. Raises ``GagaError``."""
-        arrays = read_arrays(path, AGAIN)
+        arrays = read_columns(path, AGAIN, _FILE)
         names = tuple(str(name) for name in arrays.pop("names"))
         return MatchFacts(names=names, **arrays)
 

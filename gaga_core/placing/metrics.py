@@ -3,7 +3,7 @@
 Pure numpy: the arrays are written by `sfm_export` in the process that holds the model.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +11,31 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, LongArray
-from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.arrays_file import TEXT, Column, read_columns
 
 AGAIN = "Remove it and reconstruct again."
+_ROWS = Column(np.int64, low=0)
+PAIRS = {  # photos A that were matched in Q pairs
+    "pairs": replace(_ROWS, shape=("Q", 2), below="A"),
+    "pair_matches": replace(_ROWS, shape=("Q",)),
+}
+# Arrays of `SfmFacts`. Points behind a camera may have errors without end.
+_FILE = PAIRS | {
+    "names": replace(TEXT, shape=("V",)),
+    "poses": Column(np.float64, ("V", 3, 4)),
+    "focal": Column(np.float64, ("V", 2)),
+    "sizes": replace(_ROWS, shape=("V", 2)),
+    "points": Column(np.float64, ("P", 3)),
+    "track_lengths": replace(_ROWS, shape=("P",)),
+    "seen_points": replace(_ROWS, shape=("O",), below="P"),
+    "seen_views": replace(_ROWS, shape=("O",), below="V"),
+    "seen_errors": Column(np.float64, ("O",), unknown=True),
+    "match_views": replace(_ROWS, shape=("M", 2), below="V"),
+    "match_points": replace(_ROWS, shape=("M", 2), low=-1, below="P"),
+    "match_rays": Column(np.float64, ("M", 2, 3), unknown=True),
+    "all_names": replace(TEXT, shape=("A",)),
+    "model_sizes": replace(_ROWS, shape=("models",)),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +62,7 @@ class SfmFacts:
     @staticmethod
     def load(path: Path) -> "SfmFacts":
         """Read what `sfm_export.write_facts` wrote. Raises ``GagaError``."""
-        arrays = read_arrays(path, AGAIN)
+        arrays = read_columns(path, AGAIN, _FILE)
         names, all_names = (
             tuple(str(n) for n in arrays.pop(key)) for key in ("names", "all_names")
         )

@@ -6,16 +6,23 @@ that of phrases that fit anything, the least favourable one (LERF, Kerr et al., 
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
+from gaga_core.arrays import (
+    MOST_GROUP,
+    DoubleArray,
+    FloatArray,
+    IntArray,
+    LongArray,
+    UInt8Array,
+)
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.arrays_file import TEXT, Column, read_columns
 from gaga_core.io.files import atomic_write
 from gaga_core.progress import Progress, Stage
 from gaga_core.query.embed import Embedder
@@ -101,6 +108,18 @@ def _square(picture: UInt8Array, side: int) -> UInt8Array:
 STAGE = "Index the objects"
 THUMBNAIL = 64  # pixels a side
 _CURE = "Remove it and build the index again."
+_FILE = {  # arrays of the index
+    "model": TEXT,
+    "groups": Column(np.int32, ("G",), low=0, high=MOST_GROUP),
+    "digests": Column(np.int64, ("G",)),
+    "vectors": Column(np.float32, ("G", "D")),
+    "thumbnails": Column(np.uint8, ("G", THUMBNAIL, THUMBNAIL, 3)),
+}
+_TEXTS = {  # and of the file of texts
+    "model": TEXT,
+    "texts": replace(TEXT, shape=("T",)),
+    "vectors": Column(np.float32, ("T", "D")),
+}
 _ANYTHING = ("object", "things", "stuff", "texture")  # what every crop is a picture of
 _SHARPNESS = 50.0  # how fast relevancy grows with a difference of cosines
 _TEMPLATE = "a photo of a {}"
@@ -162,7 +181,10 @@ def index_stage(
     found: dict[int, tuple[FloatArray, UInt8Array]] = {}
     if new:
         found = yield from _look_at(new, views, embedder, config)
-    dim = max((len(v) for v, _ in (*found.values(), *known.values())), default=0)
+    dims = {len(vector) for vector, _ in (*found.values(), *known.values())} - {0}
+    if len(dims) > 1:
+        raise GagaError(f"The index is of another model of the same name. {_CURE}")
+    dim = max(dims, default=0)
     nothing = (np.zeros(dim, np.float32), np.full((THUMBNAIL, THUMBNAIL, 3), 128, np.uint8))
     rows = [
         known[int(d)] if int(d) in known else found.get(int(g), nothing)
@@ -196,15 +218,18 @@ def relevancy(index: GroupIndex, text: FloatArray, anything: FloatArray) -> Doub
 class TextVectors:
     """Vectors of texts by a model that is loaded when a text is new, kept in a file.
 
-    ``path`` None keeps them in memory only. ``load`` is called at most once.
+    ``path`` None keeps them in memory only; vectors of another ``dim`` are not read from it.
+    ``load`` is called at most once.
     """
 
-    def __init__(self, model: str, load: Callable[[], Embedder], path: Path | None = None) -> None:
+    def __init__(
+        self, model: str, load: Callable[[], Embedder], path: Path | None = None, dim: int = 0
+    ) -> None:
         self.model = model
         self._load = load
         self._path = path
         self._embedder: Embedder | None = None
-        self._kept = _read_texts(path, model)
+        self._kept = _read_texts(path, model, **({"D": dim} if dim else {}))
 
     def of(self, texts: Sequence[str]) -> FloatArray:
         """Vectors (n, D) of ``texts``."""
@@ -243,22 +268,9 @@ def load_index(path: Path) -> GroupIndex | None:
     """The index in ``path``; None when there is none yet. ``GagaError`` when it is damaged."""
     if not path.is_file():
         return None
-    arrays = read_arrays(path, _CURE)
-    try:
-        n = len(arrays["groups"])
-        shape = (n, THUMBNAIL, THUMBNAIL, 3)
-        fits = arrays["digests"].shape == (n,) and arrays["vectors"].shape[:1] == (n,)
-        if not fits or arrays["vectors"].ndim != 2 or arrays["thumbnails"].shape != shape:
-            raise ValueError("shapes")
-        return GroupIndex(
-            str(arrays["model"]),
-            arrays["groups"].astype(np.int32),
-            arrays["digests"].astype(np.int64),
-            arrays["vectors"].astype(np.float32),
-            arrays["thumbnails"].astype(np.uint8),
-        )
-    except (KeyError, ValueError, TypeError) as error:
-        raise GagaError(f"{path} is damaged. {_CURE}") from error
+    arrays = read_columns(path, _CURE, _FILE)
+    columns = (arrays[name] for name in ("groups", "digests", "vectors", "thumbnails"))
+    return GroupIndex(str(arrays["model"]), *columns)
 
 
 def _known(previous: GroupIndex | None, model: str) -> dict[int, tuple[FloatArray, UInt8Array]]:
@@ -313,15 +325,17 @@ def _look_at(
     return {g: ((total_ / lengths[g]).astype("f4"), thumbnails[g]) for g, total_ in sums.items()}
 
 
-def _read_texts(path: Path | None, model: str) -> dict[str, FloatArray]:
-    """Vectors kept in ``path`` by text; none when they are of another model or damaged."""
+def _read_texts(path: Path | None, model: str, **lengths: int) -> dict[str, FloatArray]:
+    """Vectors kept in ``path`` by text; none when they are of another model or damaged.
+
+    ``lengths``: D, where it is known.
+    """
     if path is None or not path.is_file():
         return {}
     try:
-        arrays: Mapping[str, FloatArray] = read_arrays(path, _CURE)
+        arrays = read_columns(path, _CURE, _TEXTS, **lengths)
     except GagaError:
         return {}
-    if str(arrays.get("model", "")) != model or not {"texts", "vectors"} <= set(arrays):
+    if str(arrays["model"]) != model:
         return {}
-    rows = np.asarray(arrays["vectors"], np.float32)
-    return {str(text): row for text, row in zip(arrays["texts"], rows, strict=False)}
+    return dict(zip(arrays["texts"].tolist(), arrays["vectors"], strict=True))

@@ -13,6 +13,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray, check_shape
 from gaga_core.camera import Camera
 
+FARTHEST = 1e18  # the product of two such numbers is finite in float32, in which all is drawn
 _SIMILAR = 1e-6  # how far a map may be from rotation times scale, relative
 
 
@@ -51,7 +52,7 @@ def scale_of(world: DoubleArray) -> float:
     Raises ``ValueError`` when the map mirrors, stretches or flattens space, or is not finite.
     """
     linear = np.asarray(world, np.float64)[:3, :3]
-    if not np.isfinite(world).all() or not np.linalg.det(linear) > 0:
+    if not (np.abs(world) <= FARTHEST).all() or not np.linalg.det(linear) > 0:
         raise ValueError("world: expected a rotation times a scale, and an offset")
     scale = float(np.cbrt(np.linalg.det(linear)))
     if np.abs(linear @ linear.T / scale**2 - np.eye(3)).max() > _SIMILAR:

@@ -25,17 +25,17 @@ import msgspec
 import numpy as np
 
 from gaga_core import __version__
-from gaga_core.arrays import AnyArray, IntArray, UInt8Array, check_shape
+from gaga_core.arrays import MOST_GROUP, AnyArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.bank_file import bank_arrays, bank_digest, bank_of, load_bank
+from gaga_core.grouping.bank_file import bank_arrays, bank_digest, bank_of, load_bank, read_labels
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.identity.classifier_io import CLASSIFIER_FILE, field_of_model
 from gaga_core.identity.field import FILE as IDENTITY_FILE
-from gaga_core.identity.field import encoding_colors
-from gaga_core.io.arrays_file import read_arrays
-from gaga_core.io.files import atomic_write, fingerprint
+from gaga_core.identity.field import LABELLING, encoding_colors
+from gaga_core.io.arrays_file import Column, checked, damage, read_arrays, read_columns
+from gaga_core.io.files import atomic_write, fingerprint, is_file
 from gaga_core.io.folder.lock import lock_folder
 from gaga_core.io.folder.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
 from gaga_core.io.json_file import PathText, read_json
@@ -60,9 +60,16 @@ from gaga_core.scene.export_manifest import MANIFEST, read_manifest
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import Frame, carried_cameras
 from gaga_core.scene.index_set import IndexSet
-from gaga_core.scene.named_arrays import columns_of, identities_of, identity_arrays, splats_of
+from gaga_core.scene.named_arrays import (
+    PLACEMENTS,
+    columns_of,
+    identities_of,
+    identity_arrays,
+    placements_of,
+    splats_of,
+)
 from gaga_core.scene.objects import group_colors
-from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Placements, Scene
+from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Scene
 
 # --- The file project.json: its fields, and reading it while another program may replace it.
 
@@ -74,7 +81,7 @@ _TRIES, _PAUSE_S = 50, 0.02  # a writer removes the former scene file right afte
 _SCENE_FILE = r"^scene-[0-9a-f]{12}\.npz$"
 _PATIENCE_S = 10.0  # for another program that is saving
 
-Group = Annotated[str, msgspec.Meta(pattern="^[0-9]{1,10}$")]
+Group = Annotated[str, msgspec.Meta(pattern="^[0-9]{1,8}$")]  # id of a group
 Rows = Annotated[int, msgspec.Meta(ge=0, lt=1 << 31)]
 
 
@@ -105,7 +112,7 @@ class ProjectFile(msgspec.Struct, frozen=True):
     colors: object = None
     folders: list[str] = []  # of the object list
     in_folder: dict[Group, str] = {}
-    parents: dict[Group, Annotated[int, msgspec.Meta(gt=0, lt=1 << 31)]] = {}
+    parents: dict[Group, Annotated[int, msgspec.Meta(gt=0, le=MOST_GROUP)]] = {}
     sets: list[str] = []
     bookmarks: object = None
     path: object = None
@@ -194,17 +201,31 @@ def scene_arrays(scene: Scene) -> dict[str, AnyArray]:
     return arrays
 
 
+# N splats of the scene, P placements, M splats of the opened file, F of all files.
+_SCENE = {
+    "labels": Column(np.int32, ("N",), low=0, high=MOST_GROUP),
+    "state": Column(np.uint8, ("N",)),
+    "placement": Column(np.int32, ("N",), low=0, below="P"),
+    "source": Column(np.int64, ("N",), low=0, below="F"),
+    **PLACEMENTS,
+    "confidence": Column(np.uint8, ("M",), optional=True),
+    "world": Column(np.float64, (4, 4), optional=True),
+    "is_metric": Column(np.bool_, optional=True),
+}
+
+
 def made_of(file: Path, arrays: dict[str, AnyArray], n: int) -> list[Gaussians]:
     """The ``n`` sets of splats that edits made. Raises ``GagaError`` that names ``file``."""
     found = []
-    try:
+    with damage(file, CURE):
         for i in range(n):
-            head = f"made_{i}:"
-            columns = {k.removeprefix(head): v for k, v in arrays.items() if k.startswith(head)}
-            found.append(splats_of(columns))
-    except (ValueError, KeyError) as error:
-        raise GagaError(f"{file} is damaged. {CURE}") from error
+            found.append(splats_of(_part(arrays, f"made_{i}:")))
     return found
+
+
+def _part(arrays: dict[str, AnyArray], head: str) -> dict[str, AnyArray]:
+    """The arrays whose names begin with ``head``, without it."""
+    return {k.removeprefix(head): v for k, v in arrays.items() if k.startswith(head)}
 
 
 def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_opened: int) -> Scene:
@@ -213,47 +234,37 @@ def scene_of(file: Path, arrays: dict[str, AnyArray], gaussians: Gaussians, n_op
     ``n_opened`` splats are of the opened file. Raises ``GagaError`` that names ``file`` when the
     arrays do not fit each other or the splats.
     """
-    try:
-        source = arrays["source"].astype(np.int64)
-        n = len(source)
-        for name in ("labels", "state", "placement"):
-            check_shape(name, arrays[name], (n,))
-        rows = len(arrays["opacity"])
-        check_shape("matrix", arrays["matrix"], (rows, 3, 4))
-        check_shape("color", arrays["color"], (rows, 3, 4))
-        if source.min() < 0 or source.max() >= len(gaussians):
-            raise ValueError("source row outside the model")
-        if arrays["placement"].min() < 0 or arrays["placement"].max() >= rows:
-            raise ValueError("placement row outside the table")
-        bank = {k.removeprefix("bank_"): v for k, v in arrays.items() if k.startswith("bank_")}
-        confidence = arrays.get("confidence")
-        if confidence is not None:
-            check_shape("confidence", confidence, (n_opened,), np.uint8)
-        frame = Frame()
-        if "world" in arrays:
-            check_shape("world", arrays["world"], (4, 4), np.float64)
-            frame = Frame(arrays["world"], bool(arrays["is_metric"]))
+    with damage(file, CURE):
+        own = checked(arrays, _SCENE, M=n_opened, F=len(gaussians))
+        source, n = own["source"], len(own["source"])
+        if not np.array_equal(source[:n_opened], np.arange(n_opened)):
+            raise ValueError("source: the splats of the opened file do not come first")
+        bank = _part(arrays, "bank_")
+        frame = Frame(own["world"], bool(own["is_metric"])) if "world" in own else Frame()
         sets: dict[str, IndexSet] = {}  # named selections, by number
-        while f"set_{len(sets)}" in arrays:
-            i = len(sets)
-            kept = np.unpackbits(arrays[f"set_{i}"], count=int(arrays[f"length_{i}"]))
-            sets[f"{i}"] = IndexSet.of(np.flatnonzero(kept), len(kept))
+        while (name := f"set_{len(sets)}") in arrays:
+            length = f"length_{len(sets)}"
+            spec = {name: Column(np.uint8, ("bytes",)), length: Column(np.int64, low=0, high=n)}
+            found = checked(arrays, spec)
+            bits, count = found[name], int(found[length])
+            if len(bits) != -(-count // 8):
+                raise ValueError(f"{name}: {len(bits)} bytes for {count} splats")
+            kept = np.flatnonzero(np.unpackbits(bits, count=count))
+            sets[f"{len(sets)}"] = IndexSet.of(kept, count)
         untouched = n == len(gaussians) and np.array_equal(source, np.arange(n))
         return Scene(
             gaussians=gaussians if untouched else gaussians.take(source),
-            labels=arrays["labels"].astype(np.int32),
-            state=arrays["state"].astype(np.uint8),
-            placement=arrays["placement"].astype(np.int32),
+            labels=own["labels"],
+            state=own["state"],
+            placement=own["placement"],
             source=source,
-            placements=Placements(arrays["matrix"], arrays["color"], arrays["opacity"]),
+            placements=placements_of(own),
             bank=bank_of(bank) if bank else None,
-            confidence=confidence,
-            identities=identities_of(arrays, n_opened),
+            confidence=own.get("confidence"),
+            identities=identities_of(arrays, M=n_opened),
             named_selections=sets,
             frame=frame,
         )
-    except (ValueError, KeyError, TypeError) as error:
-        raise GagaError(f"{file} is damaged. {CURE}") from error
 
 
 # --- Files of splats that other programs changed: noticed at every save, and replaced by a copy.
@@ -320,29 +331,6 @@ def current_file(
 # `scene.Identities`.
 
 
-def read_labels(path: Path, n_gaussians: int) -> tuple[IntArray, UInt8Array | None]:
-    """Groups (N,) and their confidence (N,) 0..255, if it is there, of a ``labels.npz``.
-
-    Raises ``GagaError`` when the file is damaged or of a model with other than ``n_gaussians``.
-    """
-    cure = "Run Associate again, or remove it."
-    arrays = read_arrays(path, cure)
-    labels = arrays.get("labels", np.zeros(0, np.float32))
-    confidence = arrays.get("confidence")
-    is_right = labels.ndim == 1 and labels.dtype.kind in "iu"
-    if confidence is not None:
-        is_right &= confidence.shape == labels.shape and confidence.dtype.kind == "f"
-    if not is_right:
-        raise GagaError(f"{path} is damaged. {cure}")
-    if len(labels) != n_gaussians:
-        raise GagaError(
-            f"{path} is of another model ({len(labels):,} splats, not {n_gaussians:,}). "
-            "Run Associate again, or remove it."
-        )
-    sure = None if confidence is None else as_bytes(confidence)
-    return np.ascontiguousarray(labels, np.int32), sure
-
-
 @dataclass(frozen=True, eq=False)
 class OpenedGroups:
     """Initial values of a scene; fields of `Scene`."""
@@ -359,15 +347,16 @@ def groups_of_folder(work: Path, n_gaussians: int) -> OpenedGroups:
     Labels come from the identities where they were trained as published from groups of the preset
     paper, else from the votes. Raises ``GagaError`` when a file is damaged or of another model.
     """
-    labels, confidence = read_labels(work / "labels.npz", n_gaussians)
-    bank = load_bank(work / "bank.npz") if (work / "bank.npz").is_file() else None
+    votes = read_labels(work / "labels.npz", n_gaussians)
+    labels, sure = votes["labels"], votes.get("confidence")
+    confidence, path = None if sure is None else as_bytes(sure), work / "bank.npz"
+    bank = load_bank(path, N=n_gaussians) if path.is_file() else None
     found = _lifted(work, bank, n_gaussians)
     if found is None:
         return OpenedGroups(labels, confidence, bank)
     lifted, colors, mode = found
     if bank is not None and (mode, bank.preset) == ("paper", "paper"):
-        votes = Labelling(labels, confidence)
-        identities = Identities("identities", votes, colors)
+        identities = Identities("identities", Labelling(labels, confidence), colors)
         return OpenedGroups(lifted.labels, lifted.confidence, bank, identities)
     return OpenedGroups(labels, confidence, bank, Identities("votes", lifted, colors))
 
@@ -380,22 +369,13 @@ def _lifted(
     if not path.is_file() or path.stat().st_mtime_ns < (work / "labels.npz").stat().st_mtime_ns:
         return None
     cure = "Lift the groups again, or remove it."
-    names = ("labels", "confidence", "mode")
-    arrays = read_arrays(path, cure, names, optional=("bank", "colors"))
-    digest, colors = str(arrays.get("bank", "")), arrays.get("colors")
+    digest = str(read_columns(path, cure, {"bank": LABELLING["bank"]}).get("bank", ""))
     if digest and (bank is None or digest != bank_digest(bank)):
         return None
-    try:
-        check_shape("labels", arrays["labels"], (n_gaussians,), np.int32)
-        check_shape("confidence", arrays["confidence"], (n_gaussians,), np.float32)
-        if arrays["labels"].min(initial=0) < 0:
-            raise ValueError("labels: an id below 0")
-        if colors is not None:
-            check_shape("colors", colors, (n_gaussians, 3), np.uint8)
-    except ValueError as error:
-        raise GagaError(f"{path} is damaged or of another model. {cure}") from error
+    columns = LABELLING | {"labels": _SCENE["labels"]}
+    arrays = read_columns(path, cure, columns, N=n_gaussians)
     labelling = Labelling(arrays["labels"], as_bytes(arrays["confidence"]))
-    return labelling, colors, str(arrays["mode"])
+    return labelling, arrays.get("colors"), str(arrays["mode"])
 
 
 def groups_of_file(gaussians: Gaussians, path: Path) -> OpenedGroups:
@@ -407,7 +387,10 @@ def groups_of_file(gaussians: Gaussians, path: Path) -> OpenedGroups:
     """
     column = gaussians.extra.get("group")
     if column is not None and column.dtype.kind in "iu":
-        return OpenedGroups(np.maximum(column.astype(np.int64), 0).astype(np.int32), None)
+        groups = np.maximum(column, 0)
+        if groups.max(initial=0) > MOST_GROUP:  # numbered anew, 0 is still none
+            groups = np.unique(np.append(groups, 0), return_inverse=True)[1][:-1]
+        return OpenedGroups(groups.astype(np.int32), None)
     try:
         classifier = field_of_model(gaussians, path)
     except GagaError as error:
@@ -424,7 +407,6 @@ def groups_of_file(gaussians: Gaussians, path: Path) -> OpenedGroups:
 # --- Open exported objects again: the files that groups.json names, with names, colors and order.
 
 
-_MOST_ID = (1 << 31) - 1
 _NO_SPLATS = ("mesh", "collider", "box", "html")  # forms, as the manifest names them
 
 
@@ -450,7 +432,7 @@ def open_objects_stage(manifest: Path) -> Stage[tuple[Scene, Path, str]]:
         )
     if not entries:
         raise GagaError(f"{manifest} names no objects, so there is nothing to open.")
-    if not all(0 < entry.id <= _MOST_ID for entry in entries):
+    if not all(0 < entry.id <= MOST_GROUP for entry in entries):
         raise GagaError(f"{manifest} is damaged: an id of an object cannot be. Export them again.")
     parts: list[Gaussians] = []
     digests: list[str] = []
@@ -682,7 +664,7 @@ def _open_saved(file: Path) -> Stage[Project]:
     document, arrays = read_project_file(file)
     entry = document.model
     model_path = _resolve(file.parent, entry.path)
-    if not model_path.is_file():
+    if not is_file(model_path):
         raise GagaError(
             f"The splats of this project are gone: {model_path}. Put the file back, or open "
             "another one."
@@ -694,7 +676,7 @@ def _open_saved(file: Path) -> Stage[Project]:
         )
     root = _resolve(file.parent, document.folder) if document.folder else None
     folder = None
-    if root is not None and is_scene_folder(root):
+    if root is not None and not is_file(root) and is_scene_folder(root):
         yield Progress("Look at the folder", 0, 1, root.name)
         folder = replace(open_scene_folder(root), model_path=model_path)
     gaussians = yield from read_splats_stage(model_path, entry.axes)

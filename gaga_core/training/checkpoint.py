@@ -11,7 +11,7 @@ import numpy as np
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.arrays_file import TEXT, Column, damage, read_columns
 from gaga_core.io.files import atomic_write
 from gaga_core.raster.base import ImageLoss
 from gaga_core.training.densification import ScreenSums
@@ -69,6 +69,21 @@ class Exposures:
 
 _FORMAT = 1
 _PARTS = ("values", "first", "second")
+_SHAPES: tuple[tuple[int | str, ...], ...] = (("N", 3), ("N", 4), ("N", 3), ("N",), ("N", "S", 3))
+_FILE = {
+    "iteration": Column(np.int64, low=0),
+    "gradient": Column(np.float32, ("N",)),
+    "n_views": Column(np.int32, ("N",), low=0),
+    "losses": Column(np.float32, ("iterations",)),
+    "measured": Column(np.float64, ("M", 3), unknown=True),  # dB of equal pictures
+    "best": Column(np.float64, (2,), unknown=True, optional=True),
+}
+for _part in _PARTS:
+    _FILE[f"exposures_{_part}"] = Column(np.float64, ("views", 2, 3))
+    for _name, _shape in zip(COLUMNS, _SHAPES, strict=True):
+        _FILE[f"{_part}_{_name}"] = Column(np.float32, _shape)
+for _name, _shape in zip(COLUMNS, _SHAPES, strict=True):
+    _FILE[f"best_{_name}"] = Column(np.float32, ("kept", *_shape[1:]), optional=True)
 _NO_EFFECT = ("snapshot_seconds", "checkpoint_seconds")  # settings that change no result
 
 
@@ -139,23 +154,22 @@ def save_checkpoint(path: Path, state: TrainState, digest: str) -> None:
         np.savez(file, **arrays)  # type: ignore[arg-type]
 
 
-def load_checkpoint(path: Path, digest: str) -> TrainState | None:
+def load_checkpoint(path: Path, digest: str, *, views: int, iterations: int) -> TrainState | None:
     """The state of the training with this ``digest``; None when there is none, or of another.
 
-    Raises ``GagaError`` when the file is damaged.
+    ``views`` and ``iterations`` are how many it has. Raises ``GagaError`` when the file is damaged.
     """
     if not path.is_file():
         return None
     cure = "Remove it to train from the start."
-    arrays = read_arrays(path, cure)
-    try:
-        if str(arrays["digest"]) != digest:
-            return None
-        parts = [
-            of_columns([np.ascontiguousarray(arrays[f"{part}_{name}"]) for name in COLUMNS])
-            for part in _PARTS
-        ]
-        state = TrainState(
+    if str(read_columns(path, cure, {"digest": TEXT})["digest"]) != digest:
+        return None
+    arrays = read_columns(path, cure, _FILE, views=views, iterations=iterations)
+    with damage(path, cure):
+        parts = [of_columns([arrays[f"{part}_{name}"] for name in COLUMNS]) for part in _PARTS]
+        if arrays["iteration"] > iterations:
+            raise ValueError(f"iteration: {arrays['iteration']} of {iterations}")
+        return TrainState(
             int(arrays["iteration"]),
             Splats(*parts),
             ScreenSums(arrays["gradient"], arrays["n_views"]),
@@ -164,26 +178,19 @@ def load_checkpoint(path: Path, digest: str) -> TrainState | None:
             arrays["measured"],
             _best(arrays),
         )
-    except (ValueError, KeyError, TypeError) as error:
-        raise GagaError(f"{path} is damaged. {cure}") from error
-    n = len(state.splats)
-    lengths = (*map(len, parts), len(state.sums.gradient), len(state.sums.n_views))
-    if any(length != n for length in lengths) or not 0 <= state.iteration <= len(state.losses):
-        raise GagaError(f"{path} is damaged. {cure}")
-    return state
 
 
 def _best(arrays: Mapping[str, AnyArray]) -> Best | None:
     if "best" not in arrays:
         return None
     iteration, psnr = arrays["best"]
-    columns = [np.ascontiguousarray(arrays[f"best_{name}"]) for name in COLUMNS]
-    return Best(int(iteration), float(psnr), of_columns(columns))
+    columns = of_columns([arrays[f"best_{name}"] for name in COLUMNS])
+    return Best(int(iteration), float(psnr), columns)
 
 
 def iteration_of(path: Path) -> int | None:
     """Iterations done in a checkpoint, without reading the rest; None when there is none."""
     try:
-        return int(read_arrays(path, "", ("iteration",))["iteration"])
-    except (GagaError, ValueError, TypeError):
+        return int(read_columns(path, "", {"iteration": _FILE["iteration"]})["iteration"])
+    except GagaError:
         return None

@@ -145,7 +145,8 @@ def train_stage(
     if checkpoint is not None:
         digest = digest_of(initial, views, config, team.size)
         _remove_leftovers(checkpoint, team)
-        found = load_checkpoint(checkpoint, digest)
+        sizes = {"views": len(views.train), "iterations": config.iterations}
+        found = load_checkpoint(checkpoint, digest, **sizes)
         if found is not None:
             _log.info("%s: going on after iteration %d", checkpoint, found.iteration)
         state = found or state

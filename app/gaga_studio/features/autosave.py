@@ -23,7 +23,7 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, check_shape
 from gaga_core.errors import GagaError
-from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.arrays_file import TEXT, Column, checked, read_arrays
 from gaga_core.io.files import atomic_write, set_aside
 from gaga_core.io.json_file import PathText, read_json
 from gaga_core.progress import Progress, Stage
@@ -52,6 +52,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 FILE = "history.npz"
+_OWN = {"scene": TEXT, "contents": Column(np.int64, ("states",))}  # the rest is the history's
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +92,12 @@ def read_history(folder: Path, scene_file: str, scene: Scene) -> HistoryCopy | N
         return None
     try:
         arrays = read_arrays(file, "")
-        if str(arrays["scene"]) != scene_file:  # of an autosave before or after this one
+        own = checked(arrays, _OWN)
+        if str(own["scene"]) != scene_file:  # of an autosave before or after this one
             return None
         record, n_lost = history_of(arrays)
         n_states = len(record.edits) + 1
-        contents = arrays["contents"][n_lost : n_lost + n_states]
+        contents = own["contents"][n_lost : n_lost + n_states]
         check_shape("contents", contents, (n_states,), np.int64)
         _check_walk(scene, record)
     except (GagaError, ValueError, KeyError, IndexError, TypeError) as error:

@@ -1,8 +1,10 @@
 """Undo and redo: a list of edits and a cursor, bounded in bytes, not in number."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+from gaga_core.errors import GagaError
 from gaga_core.scene.edits.values import Edit, SetPlacement, is_selection
 from gaga_core.scene.edits.wire import EditJson, recorded
 from gaga_core.scene.scene import Scene
@@ -168,7 +170,8 @@ class History:
         if not self.can_undo:
             return None
         edit = self._steps[self._cursor - 1].edit
-        edit.revert(self._scene)
+        with _damage(edit):
+            edit.revert(self._scene)
         self._cursor -= 1
         return edit.title
 
@@ -178,7 +181,8 @@ class History:
         if not self.can_redo:
             return None
         edit = self._steps[self._cursor].edit
-        edit.apply(self._scene)
+        with _damage(edit):
+            edit.apply(self._scene)
         self._cursor += 1
         return edit.title
 
@@ -265,6 +269,18 @@ class History:
             self._dropped += _recorded(self._steps[:dropped])
             del self._steps[:dropped]
             self._cursor = max(self._cursor - dropped, 0)
+
+
+@contextmanager
+def _damage(edit: Edit) -> Iterator[None]:
+    """Turn what a step raises that came with a damaged history into one sentence."""
+    try:
+        yield
+    except (ValueError, TypeError, LookupError, OverflowError, MemoryError) as error:
+        raise GagaError(
+            f'The step "{edit.title}" is damaged ({error}), so it changes nothing. '
+            "Continue from here: a new edit replaces it."
+        ) from error
 
 
 def _recorded(steps: Iterable[_Step]) -> list[EditJson]:

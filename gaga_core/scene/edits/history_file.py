@@ -15,6 +15,7 @@ from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.bank_file import bank_arrays, bank_of
 from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.io.arrays_file import Column, checked
 from gaga_core.io.json_file import decode_json
 from gaga_core.scene.edits.history import HistoryRecord
 from gaga_core.scene.edits.values import Edit, Row
@@ -64,9 +65,11 @@ def history_of(arrays: Mapping[str, AnyArray]) -> tuple[HistoryRecord, int]:
     what can only be undone or redone through it; a script still has it. Raises ``GagaError`` when
     the arrays are damaged.
     """
-    if _EDITS not in arrays:
-        raise GagaError("The history of the autosave is damaged: it has no edits.")
-    content = decode_json(arrays[_EDITS].tobytes(), _HistoryFile, "The history", "")
+    try:
+        raw = checked(arrays, {_EDITS: Column(np.uint8, ("bytes",))})[_EDITS].tobytes()
+    except ValueError as error:
+        raise GagaError(f"The history of the autosave is damaged ({error}).") from error
+    content = decode_json(raw, _HistoryFile, "The history", "")
     if content.cursor > len(content.edits):
         raise GagaError("The history of the autosave is damaged: its cursor is behind its edits.")
     values: dict[tuple[str, int], object] = {}
@@ -96,12 +99,10 @@ def history_of(arrays: Mapping[str, AnyArray]) -> tuple[HistoryRecord, int]:
 def _kept(kind: object, number: int, arrays: Mapping[str, AnyArray]) -> object:
     """A value of a type and number. Raises ``KeyError`` or ``ValueError`` when it is damaged."""
     if kind not in (MemoryBank, Identities):
-        column = arrays[f"confidence_{number}"]
-        if column.dtype != np.uint8 or column.ndim != 1:
-            raise ValueError(f"confidence_{number}: {column.dtype} {column.shape}")
-        return column
+        name = f"confidence_{number}"
+        return checked(arrays, {name: Column(np.uint8, ("M",))})[name]
     head = f"{'bank' if kind is MemoryBank else 'identities'}_{number}_"
     found = {name.removeprefix(head): a for name, a in arrays.items() if name.startswith(head)}
     if kind is MemoryBank:
         return bank_of(found)
-    return identities_of(found, next((len(a) for n, a in found.items() if n != "labels_from"), 0))
+    return identities_of(found)

@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeVar
 import numpy as np
 from msgspec import Meta, Struct, field
 
-from gaga_core.arrays import AnyArray, FloatArray, IntArray, LongArray, UInt8Array
+from gaga_core.arrays import MOST_GROUP, AnyArray, FloatArray, IntArray, LongArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.io.files import is_file
 from gaga_core.io.json_file import PathText
 from gaga_core.io.splats.splat_files import is_same_model, model_fingerprint, read_splats_stage
 from gaga_core.io.splats.spz import OURS, SilentAxes
@@ -36,6 +37,7 @@ _V = TypeVar("_V")
 _T = TypeVar("_T")
 MOST_ROWS = (1 << 31) - 1  # rows are int32
 Row = Annotated[int, Meta(ge=0, le=MOST_ROWS)]
+Group = Annotated[int, Meta(ge=0, le=MOST_GROUP)]
 Bits = Annotated[int, Meta(ge=0, le=255)]  # of `State`
 FrameRows = tuple[tuple[float, float, float, float], ...]  # of a matrix (4, 4); none = not moved
 
@@ -97,22 +99,14 @@ class Edits(Edit, frozen=True, tag="together"):
 
     edits: _Parts
 
-    def apply(self, scene: Scene) -> None:
-        """Apply all, or none when one fails."""
-        done: list[Edit] = []
+    def _write(self, scene: Scene, *, forth: bool) -> None:
+        before = dict(vars(scene))  # columns are replaced, never written in place
         try:
-            for edit in self.edits:
-                edit.apply(scene)
-                done.append(edit)
-        except BaseException:
-            for edit in reversed(done):
-                edit.revert(scene)
+            for edit in self.edits if forth else reversed(self.edits):
+                edit._write(scene, forth=forth)
+        except BaseException:  # all or none; the revision has grown, so mirrors look again
+            vars(scene).update(before)
             raise
-
-    def revert(self, scene: Scene) -> None:
-        """Revert all, last first."""
-        for edit in reversed(self.edits):
-            edit.revert(scene)
 
 
 def together(title: str, edits: Iterable[Edit | None]) -> Edit | None:
@@ -200,11 +194,24 @@ class SetField(Edit, frozen=True):
         value = self.after if forth else self.before
         value = value.value if isinstance(value, Kept) else value
         field_name = str(self.__struct_config__.tag)
+        if (lengths := _lengths_of(value)) - {scene.n_opened}:
+            raise ValueError(f"{field_name} of {max(lengths)} splats, {scene.n_opened} were opened")
         setattr(scene, field_name, value)
         if field_name == "frame":
             scene.revision.placements += 1
         else:
             scene.revision.labels += 1
+
+
+def _lengths_of(value: object) -> set[int]:
+    """How many splats of the opened file the columns of a field's value have."""
+    columns: tuple[AnyArray | None, ...] = ()
+    if isinstance(value, Identities):
+        other = value.other
+        columns = (value.colors, *((other.labels, other.confidence) if other else ()))
+    elif isinstance(value, np.ndarray):
+        columns = (value,)
+    return {len(column) for column in columns if column is not None}
 
 
 class SetBank(SetField, frozen=True, tag="bank"):
@@ -248,8 +255,8 @@ def with_entries(table: Mapping[_K, _V], changes: Mapping[_K, _V | None]) -> dic
 class SetNames(Edit, frozen=True, tag="names"):
     """Names of groups; None = the group has no name of its own."""
 
-    before: tuple[tuple[Row, str | None], ...]
-    after: tuple[tuple[Row, str | None], ...]
+    before: tuple[tuple[Group, str | None], ...]
+    after: tuple[tuple[Group, str | None], ...]
 
     @staticmethod
     def of(
@@ -268,7 +275,7 @@ class SetNames(Edit, frozen=True, tag="names"):
 class SetColor(Edit, frozen=True, tag="color"):
     """A group's color in lists and in the group render mode; None = the palette's."""
 
-    group: Row
+    group: Group
     before: RGB | None
     after: RGB | None
 
@@ -297,22 +304,15 @@ class SetFolders(Edit, frozen=True, tag="folders"):
     before: tuple[str, ...]  # paths
     after: tuple[str, ...]
     # Group, folder before and after; None = in none, or under another group.
-    moved: tuple[tuple[Row, str | None, str | None], ...]
+    moved: tuple[tuple[Group, str | None, str | None], ...]
     # Group, the group that it lies under before and after; None = none. Older scripts lack it.
-    parents: tuple[tuple[Row, Row | None, Row | None], ...] = ()
+    parents: tuple[tuple[Group, Group | None, Group | None], ...] = ()
 
     def _write(self, scene: Scene, *, forth: bool) -> None:
         now = scene.folders
         home = with_entries(now.home, {g: (old, new)[forth] for g, old, new in self.moved})
         parent = with_entries(now.parent, {g: (old, new)[forth] for g, old, new in self.parents})
-        try:
-            made = Folders(self.after if forth else self.before, home, parent)
-        except ValueError as error:  # of a recording that was damaged: `Folders` holds its own laws
-            raise GagaError(
-                f'The step "{self.title}" is damaged ({error}), so it changes nothing. '
-                "Continue from here: a new edit replaces it."
-            ) from error
-        scene.folders = made
+        scene.folders = Folders(self.after if forth else self.before, home, parent)
         scene.revision.names += 1
 
 
@@ -352,6 +352,8 @@ class SetPlacement(Edit, frozen=True, tag="placement"):
     def _write(self, scene: Scene, *, forth: bool) -> None:
         check_length(scene, self.moved.n)
         index, n_rows = scene.placement, self.n_rows
+        n_after = max(n_rows, int(self.rows.max(initial=-1)) + 1)
+        _check_table(scene, n_rows if forth else n_after)
         if self.moved.count:
             ways = self.rows_from, self.rows_to
             start, stop = ways if forth else ways[::-1]
@@ -361,15 +363,30 @@ class SetPlacement(Edit, frozen=True, tag="placement"):
             index = index.copy()
             index[splats] = target[index[splats]]
         if forth:
-            table = _resized(scene.placements, max(n_rows, int(self.rows.max(initial=0)) + 1))
-            scene.placements = _with_rows(table, self.rows, self.after)
+            table = _resized(scene.placements, n_after)
+            table = _with_rows(table, self.rows, self.after)
         else:
             table = _resized(scene.placements, n_rows)
-            scene.placements = _with_rows(table, self.rows[: len(self.before)], self.before)
+            table = _with_rows(table, self.rows[: len(self.before)], self.before)
+        if index is not scene.placement or not forth:
+            _check_rows(index, len(table))
+        scene.placements = table
         scene.revision.placements += 1
         if index is not scene.placement:
             scene.placement = index
             scene.revision.placement += 1
+
+
+def _check_table(scene: Scene, n_rows: int) -> None:
+    """Raise ``ValueError`` when an edit was made for a table of another length."""
+    if len(scene.placements) != n_rows:
+        raise ValueError(f"edit of {n_rows} placements applied to {len(scene.placements)}")
+
+
+def _check_rows(rows: IntArray, n_rows: int) -> None:
+    """Raise ``ValueError`` when a splat would stand on a placement that is not there."""
+    if (last := rows.max(initial=-1)) >= n_rows:
+        raise ValueError(f"splats stand on placement {last} of {n_rows}")
 
 
 def _of_columns(make: Callable[..., AnyArray], *tables: Placements) -> Placements:
@@ -437,9 +454,10 @@ class AppendCopies(Append, frozen=True, tag="copies"):
         n = self.splats.n
         check_length(scene, n if forth else n + self.splats.count)
         if forth:
-            chosen = self.splats.indices()
+            chosen, rows = self.splats.indices(), self.rows.values()
+            _check_rows(rows, len(scene.placements))
             copies, source = scene.gaussians.take(chosen), scene.source[chosen]
-            self._extend(scene, copies, self.rows.values(), source)
+            self._extend(scene, copies, rows, source)
         else:
             self._cut(scene, n)
 
@@ -469,6 +487,9 @@ class AppendSplats(Append, frozen=True):
     def _write(self, scene: Scene, *, forth: bool) -> None:
         check_length(scene, self.n if forth else self.n + self.labels.count)
         table, g = scene.placements, scene.gaussians
+        _check_table(scene, self.n_rows if forth else self.n_rows + 1)
+        if forth and self.first != scene.n_rows_of_files:
+            raise ValueError(f"row {self.first} is not the first after {scene.n_rows_of_files}")
         if forth:
             rows = np.full(self.labels.count, self.n_rows, np.int32)
             source = np.arange(self.first, self.first + self.labels.count, dtype=np.int64)
@@ -476,10 +497,15 @@ class AppendSplats(Append, frozen=True):
             self._extend(scene, self.splats, rows, source)
             scene.added = (*scene.added, added)
         else:
+            last = [(item.first, item.n) for item in scene.added[-1:]]
+            if last != [(self.first, self.labels.count)]:  # its file may lie elsewhere by now
+                raise ValueError("these splats were not added last")
+            _check_rows(scene.placement[: self.n], self.n_rows)
+            g = first_rows(g, self.n)
+            extra = MappingProxyType({name: g.extra[name] for name in self.columns})
+            g = replace(g, sh=np.ascontiguousarray(g.sh[:, : self.n_sh]), extra=extra)
             self._cut(scene, self.n)
-            extra = {name: g.extra[name][: self.n] for name in self.columns}
-            sh = np.ascontiguousarray(g.sh[: self.n, : self.n_sh])
-            scene.gaussians = replace(scene.gaussians, sh=sh, extra=MappingProxyType(extra))
+            scene.gaussians = g
             scene.added, table = scene.added[:-1], _resized(table, self.n_rows)
         scene.placements = table
         scene.revision.placements += 1
@@ -561,7 +587,7 @@ def read_added_stage(
     Raises ``GagaError`` with one sentence when the file is gone, changed or damaged.
     """
     path = Path(path).absolute()
-    if digest and not path.is_file():
+    if digest and not is_file(path):
         raise GagaError(f"The added splats are gone: {path}. Put the file back.")
     found = model_fingerprint(path)
     if digest and not is_same_model(path, digest):

@@ -8,27 +8,33 @@ import binascii
 import math
 import zlib
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, cast, get_args, get_origin
+from typing import Any, Literal, cast, get_args, get_origin
 
 import msgspec
 import numpy as np
-from msgspec import UNSET, Meta, Struct, UnsetType, field
+from msgspec import UNSET, Struct, UnsetType, field
 
-from gaga_core.arrays import AnyArray
+from gaga_core.arrays import MOST_GROUP, AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.json_file import explain_json_error
 from gaga_core.scene.edits.values import (
     MOST_ROWS,
     AnyEdit,
+    AppendCopies,
     AppendSplats,
     Edit,
+    FlipState,
+    Group,
     Kept,
     Row,
+    SetColor,
+    SetLabels,
+    SetPlacement,
     parts_of,
 )
 from gaga_core.scene.index_set import IndexSet, PackedInts, Storage
-from gaga_core.scene.named_arrays import columns_of, splats_of
+from gaga_core.scene.named_arrays import columns_of, placements_of, splats_of
 
 EditJson = dict[str, Any]
 _ONLY_HISTORY = ("bank", "confidence", "identities", "selection")  # kinds that change no splat
@@ -43,7 +49,6 @@ _DAMAGED = (
     zlib.error,
     binascii.Error,
 )
-_Int32 = Annotated[int, Meta(ge=-(1 << 31), le=(1 << 31) - 1)]
 _Ints = Literal["int8", "uint8", "int16", "uint16", "int32", "uint32", "int64"]
 
 
@@ -87,10 +92,10 @@ class SetEntry(Struct, frozen=True):
 
 
 class IntsEntry(Struct, frozen=True):
-    """Whole numbers: one for all, or packed."""
+    """Ids of groups, or rows of the placements: one for all, or packed."""
 
     count: Row
-    all: _Int32 | UnsetType = UNSET
+    all: Group | UnsetType = UNSET
     dtype: _Ints | UnsetType = UNSET
     data: str | UnsetType = UNSET  # packed
 
@@ -110,7 +115,10 @@ class IntsEntry(Struct, frozen=True):
             return PackedInts(self.count, np.array(self.all, np.int32))
         if isinstance(self.dtype, UnsetType) or isinstance(self.data, UnsetType):
             raise ValueError(f"{self.count} numbers without values")
-        return PackedInts(self.count, _unpacked(self.data, self.dtype, (self.count,)))
+        data = _unpacked(self.data, self.dtype, (self.count,))
+        if data.min(initial=0) < 0 or data.max(initial=0) > MOST_GROUP:
+            raise ValueError(f"numbers outside 0 to {MOST_GROUP}")
+        return PackedInts(self.count, data)
 
 
 class ColumnEntry(Struct, frozen=True):
@@ -175,8 +183,7 @@ def of_json(
     try:
         edit: Edit = msgspec.convert(content, AnyEdit, dec_hook=value_of)
         for part in parts_of(edit):
-            if isinstance(part, AppendSplats):
-                _check_added(part)
+            _check(part)
     except _DAMAGED as error:
         raise GagaError(
             f"A recorded edit of the script is damaged ({explain_json_error(error)}). "
@@ -185,10 +192,39 @@ def of_json(
     return edit
 
 
-def _check_added(edit: AppendSplats) -> None:
-    splats, n = edit.splats, edit.added.n
-    if n != len(splats):
-        raise ValueError(f"{n} labels for {len(splats)} splats")
+def _check(edit: Edit) -> None:
+    """Raise ``ValueError`` unless the values of an edit fit each other: the scene is compared when
+    it is applied."""
+    counts: tuple[int, ...] = ()
+    if isinstance(edit, AppendSplats):
+        counts = edit.added.n, len(edit.splats)
+    elif isinstance(edit, AppendCopies):
+        counts = edit.splats.count, edit.labels.count, edit.rows.count
+    elif isinstance(edit, SetLabels):
+        counts = edit.splats.count, edit.before.count, edit.after.count
+    elif isinstance(edit, FlipState):
+        counts = edit.n, *(splats.n for _, splats in edit.flips)
+    elif isinstance(edit, SetColor):
+        shares = (*(edit.before or ()), *(edit.after or ()))
+        if not all(0 <= share <= 1 for share in shares):
+            raise ValueError("a color outside 0 to 1")
+    elif isinstance(edit, SetPlacement):
+        _check_placement(edit)
+    if len(set(counts)) > 1:
+        raise ValueError(f"counts of {' and '.join(map(str, counts))}")
+
+
+def _check_placement(edit: SetPlacement) -> None:
+    before, after = (placements_of(vars(table)) for table in (edit.before, edit.after))
+    known, fresh = edit.rows[: len(before)], edit.rows[len(before) :]
+    is_right = len(edit.rows) == len(after) and (np.diff(known) > 0).all()
+    is_right &= known.max(initial=-1) < edit.n_rows
+    is_right &= np.array_equal(fresh, edit.n_rows + np.arange(len(fresh)))
+    ways = edit.rows_from, edit.rows_to
+    is_right &= len(ways[0]) == len(ways[1]) and ways[0].max(initial=-1) < edit.n_rows
+    is_right &= bool(np.isin(ways[1], fresh).all())
+    if not is_right or any(len(np.unique(way)) != len(way) for way in ways):
+        raise ValueError("rows of the placements that do not fit each other")
 
 
 def _table(value: object, dtype: type[np.generic]) -> AnyArray:

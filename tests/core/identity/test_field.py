@@ -125,7 +125,7 @@ def test_damaged_identity_files_are_told(tmp_path: Path) -> None:
     with pytest.raises(GagaError, match="damaged"):
         load_identity(path)
     save_identity(path, Identity(field, labels + 99, np.zeros(50, np.float32), "vote"))
-    with pytest.raises(GagaError, match="groups that are not there"):
+    with pytest.raises(GagaError, match="labels: 108 is not in 0 to 9"):
         load_identity(path)
 
 

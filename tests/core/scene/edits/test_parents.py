@@ -8,7 +8,7 @@ from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.history import History, HistoryRecord
 from gaga_core.scene.edits.wire import of_json, to_json
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.objects import group_indices
@@ -209,7 +209,8 @@ def test_a_damaged_step_that_puts_an_object_under_itself_is_one_sentence() -> No
     edit = edits.set_parent(scene, (4,), 3)
     assert edit is not None
     damaged = of_json({**to_json(edit), "moved": [], "parents": [[1, None, 3]]}, len(scene))
-    before = scene.folders
+    before, history = scene.folders, History(scene)
+    history.resume(HistoryRecord((damaged,), 0, ()))
     with pytest.raises(GagaError, match=r"is damaged .* lies under itself"):
-        damaged.apply(scene)
+        history.redo()
     assert scene.folders is before
