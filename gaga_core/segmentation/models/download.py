@@ -10,7 +10,7 @@ import json
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,8 +28,8 @@ from gaga_core.segmentation.models.hub import (
     HubConfig,
     Listing,
     RemoteFile,
+    ask,
     connected,
-    raise_for_status,
 )
 from gaga_core.segmentation.models.weights import find_model, is_model_folder, models_folder
 
@@ -44,8 +44,8 @@ LOCK_FILE = "model.lock.json"
 _FORMAT, _VERSION = "gaga-model-lock", 1
 _BLOCK = 1 << 22  # bytes hashed between two steps
 _CURE = "Get the model again without it, or copy the file again."
-_Name = Annotated[str, msgspec.Meta(pattern=r"^[\w.-]+$", max_length=200)]
-_Sha256 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+_Name = Annotated[str, msgspec.Meta(pattern=r"^[\w.-]+\Z", max_length=200)]
+_Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
 
 
 class LockedFile(msgspec.Struct, frozen=True):
@@ -66,7 +66,7 @@ class ModelLock(msgspec.Struct, frozen=True):
     repository: str
     endpoint: str
     revision: str
-    commit: Annotated[str, msgspec.Meta(pattern=r"^[0-9A-Za-z]{1,64}$")]
+    commit: Annotated[str, msgspec.Meta(pattern=r"^[0-9A-Za-z]{1,64}\Z")]
     licence: str  # that the person accepted
     licence_stated: str  # by the repository, "" when it names none
     accepted_at: str  # ISO 8601, UTC
@@ -339,6 +339,10 @@ def _make_room(listing: Listing, staging: Path) -> None:
             if other.name != staging.name:  # of another commit
                 shutil.rmtree(other)
         staging.mkdir(parents=True, exist_ok=True)
+        stated = {name for file in listing.files for name in (file.name, f"{file.name}.part")}
+        for path in staging.iterdir():
+            if path.name not in stated:  # another mirror's
+                path.unlink()
         need = listing.size - _bytes_in(staging)
         free = shutil.disk_usage(staging).free
     except OSError as error:
@@ -359,21 +363,23 @@ def _fetch(
     meter: _Meter,
     config: HubConfig,
 ) -> Stage[LockedFile]:
-    """Bring one file, from where it broke off, and check it."""
+    """Bring one file, from where it broke off, and check it; once more whole where that differs."""
     path, part = staging / file.name, staging / f"{file.name}.part"
-    if not path.is_file():
-        yield from _fill(client, listing.url(file), part, file, meter, config)
-        part.replace(path)
-    yield meter.step(f"check {file.name}")
-    locked = check_file(path, file)
-    if locked is None:
+    was_begun = path.is_file() or part.is_file()
+    for _ in range(1 + was_begun):
+        if not path.is_file():
+            yield from _fill(client, listing.url(file), part, file, meter, config)
+            part.replace(path)
+        yield meter.step(f"check {file.name}")
+        locked = check_file(path, file)
+        if locked is not None:
+            return locked
         meter.done -= path.stat().st_size
         path.unlink()
-        raise GagaError(
-            f"{file.name} from {config.host} is not the file that the hub states: its size or its "
-            "hash differs. It was deleted. Get the model again, or use another mirror."
-        )
-    return locked
+    raise GagaError(
+        f"{file.name} from {config.host} is not the file that the hub states: its size or its "
+        "hash differs. It was deleted. Get the model again, or use another mirror."
+    )
 
 
 def _fill(
@@ -396,9 +402,14 @@ def _fill(
         if have > file.size:
             meter.done -= have
             part.unlink()
+            failures += 1
+            if failures > config.retries:
+                raise GagaError(
+                    f"{config.host} sends more of {file.name} than it states. Use another mirror."
+                )
             continue
         try:
-            yield from _append(client, url, part, have, file, meter)
+            yield from _append(client, url, part, have, file, meter, config)
         except httpx2.TransportError as error:
             if isinstance(error, httpx2.UnsupportedProtocol | httpx2.ProxyError):
                 raise
@@ -418,22 +429,34 @@ def _fill(
 
 
 def _append(
-    client: "httpx2.Client", url: str, part: Path, have: int, file: RemoteFile, meter: _Meter
+    client: "httpx2.Client",
+    url: str,
+    part: Path,
+    have: int,
+    file: RemoteFile,
+    meter: _Meter,
+    config: HubConfig,
 ) -> Stage[None]:
     """One answer of the hub, to the end of ``part``; from its start when it sends everything."""
     headers = {"range": f"bytes={have}-"} if have else {}
-    with client.stream("GET", url, headers=headers) as response:
-        raise_for_status(response)
+    news = ask(client, url, config, headers)
+    with closing(news):  # type: ignore[type-var]  # it is a generator
+        while (response := next(news)) is None:
+            yield meter.step(file.name)
+        assert not isinstance(response, bytes)
         is_rest = response.status_code == 206
+        if is_rest and not response.headers.get("content-range", "").startswith(f"bytes {have}-"):
+            raise GagaError(f"{config.host} sends another part of {file.name}. Use another mirror.")
         if not is_rest:
             meter.done -= have
             have = 0
         with part.open("ab" if is_rest else "wb") as out:
-            for block in response.iter_bytes():
-                out.write(block[: file.size + 1 - have])  # one byte more shows that it is another
-                have += len(block)
-                meter.done += len(block)
-                meter.fetched += len(block)
+            for block in news:
+                if isinstance(block, bytes):
+                    out.write(block[: file.size + 1 - have])  # one more shows that it is another
+                    have += len(block)
+                    meter.done += len(block)
+                    meter.fetched += len(block)
                 yield meter.step(file.name)
                 if have > file.size:
                     return

@@ -3,10 +3,15 @@
 The hub is that of Hugging Face or a mirror with the same interface. Nothing here downloads weights.
 """
 
+import ipaddress
 import os
+import queue
 import re
+import socket
+import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Annotated
@@ -26,6 +31,9 @@ if TYPE_CHECKING:
 HUB = "https://huggingface.co"
 _TRUE = {"1", "ON", "YES", "TRUE"}  # as huggingface_hub reads its switches
 _MOST_JSON = 16 << 20  # bytes of an answer about a repository
+_MOST_FILES = 1000  # of a model: the largest on the hub come in 200 parts
+_MOST_REDIRECTS = 5  # of one file: the hub takes one, to its storage
+_AHEAD, _TICK_S = 8, 0.1  # blocks that are read before they are asked for; wait between two looks
 # Weights that hold tensors and no code, and what transformers reads next to them.
 _WANTED = re.compile(
     r"[\w.-]+\.safetensors|[\w.-]*(?:config|tokenizer|vocab|special_tokens_map|added_tokens"
@@ -48,6 +56,10 @@ class HubConfig:
     """How often a connection may break without a byte in between."""
     wait_s: float = 1.0
     """Pause before it is opened again, in seconds."""
+    least_rate: float = 1000.0
+    """Bytes a second below which a download ends: a gigabyte would take twelve days."""
+    slow_s: float = 30.0
+    """Seconds over which that is measured, as curl does."""
 
     @property
     def address(self) -> str:
@@ -125,11 +137,15 @@ def list_files(
     config = config or HubConfig()
     address = f"/api/models/{model.hub}/revision/{quote(revision, safe='')}?blobs=true"
     with connected(model, config) as client:
-        raw = _read_bounded(client, config.address + address)
+        raw = _read_bounded(client, config.address + address, config)
         info = decode_json(raw, _Info, f"The answer of {config.host}", "Try again later.")
         draft = Listing(model, config.address, revision, info.sha, info.licence, ())
         wanted = {i.rfilename: i for i in info.siblings if _WANTED.fullmatch(i.rfilename)}
-        files = [_remote_file(client, draft, wanted[name]) for name in sorted(wanted)]
+        if len(wanted) > _MOST_FILES:
+            raise GagaError(
+                f"{config.host} lists {len(wanted):,} files of {model.hub}. Use a mirror."
+            )
+        files = [_remote_file(client, draft, wanted[name], config) for name in sorted(wanted)]
     files.sort(key=lambda file: file.size)  # the weights last
     has_weights = any(file.name.endswith(".safetensors") for file in files)
     if not has_weights or "config.json" not in wanted:
@@ -156,28 +172,27 @@ def connected(model: KnownModel, config: HubConfig) -> "Iterator[httpx2.Client]"
             "Install it: pip install 'gaga-studio[models]'."
         )
     import httpx2
-    from huggingface_hub import errors, get_token
+    from huggingface_hub import get_token
 
     headers = {"user-agent": f"gaga-studio/{gaga_core.__version__}", "accept-encoding": "identity"}
     token = get_token() if config.address == HUB else os.environ.get("HF_TOKEN")
     if token:
         headers["authorization"] = f"Bearer {token}"
     try:
-        with httpx2.Client(
-            headers=headers, timeout=config.timeout_s, follow_redirects=True
-        ) as client:
+        with httpx2.Client(headers=headers, timeout=config.timeout_s) as client:
             yield client
-    except errors.GatedRepoError as error:
-        raise GagaError(gated(model)) from error
-    except errors.RevisionNotFoundError as error:
-        raise GagaError(f"{model.hub} has no such revision on {config.host}.") from error
-    except errors.RepositoryNotFoundError as error:
-        text = f"{config.host} does not give {model.hub}: it is not there, or needs a login. "
-        raise GagaError(gated(model) if model.is_gated else text + by_hand(model)) from error
-    except errors.HfHubHTTPError as error:
-        status = error.response.status_code
+    except _RefusedError as error:
+        if error.code == "GatedRepo":
+            raise GagaError(gated(model)) from error
+        if error.code == "RevisionNotFound":
+            raise GagaError(f"{model.hub} has no such revision on {config.host}.") from error
+        if error.code == "RepoNotFound" or error.status == 401:
+            text = f"{config.host} does not give {model.hub}: it is not there, or needs a login. "
+            text = gated(model) if model.is_gated else text + by_hand(model)
+            raise GagaError(text) from error
         raise GagaError(
-            f"{config.host} answered {status} for {model.hub}. Try again later, or use a mirror."
+            f"{config.host} answered {error.status} for {model.hub}. "
+            "Try again later, or use a mirror."
         ) from error
     except (httpx2.HTTPError, httpx2.InvalidURL) as error:
         raise GagaError(
@@ -215,18 +230,11 @@ def by_hand(model: KnownModel) -> str:
     )
 
 
-def raise_for_status(response: "httpx2.Response") -> None:
-    """Raise what `connected` turns into a sentence, when the hub refused."""
-    from huggingface_hub.utils import hf_raise_for_status  # type: ignore[attr-defined]  # lazy
-
-    hf_raise_for_status(response)
-
-
 _Size = Annotated[int, msgspec.Meta(ge=0)]  # bytes
 
 
 class _Lfs(msgspec.Struct):
-    sha256: Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{64})?$")] = ""
+    sha256: Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{64})?\Z")] = ""
     size: _Size | None = None
 
 
@@ -238,7 +246,7 @@ class _Sibling(msgspec.Struct):
 
 
 class _Info(msgspec.Struct):
-    sha: Annotated[str, msgspec.Meta(pattern="^[0-9A-Za-z]{1,64}$")]  # becomes a part of paths
+    sha: Annotated[str, msgspec.Meta(pattern=r"^[0-9A-Za-z]{1,64}\Z")]  # becomes a part of paths
     siblings: list[_Sibling] = []
     cardData: dict[str, object] | None = None  # noqa: N815  the hub's name
     tags: list[str] = []
@@ -254,35 +262,163 @@ class _Info(msgspec.Struct):
         return next(tags, "")
 
 
-def _remote_file(client: "httpx2.Client", listing: Listing, item: _Sibling) -> RemoteFile:
+def _remote_file(
+    client: "httpx2.Client", listing: Listing, item: _Sibling, config: HubConfig
+) -> RemoteFile:
     size, sha256 = item.size, item.lfs.sha256 if item.lfs is not None else ""
     if size is None and item.lfs is not None:
         size = item.lfs.size
     if size is None:  # a mirror that lists names only
-        head = client.head(listing.url(RemoteFile(item.rfilename, 0)))
-        raise_for_status(head)
+        url = listing.url(RemoteFile(item.rfilename, 0))
+        head = next(news for news in ask(client, url, config, method="HEAD") if news is not None)
+        assert not isinstance(head, bytes)
         said: dict[str, str] = {}
         for answer in (head, *reversed(head.history)):  # redirects name LFS files: they win
             said |= dict(answer.headers)
         stated = said.get("x-linked-size") or head.headers.get("content-length") or ""
-        size = int(stated) if stated.isdecimal() else 0
+        if not re.fullmatch(r"[0-9]{1,18}", stated):
+            raise GagaError(
+                f"{urlsplit(url).hostname} does not say how long {item.rfilename} is. "
+                "Use another mirror."
+            )
+        size = int(stated)
         etag = said.get("x-linked-etag") or head.headers.get("etag") or ""
         found = re.fullmatch(r'(?:W/)?"?([0-9a-f]{64})"?', etag)
         sha256 = sha256 or (found[1] if found else "")
     return RemoteFile(item.rfilename, size, sha256, item.blobId or "")
 
 
-def _read_bounded(client: "httpx2.Client", url: str) -> bytes:
-    with client.stream("GET", url) as response:
-        raise_for_status(response)
-        raw = bytearray()
-        for block in response.iter_bytes():
-            raw += block
-            if len(raw) > _MOST_JSON:
-                raise GagaError(
-                    f"The answer of {response.url.host} is too long for a list of files."
-                )
+def _read_bounded(client: "httpx2.Client", url: str, config: HubConfig) -> bytes:
+    raw = bytearray()
+    for news in ask(client, url, config):
+        raw += news if isinstance(news, bytes) else b""
+        if len(raw) > _MOST_JSON:
+            raise GagaError(
+                f"The answer of {urlsplit(url).hostname} is too long for a list of files."
+            )
     return bytes(raw)
+
+
+# --- One question to the hub: no answer of it is longer, slower, or elsewhere than it may be.
+
+
+class _RefusedError(Exception):
+    """The hub answered with another status than success."""
+
+    def __init__(self, response: "httpx2.Response") -> None:
+        self.status = response.status_code
+        self.code = response.headers.get("x-error-code", "")
+        super().__init__(f"{self.status} {self.code}")
+
+
+def ask(
+    client: "httpx2.Client",
+    url: str,
+    config: HubConfig,
+    headers: dict[str, str] | None = None,
+    *,
+    method: str = "GET",
+) -> "Iterator[httpx2.Response | bytes | None]":
+    """The answer without its content, then that in blocks; None after a tenth of a second without.
+
+    A thread reads, so that whoever closes this waits for nothing. Raises what `connected` makes a
+    sentence, and ``GagaError`` for an answer that is too slow, compressed, or sends elsewhere.
+    """
+    news: queue.Queue[httpx2.Response | bytes | Exception] = queue.Queue(_AHEAD)
+    is_over = threading.Event()
+
+    def tell(item: "httpx2.Response | bytes | Exception") -> None:
+        while not is_over.is_set():
+            try:
+                news.put(item, timeout=_TICK_S)
+            except queue.Full:
+                continue
+            return
+
+    def read() -> None:
+        try:
+            with _followed(client, method, url, headers) as response:
+                tell(response)
+                for block in response.iter_raw():
+                    if block:
+                        tell(block)
+                    if is_over.is_set():
+                        return
+            tell(b"")
+        except Exception as error:  # noqa: BLE001  raised again by whoever asks
+            tell(error)
+
+    threading.Thread(target=read, daemon=True, name="hub").start()
+    n_bytes, waited = 0, 0.0
+    try:
+        while True:
+            begin = time.monotonic()
+            try:
+                item = news.get(timeout=_TICK_S)
+            except queue.Empty:
+                item = None
+            waited += time.monotonic() - begin
+            if isinstance(item, Exception):
+                raise item
+            if item == b"":
+                return
+            n_bytes += len(item) if isinstance(item, bytes) else 0
+            if waited > config.slow_s:
+                if n_bytes < config.least_rate * waited:
+                    raise GagaError(
+                        f"{urlsplit(url).hostname} sends less than {config.least_rate:,.0f} "
+                        "bytes a second. What has come is kept. Try again later, or use a mirror."
+                    )
+                n_bytes, waited = 0, 0.0
+            yield item
+    finally:
+        is_over.set()
+
+
+@contextmanager
+def _followed(
+    client: "httpx2.Client", method: str, url: str, headers: dict[str, str] | None
+) -> "Iterator[httpx2.Response]":
+    """The answer behind all redirects, whose own content is never read."""
+    request = client.build_request(method, url, headers=headers)
+    history: list[httpx2.Response] = []
+    while len(history) <= _MOST_REDIRECTS:
+        response = client.send(request, stream=True, follow_redirects=False)
+        with closing(response):
+            if response.next_request is None:
+                response.history = history
+                if not response.is_success:
+                    raise _RefusedError(response)
+                if response.headers.get("content-encoding", "identity").lower() != "identity":
+                    raise GagaError(f"{request.url.host} compresses files. Use another mirror.")
+                yield response
+                return
+        check_redirect(str(request.url), str(response.next_request.url))
+        history.append(response)
+        request = response.next_request
+    raise GagaError(f"{request.url.host} sends in circles. Try again later, or use a mirror.")
+
+
+def check_redirect(source: str, target: str) -> None:
+    """``GagaError`` unless an answer of ``source`` may send this program to ``target``.
+
+    Never from https to anything else, and not from the internet to a network that only this
+    machine may reach.
+    """
+    old, new = urlsplit(source), urlsplit(target)
+    is_known = new.scheme == "https" or (new.scheme == "http" and old.scheme == "http")
+    if not is_known or (_is_private(new.hostname) and not _is_private(old.hostname)):
+        raise GagaError(
+            f"{old.hostname} sends to {target}, where no models are taken from. Use another mirror."
+        )
+
+
+def _is_private(host: str | None) -> bool:
+    try:
+        found = {str(info[4][0]).partition("%")[0] for info in socket.getaddrinfo(host, None)}
+    except (OSError, UnicodeError):  # connecting says why
+        return False
+    return not all(ipaddress.ip_address(address).is_global for address in found)
 
 
 def _short(error: Exception) -> str:

@@ -9,8 +9,8 @@ import json
 import signal
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
@@ -39,6 +39,8 @@ class Hub:
     pause_s: float = 0.0  # between two blocks of 16 KB
     stalls: list[float] = field(default_factory=list)  # seconds of silence in the next answers
     status: int = 0  # answers everything so, if set
+    raw: Callable[[str], Iterable[bytes] | None] = lambda path: None  # bytes instead of an answer
+    tokens: list[str] = field(default_factory=list)  # that came with requests
     requests: list[str] = field(default_factory=list)  # "GET /path", "GET /path bytes=5-"
     sent: int = 0  # bytes of files
     url: str = ""
@@ -104,6 +106,15 @@ class _Handler(BaseHTTPRequestHandler):
         hub, path = self.served, unquote(urlsplit(self.path).path)
         asked = self.headers.get("range", "")
         hub.requests.append(f"{self.command} {path} {asked}".strip())
+        if "authorization" in self.headers:
+            hub.tokens.append(self.headers["authorization"])
+        raw = hub.raw(path)
+        if raw is not None:
+            self.close_connection = True
+            with suppress(OSError):  # the other side has gone
+                for block in raw:
+                    self.wfile.write(block)
+            return None
         if hub.status:
             return self._refuse(hub.status, "")
         if path.startswith("/api/models/"):
