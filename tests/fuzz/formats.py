@@ -9,6 +9,7 @@ import os
 import random
 import shutil
 import struct
+import time
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -394,6 +395,8 @@ def _pictures(content: bytes, rng: random.Random, outside: Path) -> bytes:
 
 def _saved(image: Image.Image, kind: str, **options: Any) -> bytes:
     """The picture by an encoder of Pillow, in the first mode that it takes."""
+    if kind == "PDF":  # it would write the time of day
+        options = {"creationDate": time.gmtime(0), "modDate": time.gmtime(0)}
     for mode in (image.mode, "RGB", "L", "1", "P", "RGBA", "F", "I;16", "CMYK"):
         out = io.BytesIO()
         try:
