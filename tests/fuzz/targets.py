@@ -462,7 +462,7 @@ def _checkpoints(folder: Path) -> None:
 
 def _read_checkpoints(folder: Path) -> None:
     iteration_of(folder / "training.npz")
-    state = load_checkpoint(folder / "training.npz", "digest")
+    state = load_checkpoint(folder / "training.npz", "digest", views=3, iterations=20)
     if state is not None:
         _used(state.splats.values)
     identity_training.load_checkpoint(folder / "identity.npz", "digest", 300, 4)

@@ -123,12 +123,17 @@ def faults_of(target: Target, place: Path) -> list[str]:
         return [fault for line in shown for fault in _wrong_in(line, LONGEST_LINE)]
     except GagaError as error:
         cause: BaseException | None = error
-        while cause is not None and not isinstance(cause, MemoryError):
+        while cause is not None and not (isinstance(cause, MemoryError) and not _of_pillow(cause)):
             cause = cause.__cause__ or cause.__context__
         asked = [] if cause is None else [f"asks for too much memory: {cause}\n{_trace(cause)}"]
         return [*_wrong_in(str(error), LONGEST_SENTENCE), *asked]
     except Exception as error:  # noqa: BLE001  whatever escapes is what we look for
         return [_trace(error)]
+
+
+def _of_pillow(error: MemoryError) -> bool:
+    """Whether Pillow refused it: so it does with lines that its decoders cannot count."""
+    return "PIL" in Path([*traceback.walk_tb(error.__traceback__)][-1][0].f_code.co_filename).parts
 
 
 def _trace(error: BaseException) -> str:
