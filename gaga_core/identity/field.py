@@ -31,7 +31,8 @@ def encoding_colors(encodings: FloatArray) -> UInt8Array:
     Deterministic, signs of the axes included. Encodings that are all alike are gray.
     """
     check_shape("encodings", encodings, ("N", D), np.float32)
-    sample = encodings[:: max(1, len(encodings) // _SAMPLED)].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # a NaN of any bits; it is left out
+        sample = encodings[:: max(1, len(encodings) // _SAMPLED)].astype(np.float64)
     sample = sample[np.isfinite(sample).all(axis=1)]
     if len(sample) == 0:
         return np.full((len(encodings), 3), 128, np.uint8)

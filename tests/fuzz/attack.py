@@ -1,15 +1,20 @@
 """Drives the workers: which cases run, and what was found."""
 
+import itertools
 import multiprocessing
+import threading
 import time
+from collections import Counter
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from tests.fuzz.targets import TARGETS
-from tests.fuzz.worker import END, Cases, run_cases
+from tests.fuzz.worker import END, Case, Cases, Cost, run_cases
 
-BATCH = 50  # cases of a worker; a slow reader has a tenth
+BATCH = 50  # cases of a worker; fewer of a slow reader
 
 # Workers are forks of a process that has imported everything and has no threads.
 _WORKERS = multiprocessing.get_context("forkserver")
@@ -21,7 +26,11 @@ class Result:
     """What an attack did."""
 
     n_cases: int = 0
-    findings: list[str] = field(default_factory=list)  # reader, seed, case and what happened
+    rules: Counter[str] = field(default_factory=Counter)  # cases by rule
+    findings: list[str] = field(default_factory=list)  # reader, seed, case, rule, what happened
+    seconds: tuple[float, str] = (0.0, "")  # of the slowest case, and which it was
+    n_bytes: tuple[int, str] = (0, "")  # most memory of a case
+    lock: threading.Lock = field(default_factory=threading.Lock)
 
 
 def attack(
@@ -30,25 +39,32 @@ def attack(
     seeds: Iterable[int],
     targets: Iterable[str],
     batch: int = BATCH,
+    n_workers: int = 1,
 ) -> Result:
     """Damage files of ``targets`` in turns for ``seconds``; every reader gets one batch at least.
 
     A worker that dies is a finding; the next begins after the case that killed it.
     """
-    result, names, seeds = Result(), list(targets), list(seeds)
-    end, first = time.monotonic() + seconds, 0
-    while True:
-        for seed in seeds:
-            for name in names:
-                if first and time.monotonic() > end:
-                    return result
-                place = folder / name.replace(" ", "_")
-                place.mkdir(parents=True, exist_ok=True)
-                share = 10 if TARGETS[name].is_slow else 1
-                _run_batch(result, Cases(name, seed, first // share, batch // share, place))
-        first += batch
-        if time.monotonic() > end:
-            return result
+    result, seeds = Result(), list(seeds)
+    names = sorted(targets, key=lambda name: -TARGETS[name].share)  # the slow ones first
+    end = time.monotonic() + seconds
+    turns = ((first, seed) for first in itertools.count(0, batch) for seed in seeds)
+
+    def run(name: str, turn: tuple[int, int]) -> None:
+        first, seed = turn
+        if turn != (0, seeds[0]) and time.monotonic() > end:
+            return
+        place = folder / name.replace(" ", "_").replace(",", "")
+        place.mkdir(parents=True, exist_ok=True)
+        share = TARGETS[name].share
+        _run_batch(result, Cases(name, seed, first // share, max(batch // share, 1), place))
+
+    with ThreadPoolExecutor(n_workers) as pool:
+        for turn in turns:
+            list(pool.map(partial(run, turn=turn), names))
+            if time.monotonic() > end:
+                break
+    return result
 
 
 def _run_batch(result: Result, cases: Cases) -> None:
@@ -57,21 +73,25 @@ def _run_batch(result: Result, cases: Cases) -> None:
     while number < last:
         rest = Cases(cases.name, cases.seed, number, last - number, cases.folder)
         said, status = _worker(rest)
-        begun = [item for item in said if isinstance(item, int) and item != END]
-        result.n_cases += len(begun)
-        at: object = "none"
-        for item in said:
-            if isinstance(item, str):
-                result.findings.append(f"{label}{at}: {item}")
-            at = item if isinstance(item, int) else at
-        if said and said[-1] == END:
+        at, begun = "none", None
+        with result.lock:
+            for item in said:
+                if isinstance(item, Case):
+                    at, begun = f"{label}{item.number}, {item.rule}", item
+                    result.n_cases += 1
+                    result.rules[item.rule] += 1
+                elif isinstance(item, Cost):
+                    result.seconds = max(result.seconds, (item.seconds, at))
+                    result.n_bytes = max(result.n_bytes, (item.n_bytes, at))
+                elif item != END:
+                    result.findings.append(f"{at}: {item}")
+            if said and said[-1] == END:
+                return
+            errors = (cases.folder / "stderr").read_text(encoding="utf-8", errors="replace")
+            result.findings.append(f"{at}: ended with {status}: {errors[-1500:]}")
+        if begun is None:
             return
-        errors = (cases.folder / "stderr").read_text(encoding="utf-8", errors="replace")
-        where = begun[-1] if begun else "none"
-        result.findings.append(f"{label}{where}: ended with {status}: {errors[-1500:]}")
-        if not begun:
-            return
-        number = begun[-1] + 1
+        number = begun.number + 1
 
 
 def _worker(cases: Cases) -> tuple[list[object], int | None]:

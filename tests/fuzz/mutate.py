@@ -5,10 +5,11 @@ import random
 from collections.abc import Callable
 from typing import Any
 
-_INTERESTING = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
+INTERESTING = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
 _ODD: tuple[object, ...] = (
     None, True, -1, 0, 1e308, -1e308, float("nan"), float("inf"), 2**31, 2**63, 2**64, 10**400,
     "", "../../x", "\0", "a" * 5000, "\ud800", [], {}, [[]], [None] * 3, {"": {}},
+    -5, 2**31 - 1, 1e-310, "1", "\x1b[31m\u202e\n", "a" * 100_000, [0] * 1000, False,
 )  # fmt: skip
 _DEEP = 5000
 
@@ -42,7 +43,7 @@ def _number(content: bytes, rng: random.Random) -> bytes:
     size = rng.choice((1, 2, 4, 8))
     end = len(content) if rng.random() < 0.4 else min(len(content), 512)
     at = rng.randrange(max(end, 1))
-    value = rng.choice(_INTERESTING)
+    value = rng.choice(INTERESTING)
     raw = rng.choice((value.to_bytes(8, "little"), value.to_bytes(8, "big"), b"\0\0\xc0\x7f" * 2))
     return content[:at] + raw[:size] + content[at + size :]
 
@@ -68,16 +69,17 @@ def _digits(content: bytes, rng: random.Random) -> bytes:
     return content[:at] + number + content[end:]
 
 
-def _value(content: bytes, rng: random.Random) -> bytes:
-    """A value of a JSON file, wherever it is, replaced by one of another type or size."""
+def with_wrong_value(content: bytes, rng: random.Random) -> bytes:
+    """A value of a JSON file, wherever it is, replaced by one of another type or size.
+
+    Or its key is removed or there twice, or its list longer, or its number another one.
+    """
     try:
         document = json.loads(content)
     except (ValueError, RecursionError):
         return _flip(content, rng)
-    if not isinstance(document, dict | list):
-        return json.dumps(rng.choice(_ODD)).encode()
     places: list[tuple[Any, Any]] = []
-    open_nodes: list[Any] = [document]
+    open_nodes: list[Any] = [document] if isinstance(document, dict | list) else []
     while open_nodes and len(places) < 3000:
         node = open_nodes.pop()
         items = node.items() if isinstance(node, dict) else enumerate(node)
@@ -88,8 +90,17 @@ def _value(content: bytes, rng: random.Random) -> bytes:
     if not places:
         return json.dumps(rng.choice(_ODD)).encode()
     node, key = rng.choice(places)
-    if isinstance(node, dict) and rng.random() < 0.25:
+    value, way = node[key], rng.random()
+    if isinstance(node, dict) and way < 0.15:
         del node[key]
+    elif isinstance(node, dict) and way < 0.25:
+        twice = f"{key} twice"
+        text = json.dumps({**document, twice: rng.choice(_ODD)} if node is document else document)
+        return text.replace(json.dumps(twice), json.dumps(key)).encode()
+    elif isinstance(value, list) and way < 0.5:
+        node[key] = rng.choice((value * 2, value[:-1], value[::-1], [value], value[:1] * 1000))
+    elif isinstance(value, int | float) and way < 0.5 and abs(value) < 1e300:
+        node[key] = rng.choice((-value, value + 1, value * 1e6, str(value), [value], float(value)))
     else:
         node[key] = rng.choice(_ODD)
     return json.dumps(document).encode()
@@ -104,4 +115,4 @@ def _nest(content: bytes, rng: random.Random) -> bytes:
 
 _Way = Callable[[bytes, random.Random], bytes]
 _BYTE_WAYS: tuple[_Way, ...] = (_cut, _flip, _flip, _number, _number, _move, _digits)
-_TEXT_WAYS: tuple[_Way, ...] = (_value, _value, _value, _nest, _digits)
+_TEXT_WAYS: tuple[_Way, ...] = (with_wrong_value,) * 3 + (_nest, _digits)

@@ -1,7 +1,7 @@
 """Runs cases of one reader: the part of the attack that may die.
 
-Sends the number of each case before it runs, and a text after one that ends in anything but a
-result or one sentence; at last `END`. The memory of the process and the time of a case are limited.
+Sends a `Case` before each one and a text after one that ends in anything but a result or plain
+sentences, or that took too much; after each one its `Cost`; at last `END`.
 """
 
 import faulthandler
@@ -10,18 +10,40 @@ import random
 import resource
 import shutil
 import sys
+import time
 import traceback
+import warnings
 import zlib
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import NamedTuple
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import LONGEST_LINE, LONGEST_SENTENCE, GagaError
+from tests.fuzz.formats import changed, inventory
 from tests.fuzz.mutate import mutated
 from tests.fuzz.targets import TARGETS, Target
 
-MOST_MEMORY, MOST_SECONDS = 4 << 30, 60
-END = -1
+MOST_SECONDS = 20
+MOST_MEMORY = 3_000_000_000  # bytes in use at a time
+_MOST_ASKED = 6 << 30  # bytes: more are not given to a case
+_BYTES = "bytes"  # the rule of cases that know no format: every second one
+END = "end"
+
+
+class Case(NamedTuple):
+    """A case that begins."""
+
+    number: int
+    rule: str
+
+
+class Cost(NamedTuple):
+    """What a case took."""
+
+    rule: str
+    seconds: float
+    n_bytes: int
 
 
 @dataclass(frozen=True)
@@ -35,41 +57,101 @@ class Cases:
     folder: Path  # holds the good files, the damaged ones and a home
 
 
-def damaged_case(target: Target, name: str, good: Path, place: Path, seed: int) -> Path:
-    """A copy of the good folder in ``place`` with one file damaged, the same for the same seed."""
-    shutil.rmtree(place, ignore_errors=True)
-    shutil.copytree(good, place)
+def damaged_case(target: Target, name: str, folder: Path, seed: int) -> str:
+    """Copy the good files of ``folder`` and damage one, the same for the same seed.
+
+    Returns the name of the rule. Next to the ``case`` lies an ``outside``, empty but for links.
+    """
+    place, outside = folder / "case", folder / "outside"
+    for old in (place, outside):
+        shutil.rmtree(old, ignore_errors=True)
+    shutil.copytree(folder / "good", place)
+    outside.mkdir()
     rng = random.Random(zlib.crc32(name.encode()) ^ (seed << 32))
     files = sorted(p for p in place.glob(target.damaged or "**/*") if p.is_file())
     victim = rng.choice(files)
+    if seed % 2:
+        opened = place / (target.damaged.split("/")[0] if "/" in target.damaged else "")
+        return changed(victim, opened, outside, rng)
     victim.write_bytes(mutated(victim.read_bytes(), rng))
-    return place
+    return _BYTES
 
 
 def run_cases(cases: Cases, said: Connection) -> None:
     """Run them, in a process of their own. What it writes to its error stream goes to a file."""
-    target, good = TARGETS[cases.name], cases.folder / "good"
-    os.environ["GAGA_HOME"] = str(cases.folder / "home")
-    errors = (cases.folder / "stderr").open("w", encoding="utf-8")
+    target, folder = TARGETS[cases.name], cases.folder
+    errors = (folder / "stderr").open("w", encoding="utf-8")
     os.dup2(errors.fileno(), sys.stderr.fileno())
-    if not good.exists():
-        good.mkdir(parents=True)
-        target.make(good)
-    target.read(good)  # kernels are loaded, and the good files are good
+    os.environ["GAGA_HOME"] = str(folder / "home")
+    if not (folder / "good").exists():
+        (folder / "good").mkdir(parents=True)
+        target.make(folder / "good")
+    shutil.rmtree(folder / "case", ignore_errors=True)
+    shutil.copytree(folder / "good", folder / "case")
+    target.read(folder / "case")  # kernels are loaded, and the good files are good
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (used + MOST_MEMORY, used + MOST_MEMORY))
+    resource.setrlimit(resource.RLIMIT_AS, (used + _MOST_ASKED, used + _MOST_ASKED))
     for number in range(cases.first, cases.first + cases.count):
-        said.send(number)
         seed = cases.seed * 1_000_003 + number
-        place = damaged_case(target, cases.name, good, cases.folder / "case", seed)
+        rule = damaged_case(target, cases.name, folder, seed)
+        said.send(Case(number, rule))
+        os.environ["GAGA_HOME"] = str(folder / "home")
+        before = inventory(folder / "outside")
+        Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here: proc(5)
         faulthandler.dump_traceback_later(MOST_SECONDS, exit=True, file=errors)
-        try:
-            target.read(place)
-        except GagaError as error:
-            if "\n" in str(error):
-                said.send(f"more than one line: {error!r}")
-        except Exception:  # noqa: BLE001  whatever escapes is what we look for
-            said.send(traceback.format_exc())
-        finally:
-            faulthandler.cancel_dump_traceback_later()
+        start = time.monotonic()
+        for fault in faults_of(target, folder / "case"):
+            said.send(fault)
+        cost = Cost(rule, time.monotonic() - start, _peak())
+        faulthandler.cancel_dump_traceback_later()
+        if cost.n_bytes > MOST_MEMORY:
+            said.send(f"memory: {cost.n_bytes / 1e9:.1f} GB")
+        if inventory(folder / "outside") != before:
+            said.send(f"files outside were changed: {[*inventory(folder / 'outside')]}")
+        said.send(cost)
     said.send(END)
+
+
+def faults_of(target: Target, place: Path) -> list[str]:
+    """What is wrong with how a case ends: a text each."""
+    try:
+        with warnings.catch_warnings():
+            # It would stand before what a command says. What the program ignores comes first.
+            warnings.simplefilter("error", RuntimeWarning, append=True)
+            result = target.read(place)
+        shown = result if isinstance(result, list) else []
+        return [fault for line in shown for fault in _wrong_in(line, LONGEST_LINE)]
+    except GagaError as error:
+        cause: BaseException | None = error
+        while cause is not None and not (isinstance(cause, MemoryError) and not _of_pillow(cause)):
+            cause = cause.__cause__ or cause.__context__
+        asked = [] if cause is None else [f"asks for too much memory: {cause}\n{_trace(cause)}"]
+        return [*_wrong_in(str(error), LONGEST_SENTENCE), *asked]
+    except Exception as error:  # noqa: BLE001  whatever escapes is what we look for
+        return [_trace(error)]
+
+
+def _of_pillow(error: MemoryError) -> bool:
+    """Whether Pillow refused it: so it does with lines that its decoders cannot count."""
+    return "PIL" in Path([*traceback.walk_tb(error.__traceback__)][-1][0].f_code.co_filename).parts
+
+
+def _trace(error: BaseException) -> str:
+    return "".join(traceback.format_exception(error))
+
+
+def _wrong_in(text: str, longest: int) -> list[str]:
+    """Why a text is not plain."""
+    wrong = []
+    if len(text) > longest:
+        wrong.append(f"a text of {len(text):,} characters: {text[:300]!r}")
+    if not text.isprintable():
+        wrong.append(f"a text that is not plain: {text[:300]!r}")
+    return wrong
+
+
+def _peak() -> int:
+    """Most bytes of memory that this process used since its peak was cleared, or a child ever."""
+    status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+    own = next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
+    return max(int(own), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) * 1024
