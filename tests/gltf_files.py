@@ -11,11 +11,11 @@ from gaga_core.io.splats.glb import Buffers
 from gaga_core.io.splats.splat_files import write_splats
 
 
-def glb_bytes(gltf: object, binary: bytes) -> bytes:
+def glb_bytes(gltf: object, binary: bytes | memoryview) -> bytes:
     """A GLB of two chunks."""
     text = json.dumps(gltf).encode()
     text += b" " * (-len(text) % 4)
-    binary += bytes(-len(binary) % 4)
+    binary = bytes(binary) + bytes(-len(binary) % 4)
     head = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(binary))
     chunks = struct.pack("<I4s", len(text), b"JSON") + text
     return head + chunks + struct.pack("<I4s", len(binary), b"BIN\0") + binary

@@ -422,7 +422,7 @@ def _run_local(tasks: Sequence[SceneTask], config: RunConfig, engine: EngineConf
                 process = context.Process(target=_work, args=arguments)
                 process.start()
                 theirs.close()
-                running[cast("Connection", ours)] = (process, task)  # a pipe of Windows, too
+                running[ours] = (process, task)  # a pipe of Windows, too
             yield None
             for ready in cast("list[Connection]", wait(list(running), _SECONDS)):
                 process, task = running.pop(ready)

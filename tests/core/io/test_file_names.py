@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from gaga_core.errors import GagaError
 from gaga_core.io import files
 from gaga_core.io.files import atomic_write, safe_name, same_name
 from gaga_core.io.masks.label_maps import view_key, view_keys
@@ -65,7 +66,7 @@ def test_files_of_a_view_have_such_names_in_every_folder(name: str) -> None:
 
 @pytest.mark.parametrize("pair", [("l/A.jpg", "l/a.jpg"), ("e\u0301.jpg", "\xe9.jpg")])
 def test_views_of_one_file_where_case_does_not_count_are_refused(pair: tuple[str, str]) -> None:
-    with pytest.raises(files.GagaError, match="differ only in"):
+    with pytest.raises(GagaError, match="differ only in"):
         view_keys(pair)
 
 
@@ -91,7 +92,7 @@ def test_a_rename_waits_for_a_file_that_is_in_use(
     files.write_text(path, "new")
     assert path.read_text(encoding="utf-8") == "new"
     refused[0] = 9
-    with pytest.raises(files.GagaError, match="no permission"), atomic_write(path) as temporary:
+    with pytest.raises(GagaError, match="no permission"), atomic_write(path) as temporary:
         temporary.write_text("newer", encoding="utf-8")
     assert path.read_text(encoding="utf-8") == "new"
     assert list(tmp_path.iterdir()) == [path]

@@ -235,7 +235,7 @@ def test_plain_sentences(folder: SceneFolder, tmp_path: Path) -> None:
 
 def test_groups_of_another_model_are_refused(folder: SceneFolder) -> None:
     run_stage(associate_scene(folder))
-    with pytest.raises(GagaError, match="another model .1,400 splats, not 7"):
+    with pytest.raises(GagaError, match=r"another model .1,400 splats, not 7"):
         read_groups(folder, 7)
     (folder.work / "labels.npz").write_bytes(b"no zip")
     with pytest.raises(GagaError, match="damaged"):

@@ -78,7 +78,7 @@ def test_what_two_others_hold_is_not_enclosed() -> None:
 @pytest.mark.parametrize(("share", "is_thing"), [(0.2, True), (0.05, False)])
 def test_what_few_views_show_is_no_thing(share: float, is_thing: bool) -> None:
     points, disc = _wall()
-    now = _clusters(disc, share * np.bincount(disc))
+    now = _clusters(disc, share * np.bincount(disc).astype(np.float64))
     found = is_enclosed_thing(_shown(points, 1 + disc), Neighbourhood.of(points), now, _LEAST)
     assert found.any() == is_thing
 
