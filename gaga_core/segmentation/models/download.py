@@ -44,8 +44,8 @@ LOCK_FILE = "model.lock.json"
 _FORMAT, _VERSION = "gaga-model-lock", 1
 _BLOCK = 1 << 22  # bytes hashed between two steps
 _CURE = "Get the model again without it, or copy the file again."
-_Name = Annotated[str, msgspec.Meta(pattern=r"^[\w.-]+\Z", max_length=200)]
-_Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
+_Name = Annotated[str, msgspec.Meta(pattern=r"^[\w.-]+$(?!\n)", max_length=200)]
+_Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}$(?!\n)")]
 
 
 class LockedFile(msgspec.Struct, frozen=True):
@@ -66,7 +66,7 @@ class ModelLock(msgspec.Struct, frozen=True):
     repository: str
     endpoint: str
     revision: str
-    commit: Annotated[str, msgspec.Meta(pattern=r"^[0-9A-Za-z]{1,64}\Z")]
+    commit: Annotated[str, msgspec.Meta(pattern=r"^[0-9A-Za-z]{1,64}$(?!\n)")]
     licence: str  # that the person accepted
     licence_stated: str  # by the repository, "" when it names none
     accepted_at: str  # ISO 8601, UTC

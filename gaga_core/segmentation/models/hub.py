@@ -234,7 +234,7 @@ _Size = Annotated[int, msgspec.Meta(ge=0)]  # bytes
 
 
 class _Lfs(msgspec.Struct):
-    sha256: Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{64})?\Z")] = ""
+    sha256: Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{64})?$(?!\n)")] = ""
     size: _Size | None = None
 
 
@@ -246,7 +246,9 @@ class _Sibling(msgspec.Struct):
 
 
 class _Info(msgspec.Struct):
-    sha: Annotated[str, msgspec.Meta(pattern=r"^[0-9A-Za-z]{1,64}\Z")]  # becomes a part of paths
+    sha: Annotated[
+        str, msgspec.Meta(pattern=r"^[0-9A-Za-z]{1,64}$(?!\n)")
+    ]  # becomes a part of paths
     siblings: list[_Sibling] = []
     cardData: dict[str, object] | None = None  # noqa: N815  the hub's name
     tags: list[str] = []
