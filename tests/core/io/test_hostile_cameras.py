@@ -18,8 +18,9 @@ from gaga_core.io.cameras.colmap import read_colmap, write_colmap
 from gaga_core.io.datasets import open_dataset
 from gaga_core.io.images import write_rgb
 from gaga_core.io.video import VideoConfig, ffmpeg_program, video_input, write_video_stage
+from gaga_core.placing import video
 from gaga_core.placing.video import expected_frames, extract_frames
-from gaga_core.progress import run_stage
+from gaga_core.progress import Stage, run_stage
 from tests.scenes import orbit_cameras
 
 WRONG = [float("nan"), float("inf"), 1e300, 1e25, -1e25]
@@ -139,6 +140,31 @@ def test_a_pipe_is_no_film(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.mp4")
     with pytest.raises(GagaError, match="no regular file"):
         expected_frames(tmp_path / "a.mp4")
+
+
+@pytest.mark.parametrize("is_cancelled", [True, False])
+@pytest.mark.parametrize("reader", ["look", "header"])
+def test_a_film_that_stops_coming_is_told_and_its_reader_ended(
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reader: str, is_cancelled: bool
+) -> None:
+    stalls = tmp_path / "ffmpeg"
+    stalls.write_text(f"#!/bin/sh\necho $$ >> '{tmp_path}/pid'\necho 'frame=0'\nexec sleep 100\n")
+    stalls.chmod(0o700)
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(stalls))
+    monkeypatch.setattr(video, "_PATIENCE", 100.0 if is_cancelled else 0.1)
+    stage: Stage[object] = (
+        video.look_through(film, 1, 0.1, (64, 64))
+        if reader == "look"
+        else extract_frames(film, tmp_path / "x", fps=2, longest_side=64)
+    )
+    next(stage)
+    if is_cancelled:
+        stage.close()
+    else:
+        with pytest.raises(GagaError, match="no progress"):
+            run_stage(stage)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
 
 
 # --- data sets
