@@ -77,7 +77,7 @@ def follow(
 
 
 def follow_blocks(command: Sequence[str], n_bytes: int) -> Generator[bytes, None, int]:
-    """As `follow`, for standard output in blocks of ``n_bytes``, b"" when nothing comes for a moment.
+    """As `follow`, for standard output in blocks of ``n_bytes``; b"" when it says nothing.
 
     An incomplete last block is left out.
     """
