@@ -60,7 +60,7 @@ def look_at(eye: DoubleArray, target: DoubleArray, up: DoubleArray) -> DoubleArr
     """``cam_from_world`` (4, 4) of a camera at ``eye`` that looks at ``target`` (OpenCV axes).
 
     ``up`` is the world direction that must point to the top of the picture. It looks along z where
-    the two are one point, as far out as 1e17 for doubles, too.
+    the two are one point, as a camera around splats at 1e17 is.
     """
     forward = np.asarray(target, np.float64) - eye
     forward = forward / np.linalg.norm(forward) if forward.any() else np.array([0.0, 0.0, 1.0])

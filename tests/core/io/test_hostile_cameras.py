@@ -6,6 +6,7 @@ import struct
 import subprocess
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +70,13 @@ def test_colmap_poses_are_usable_or_refused(tmp_path: Path, value: str) -> None:
         some = [value if i in column else word for i, word in enumerate(words)]
         (tmp_path / "images.txt").write_text(" ".join(some) + "\n\n")
         check_cameras(lambda: read_colmap(tmp_path).cameras)
+
+
+def test_a_long_name_of_one_photo_takes_no_room_from_the_others(tmp_path: Path) -> None:
+    cameras = list(orbit_cameras(200))
+    cameras[0] = replace(cameras[0], name="x" * 5_000_000)  # 4 GB as an array of text
+    write_colmap(tmp_path, cameras, np.ones((1, 3)), np.zeros((1, 3), np.uint8))
+    assert {c.name for c in read_colmap(tmp_path).cameras} == {c.name for c in cameras}
 
 
 def check_cameras(read: Callable[[], tuple[Camera, ...]]) -> None:
