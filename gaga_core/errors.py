@@ -3,6 +3,7 @@
 import logging
 import re
 import unicodedata
+from functools import partial
 from typing import Any
 
 LONGEST_SENTENCE = 400  # characters; a notice of the window has room for them
@@ -62,11 +63,15 @@ def _shortened(text: str, longest: int) -> str:
         if not lengths:
             return text[: longest - longest // 3 - 1] + "…" + text[-(longest // 3) :]
         least = lengths[(len(lengths) - 1) // 2]
-        text = re.sub(rf"\S{{{least},}}", lambda word: _cut(word[0], kept), text)
+        # Each word is looked at once: \S{least,} would begin again at each of its letters.
+        text = re.sub(r"\S+", partial(_cut, kept=kept, least=least), text)
     return text
 
 
-def _cut(word: str, kept: int) -> str:
+def _cut(found: re.Match[str], kept: int, least: int) -> str:
+    word = found[0]
+    if len(word) < least:
+        return word
     return word[: kept // 2] + "…" + word[len(word) - kept // 2 + 1 :]
 
 

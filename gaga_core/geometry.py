@@ -59,10 +59,11 @@ def multiply_quats(a: DoubleArray, b: DoubleArray) -> DoubleArray:
 def look_at(eye: DoubleArray, target: DoubleArray, up: DoubleArray) -> DoubleArray:
     """``cam_from_world`` (4, 4) of a camera at ``eye`` that looks at ``target`` (OpenCV axes).
 
-    ``up`` is the world direction that must point to the top of the picture.
+    ``up`` is the world direction that must point to the top of the picture. It looks along z where
+    the two are one point, as a camera around splats at 1e17 is.
     """
     forward = np.asarray(target, np.float64) - eye
-    forward /= np.linalg.norm(forward)
+    forward = forward / np.linalg.norm(forward) if forward.any() else np.array([0.0, 0.0, 1.0])
     right = np.cross(forward, up)
     if np.linalg.norm(right) < 1e-9:
         right = np.cross(forward, np.roll(up, 1))

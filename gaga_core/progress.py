@@ -4,8 +4,10 @@ Cancelling is closing the generator: between two steps ``GeneratorExit`` is rais
 ``finally`` blocks remove temporary files, and nothing half-made is left.
 """
 
+import logging
 from collections.abc import Callable, Generator
 from contextlib import closing
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -16,6 +18,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _STEPS = 1000  # progress units of one part; parts differ in their number of steps
+_log = logging.getLogger(__name__)
+# Each thread has its own; who drives a stage sets a list here to hear what it says.
+heard: ContextVar[list[str] | None] = ContextVar("heard", default=None)
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,15 @@ class Progress:
 
 
 Stage = Generator[Progress, None, T]
+
+
+def say(text: str) -> None:
+    """Tell the user one sentence on what was done to their data: logged, and kept in `heard`."""
+    text = plain_text(text)
+    _log.warning("%s", text)
+    told = heard.get()
+    if told is not None:
+        told.append(text)
 
 
 def run_stage(stage: Stage[T], on_progress: Callable[[Progress], None] | None = None) -> T:

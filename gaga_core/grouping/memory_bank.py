@@ -6,6 +6,7 @@ from itertools import islice
 from typing import Literal, overload
 
 import numpy as np
+from scipy.sparse import coo_array
 
 from gaga_core.arrays import IntArray, LongArray, check_shape
 from gaga_core.grouping.gate_kernels import greatest_overlaps, take_free
@@ -104,10 +105,12 @@ def at_level(bank: MemoryBank, level: int) -> MemoryBank:
         raise ValueError("bank: has no levels of detail")
     labels = bank.levels.labels[level]
     old = np.maximum(bank.group, 0)
-    counts = np.zeros((max(bank.n_groups, int(old.max(initial=0))) + 1, labels.max() + 1), np.int64)
-    np.add.at(counts, (old, labels), 1)
-    went, _ = two_best(counts)
-    log = tuple(replace(d, group=int(went[d.group]) if d.group else 0) for d in bank.log)
+    # Sparse: a table of all pairs of ids, which come from a file, may not fit into memory.
+    pairs = coo_array((np.ones(len(old), np.int32), (old, labels))).tocsr().tocoo()
+    rising = np.lexsort((-pairs.col, pairs.data))  # of equal counts the lower label comes last
+    rising = rising[pairs.col[rising] > 0]
+    went = dict(zip(pairs.row[rising].tolist(), pairs.col[rising].tolist(), strict=True))
+    log = tuple(replace(d, group=went.get(d.group, 0) if d.group else 0) for d in bank.log)
     return replace(
         bank,
         group=np.where(labels > 0, labels, np.int32(-1)),

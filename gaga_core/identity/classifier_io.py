@@ -83,6 +83,10 @@ def read_classifier(path: Path) -> tuple[FloatArray, FloatArray]:
         raise GagaError(
             f"{path} has weights of shape {weight.shape}; expected (groups + 1, {D}, 1, 1)."
         )
+    if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+        raise GagaError(
+            f"{path} is damaged: it holds numbers that are not finite. Choose another file."
+        )
     return np.ascontiguousarray(weight.reshape(n, D)), np.ascontiguousarray(bias)
 
 

@@ -31,7 +31,7 @@ _SCENE = ("images", "input", "sparse", "colmap", "point_cloud", "point_cloud.ply
 _JUNCTION = 0xA0000003  # IO_REPARSE_TAG_MOUNT_POINT of the Windows SDK (winnt.h)
 PLAN = "publish.json"  # in a folder of results that are whole, see `staging.publish_all`
 _OLD_S = 3600.0
-_LONGEST_LIST = 1 << 20  # bytes of words that are read of a text file
+_LONGEST_LIST = 1 << 20  # bytes of a text file of words
 _looked_at: set[Path] = set()  # folders that this program has written to
 _BLOCKS, _BLOCK = 64, 1 << 16  # a fingerprint samples this many blocks of this many bytes
 # What reading a file may take without a look at its size: a picture of 100 megapixels does.
@@ -294,7 +294,10 @@ def read_names(path: Path) -> list[str]:
     """Words of a text file, one a line."""
     try:
         with open_file(path) as file:
-            lines = file.read(_LONGEST_LIST).decode().splitlines()
+            raw = file.read(_LONGEST_LIST + 1)
+        if len(raw) > _LONGEST_LIST:
+            raise GagaError(f"{path} has more than {_LONGEST_LIST >> 20} MiB, too much for a list.")
+        lines = raw.decode().splitlines()
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     except UnicodeDecodeError as error:

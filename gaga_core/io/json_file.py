@@ -1,6 +1,7 @@
 """Reading the JSON files that gaga-studio writes: typed, bounded, one sentence on any failure."""
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -8,11 +9,14 @@ from typing import Annotated, TypeVar
 import msgspec
 
 from gaga_core.errors import GagaError
-from gaga_core.io.files import explain_os_error, open_file
+from gaga_core.io.files import check_memory, explain_os_error, open_file
 
 T = TypeVar("T")
 PathText = Annotated[str, msgspec.Meta(pattern="^[^\\x00]*$", max_length=4096)]  # a path in a file
 MOST_BYTES = 64 << 20  # of a file of our own; a project of 100,000 named groups has 4 MB
+# Bytes that Python's values and the structs made of them take at most, for each of these in a file.
+_VALUE_BYTES = {b",": 40, b"[": 100, b"{": 320, b'"': 16}
+_TEXT_TIMES = 5  # the file's own size: its bytes, and text of four bytes a character
 _SURROGATE = re.compile(rb"\\u[dD][89a-fA-F]")
 _FIELD = re.compile(r"^(?P<what>.*?) - at `\$\.?(?P<field>[^`]*)`$", re.DOTALL)
 
@@ -31,7 +35,8 @@ def read_bytes(path: Path, cure: str, most_bytes: int) -> bytes:
     """Read a file of at most ``most_bytes``; ``GagaError`` when it has more, or cannot be read."""
     try:
         with open_file(path) as file:
-            raw = file.read(most_bytes + 1)
+            size = os.fstat(file.fileno()).st_size  # as much memory is taken as is asked for
+            raw = file.read(min(size, most_bytes) + 1)
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     if len(raw) > most_bytes:
@@ -55,9 +60,13 @@ def decode_json(raw: bytes, kind: type[T], where: str, cure: str) -> T:
 def read_foreign_json(path: Path, kind: type[T], *, most_bytes: int = MOST_BYTES) -> T:
     """Read a JSON file that other programs write too as ``kind``, figures NaN included.
 
-    Raises ``GagaError`` with one sentence when it cannot be read or has another form.
+    Raises ``GagaError`` with one sentence when it cannot be read, has another form, or would take
+    too much memory (`check_memory`).
     """
     raw = read_bytes(path, "", most_bytes)
+    counts = {sign: raw.count(sign) for sign in _VALUE_BYTES}
+    n_bytes = sum(n * _VALUE_BYTES[sign] for sign, n in counts.items()) + _TEXT_TIMES * len(raw)
+    check_memory(path, n_bytes, f"{counts[b',']:,} values")
     try:
         content = json.loads(raw)
         if _SURROGATE.search(raw):  # half of a pair is no text: nothing could print or write it

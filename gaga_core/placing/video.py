@@ -2,8 +2,10 @@
 
 import re
 import shutil
-import subprocess
+import time
+from collections import deque
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,11 +13,11 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.io.folder.processes import follow
+from gaga_core.io.folder.processes import follow, follow_blocks
 from gaga_core.io.images import read_rgb
 from gaga_core.io.video import ffmpeg_program, video_input
 from gaga_core.placing.photos import LOOK_SIDE, sharpness
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, run_stage
 
 # --- The motion of a film, and which of its frames to place.
 # Frames are chosen by what changes between them, not by the clock: a film that rests gives one
@@ -26,6 +28,8 @@ from gaga_core.progress import Progress, Stage
 _LOOK_WIDTH = 320  # pixels: frames are looked at in this size
 _LOOK_HEIGHT = 2048  # pixels at most, of a film that is narrow and high
 _BLOCK = 64  # pixels of a block, at half that size
+_PATIENCE = 20.0  # seconds without a frame, or without a header, after which ffmpeg is ended
+_MOST_PATIENCE = 240.0  # seconds, where it leaves out hundreds of frames after each that it gives
 _CLEAR_PEAK = 0.08  # height of the peak of a phase correlation that is no chance
 
 
@@ -69,22 +73,20 @@ def look_through(
     sharp, motion = list[float](), list[float]()
     before: FloatArray | None = None
     expected = max(1, int(seconds * rate))
-    with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    ) as process:
-        try:
-            while process.stdout is not None:
-                data = process.stdout.read(width * height * 3)
-                if len(data) < width * height * 3:
-                    break
+    # Between two frames that are looked at ffmpeg decodes others: a second for each.
+    patience = max(_PATIENCE, min(native_rate / max(rate, 1e-3), _MOST_PATIENCE))
+    moved_at = time.monotonic()
+    with closing(follow_blocks(command, width * height * 3)) as blocks:
+        for data in blocks:
+            if data:
                 frame: UInt8Array = np.frombuffer(data, np.uint8).reshape(height, width, 3)
                 small = _halved(frame)
                 sharp.append(sharpness(frame))
                 motion.append(0.0 if before is None else displacement(before, small, config.lost))
-                before = small
-                yield Progress("Look through video", min(len(sharp), expected), expected)
-        finally:
-            process.kill()
+                before, moved_at = small, time.monotonic()
+            elif time.monotonic() - moved_at > patience:
+                raise _stalled(video, patience)
+            yield Progress("Look through video", min(len(sharp), expected), expected)
     return FilmMotion(rate, np.array(sharp), np.array(motion))
 
 
@@ -174,7 +176,10 @@ def _halved(frame: UInt8Array) -> FloatArray:
 
 STAGE = "Read video"
 _CANDIDATES = 3  # frames looked at for each one kept
-_PATIENCE = 15  # seconds that ffmpeg gets to read a header
+# A filter that prints lines which begin so for each decoded frame, chosen or not.
+_MARKED = "metadata=add:key=gaga:value=1,metadata=print:key=gaga:file=-:direct=1"
+_MARKS = ("frame:", "gaga=")
+_MOST_SAID, _LONGEST = 1000, 300  # lines of ffmpeg that are kept, and characters of each
 _MOST_READ = 50_000  # pictures written of one film: of five hours at three a second
 _MOST_FRAMES = 300  # frames kept of a long video
 _USUAL_FPS = 2.0  # frames that are kept of a second of an unhurried film
@@ -202,7 +207,7 @@ def extract_frames(
     Three times as many are read, and the sharpest of each three neighbours stays. Raises
     ``GagaError`` when the file is no video that ffmpeg reads.
     """
-    header = _header(video)
+    header = yield from _header(video)
     expected = max(1, int(header.seconds * fps * _CANDIDATES))
     pictures = target / "all_%06d.jpg"
     yield from _write(video, pictures, f"fps={fps * _CANDIDATES:.6g}", longest_side, expected)
@@ -215,7 +220,7 @@ def extract_moving_frames(video: Path, target: Path, *, longest_side: int) -> St
     The number in a name is the frame's place among those that were looked at, so that more can be
     put in between. Raises ``GagaError`` when the file is no video that ffmpeg reads.
     """
-    header = _header(video)
+    header = yield from _header(video)
     motion = yield from look_through(video, header.seconds, header.rate, header.size)
     chosen = choose_frames(motion)
     if not chosen:
@@ -270,16 +275,16 @@ def _write(
         "-frames:v",
         str(_MOST_READ),
         "-vf",
-        f"{choose},{scale}",
+        f"{_MARKED},{choose},{scale}",
         "-fps_mode",
         "passthrough",
         "-qscale:v",
         "2",
     ]
-    status, said = yield from _run([*command, str(pictures)], expected)
+    status, said = yield from _run(video, [*command, str(pictures)], expected)
     if status != 0 or not any(pictures.parent.glob("all_*.jpg")):
         shutil.rmtree(pictures.parent, ignore_errors=True)
-        raise _unreadable(video, said)
+        raise _unreadable(video, said[-1] if said else "no frames")
 
 
 def _unreadable(video: Path, why: str) -> GagaError:
@@ -289,25 +294,35 @@ def _unreadable(video: Path, why: str) -> GagaError:
     )
 
 
+def _stalled(video: Path, seconds: float) -> GagaError:
+    return _unreadable(video, f"ffmpeg makes no progress for {seconds:.0f} seconds")
+
+
 def expected_frames(video: Path) -> int:
     """Frames that `extract_frames` would keep of ``video``; 0 when it cannot be read."""
-    seconds = _header(video).seconds
+    seconds = run_stage(_header(video)).seconds
     return int(seconds * min(_USUAL_FPS, _MOST_FRAMES / max(seconds, 1e-3)))
 
 
-def _run(command: list[str], expected: int) -> Stage[tuple[int, str]]:
-    """Exit status of ffmpeg and what it said last."""
-    lines, done, said = follow(command), 0, "no frames"
+def _run(video: Path, command: list[str], expected: int) -> Stage[tuple[int, list[str]]]:
+    """Exit status of ffmpeg and what it said; ``GagaError`` when it makes no progress."""
+    done, said, moved_at = 0, deque[str](maxlen=_MOST_SAID), time.monotonic()
+    lines = follow(command)
     try:
         while True:
             line = next(lines)
+            if line.startswith(_MARKS):
+                moved_at = time.monotonic()
+                continue
             if line.startswith("frame="):
                 done = int(line.removeprefix("frame=").strip() or 0)
             elif line and not re.match(r"\w+=", line):
-                said = line
+                said.append(line[:_LONGEST])
+            elif not line and time.monotonic() - moved_at > _PATIENCE:
+                raise _stalled(video, _PATIENCE)
             yield Progress(STAGE, min(done, expected), expected, f"{done} frames")
     except StopIteration as end:
-        return int(end.value), said
+        return int(end.value), list(said)
     finally:
         lines.close()
 
@@ -333,18 +348,9 @@ class _Header:
     size: tuple[int, int]  # width, height, pixels
 
 
-def _header(video: Path) -> _Header:
-    try:
-        told = subprocess.run(
-            [ffmpeg_program(), "-nostdin", "-hide_banner", *video_input(video)],
-            capture_output=True,
-            check=False,
-            encoding="utf-8",
-            errors="replace",
-            timeout=_PATIENCE,
-        ).stderr
-    except subprocess.TimeoutExpired as error:
-        raise _unreadable(video, f"ffmpeg does not answer within {_PATIENCE} seconds") from error
+def _header(video: Path) -> Stage[_Header]:
+    command = [ffmpeg_program(), "-nostdin", "-hide_banner", *video_input(video)]
+    told = "\n".join((yield from _run(video, command, 0))[1])
     found = re.search(r"Duration: (\d+):(\d+):(\d+\.?\d*)", told)
     hours, minutes, seconds = (float(p) for p in found.groups()) if found else (0.0, 0.0, 0.0)
     rate = re.search(r"Video:.*?(\d+\.?\d*) fps", told)

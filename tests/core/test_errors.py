@@ -1,5 +1,7 @@
 """Laws of the sentences that quote files."""
 
+import time
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,3 +32,10 @@ def test_a_long_name_loses_its_middle_and_the_cure_stays(name: str) -> None:
     said = plain_text(f"{name} is damaged. Copy it again.")
     assert said.startswith(name[:30])
     assert said.endswith(f"{name[-30:]} is damaged. Copy it again.")
+
+
+def test_words_of_unlike_lengths_are_cut_in_time_that_grows_with_them() -> None:
+    start = time.process_time()
+    text = " ".join("x" * (300_000 - 1000 * i) for i in range(3))
+    assert len(plain_text(text)) <= LONGEST_SENTENCE
+    assert time.process_time() - start < 2  # seconds; its square takes minutes

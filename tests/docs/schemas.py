@@ -58,7 +58,8 @@ def schema(name: str) -> str:
     if TYPES[name] is AnyEdit:
         for entry in (SetEntry, IntsEntry, ColumnEntry):
             content["$defs"] |= msgspec.json.schema(entry)["$defs"]
-    return json.dumps(content, indent=1) + "\n"
+    # The end of the text is $ in JSON Schema, and \\Z in Python, where $ lets a line end follow.
+    return json.dumps(content, indent=1).replace("\\\\Z", "$") + "\n"
 
 
 def _own_form(kind: type) -> dict[str, object]:

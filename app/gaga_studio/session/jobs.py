@@ -16,7 +16,7 @@ from typing import Generic, TypeVar
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, heard
 from gaga_studio.session.notices import Level
 
 T = TypeVar("T")
@@ -43,7 +43,8 @@ class JobRunner:
     """One worker thread at most, one for saves, and one for a quiet job that no user started.
 
     Saves work on values of their own, so they run next to any job, one after the other.
-    ``notify`` gets the sentence when a job fails; a quiet one fails into the log.
+    ``notify`` gets the sentence when a job fails, and those that it said (`gaga_core.progress.say`)
+    when it is done; a quiet one fails into the log.
     """
 
     def __init__(self, notify: Notify) -> None:
@@ -204,6 +205,8 @@ class JobRunner:
             worker.delivery.end()
 
     def _deliver(self, worker: "_Worker") -> None:
+        for text in dict.fromkeys(worker.said):
+            self._notify(Level.WARNING, text)
         try:
             worker.delivery.done()
         except GagaError as error:
@@ -288,6 +291,7 @@ class _Worker(threading.Thread):
         self.delivery = delivery
         self.on_error = on_error
         self.error: Exception | None = None
+        self.said: list[str] = []  # sentences for the user: what readers left out, say
         self.has_value = False
         self._started_at = time.monotonic()
         self._stop_asked = threading.Event()
@@ -303,6 +307,7 @@ class _Worker(threading.Thread):
 
     def run(self) -> None:
         """Run in the thread."""
+        heard.set(self.said)
         try:
             while not self._stop_asked.is_set():
                 if not self.delivery.step():

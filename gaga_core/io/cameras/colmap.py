@@ -213,7 +213,7 @@ def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
             ", ".join(distorted),
         )
     cameras = []
-    for i, name in enumerate(arrays["names"]):
+    for i, name in enumerate(arrays["names"].tobytes().decode().split("\0")[:-1]):
         pose = np.eye(4)
         pose[:3] = arrays["poses"][i]
         width, height = (int(v) for v in arrays["sizes"][i])
@@ -224,7 +224,7 @@ def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
                 f"The COLMAP model in {folder} has no usable camera for {name}. Reconstruct it "
                 "again."
             )
-        cameras.append(Camera(K, pose, width, height, str(name)))
+        cameras.append(Camera(K, pose, width, height, name))
     if not cameras:
         raise GagaError(f"The COLMAP model in {folder} has no views. Reconstruct it again.")
     points = arrays["points"]
@@ -260,7 +260,8 @@ def main(folder: Path) -> int:
     points = list(model.points3D.values())
     np.savez(
         sys.stdout.buffer,
-        names=np.array([str(image.name) for image in images], dtype=np.str_),
+        # Not an array of text, in which each name takes the room of the longest.
+        names=np.frombuffer("".join(f"{image.name}\0" for image in images).encode(), np.uint8),
         K=np.array([c.calibration_matrix() for c in used], np.float64).reshape(-1, 3, 3),
         sizes=np.array([(c.width, c.height) for c in used], np.int64).reshape(-1, 2),
         models=np.array([str(c.model.name) for c in used], dtype=np.str_),

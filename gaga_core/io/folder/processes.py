@@ -8,7 +8,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from typing import AnyStr
 
 # --- A child process ends when its parent ends, even by a crash.
 
@@ -48,6 +51,8 @@ def _watch(parent: int) -> None:
 
 _SECONDS = 0.2  # between two looks when the program says nothing
 _GRACE = 3.0  # seconds that a program gets to end by itself
+_MOST_AHEAD = 64  # lines or blocks that wait for the caller
+_MOMENT = 0.01  # seconds
 
 
 def follow(
@@ -67,34 +72,59 @@ def follow(
         errors="replace",
         env=environment,
     )
-    lines: queue.Queue[str | None] = queue.Queue()
-    reader = threading.Thread(target=_read, args=(process, lines), daemon=True)
+    assert process.stdout is not None
+    return (yield from _followed(process, (line.strip() for line in process.stdout), ""))
+
+
+def follow_blocks(command: Sequence[str], n_bytes: int) -> Generator[bytes, None, int]:
+    """As `follow`, for standard output in blocks of ``n_bytes``; b"" when it says nothing.
+
+    An incomplete last block is left out.
+    """
+    process = subprocess.Popen(
+        list(command),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    assert process.stdout is not None
+    blocks = iter(partial(process.stdout.read, n_bytes), b"")
+    whole = (block for block in blocks if len(block) == n_bytes)
+    return (yield from _followed(process, whole, b""))
+
+
+def _followed(
+    process: subprocess.Popen[AnyStr], pieces: Iterator[AnyStr], nothing: AnyStr
+) -> Generator[AnyStr, None, int]:
+    told: queue.Queue[AnyStr | None] = queue.Queue(_MOST_AHEAD)
+
+    def read() -> None:
+        for piece in pieces:
+            told.put(piece)
+        told.put(None)
+
+    reader = threading.Thread(target=read, daemon=True)
     reader.start()
     try:
         while True:
             try:
-                line = lines.get(timeout=_SECONDS)
+                piece = told.get(timeout=_SECONDS)
             except queue.Empty:
-                yield ""
+                yield nothing
                 continue
-            if line is None:
+            if piece is None:
                 return process.wait()
-            yield line
+            yield piece
     finally:
         _end(process)
-        reader.join()
+        while reader.is_alive():  # it may wait for a place
+            with suppress(queue.Empty):
+                told.get(timeout=_MOMENT)
         if process.stdout is not None:
             process.stdout.close()
 
 
-def _read(process: subprocess.Popen[str], lines: queue.Queue[str | None]) -> None:
-    if process.stdout is not None:
-        for line in process.stdout:
-            lines.put(line.strip())
-    lines.put(None)
-
-
-def _end(process: subprocess.Popen[str]) -> None:
+def _end(process: subprocess.Popen[AnyStr]) -> None:
     if process.poll() is not None:
         return
     process.terminate()

@@ -6,7 +6,6 @@ formats differ in how they round the three, and in the order of the four.
 """
 
 import functools
-import logging
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,10 +27,10 @@ from gaga_core.arrays import (
     UInt16Array,
 )
 from gaga_core.color import SH_C0
-from gaga_core.errors import GagaError, plain_text
+from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import check_memory, explain_os_error
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, say
 
 COLUMNS = ("means", "quats", "log_scales", "logit_opacities", "sh")
 CHUNK = 1 << 16  # splats worked on at once
@@ -51,7 +50,6 @@ _ROUNDS = 4  # of Lloyd's algorithm in each
 _CELLS = 1 << 22  # distances that are held at once
 _SAMPLE = 1 << 18  # numbers or splats that tables are made from
 _P = ParamSpec("_P")
-_log = logging.getLogger(__name__)
 
 
 # --- the frame of readers and writers
@@ -147,7 +145,7 @@ def checked_rows(columns: Mapping[str, FloatArray]) -> tuple[BoolArray, int]:
 
 
 def kept_rows(path: Path, gaussians: Gaussians, good: BoolArray, n_set: int = 0) -> Gaussians:
-    """The splats that are ``good`` (N,), with a logged warning of what was dropped and set.
+    """The splats that are ``good`` (N,), and a sentence (`say`) on what was dropped and set.
 
     The columns of ``gaussians`` are reused: none is copied. Raises ``GagaError`` when most splats
     are dropped.
@@ -198,10 +196,10 @@ def file_inside(path: Path, name: str) -> Path:
 
 
 def say_changes(path: Path, counts: Mapping[str, int]) -> None:
-    """Log one warning of how often what was done to the content of ``path``; nothing of zeros."""
+    """`say` how often what was done to the content of ``path``; nothing of zeros."""
     said = [f"{n:,} {what}" for what, n in counts.items() if n]
     if said:
-        _log.warning("%s", plain_text(f"{path.name}: {', and '.join(said)}"))
+        say(f"{path.name}: {', and '.join(said)}.")
 
 
 def row_bytes(n_sh: int) -> int:

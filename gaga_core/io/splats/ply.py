@@ -72,8 +72,8 @@ def read_ply_stage(path: Path) -> Stage[Gaussians]:
 
     Standard columns become C-contiguous float32; all others are kept in ``extra`` in their own
     dtype. Splats with a position, size, rotation, opacity or color that is not finite are dropped
-    with a logged warning; a file in which they are the majority is refused. Raises ``GagaError``
-    with one sentence when the file is no 3DGS model.
+    and said (`gaga_core.progress.say`); a file in which they are the majority is refused. Raises
+    ``GagaError`` with one sentence when the file is no 3DGS model.
     """
     header = read_header(Path(path))
     path = header.path
@@ -270,7 +270,7 @@ def row_blocks(header: PlyHeader, name: str, step: int) -> Iterator[AnyArray]:
     """Rows of an element, ``step`` at a time; each block lives until the next is asked for.
 
     Nothing is mapped: a mapped file that another program truncates would end the process. Numbers
-    in the other byte order than the header says are read right, with a logged warning. Raises
+    in the other byte order than the header says are read right, and said. Raises
     ``GagaError`` when the file is damaged.
     """
     element, path = header.element(name), header.path

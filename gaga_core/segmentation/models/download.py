@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.files import atomic_write, explain_os_error, replace_file
 from gaga_core.io.folder.lock import InUseError, lock_folder
 from gaga_core.io.json_file import read_json
 from gaga_core.progress import Progress, Stage
@@ -260,7 +260,8 @@ def download(
                 raise GagaError(
                     f"The files of {model.hub} are not a complete model. Get it again later."
                 )
-            path = staging.replace(models_folder() / model.name)
+            path = models_folder() / model.name
+            replace_file(staging, path)
         except OSError as error:
             raise GagaError(explain_os_error(error, staging)) from error
         shutil.rmtree(parts, ignore_errors=True)
@@ -369,7 +370,7 @@ def _fetch(
     for _ in range(1 + was_begun):
         if not path.is_file():
             yield from _fill(client, listing.url(file), part, file, meter, config)
-            part.replace(path)
+            replace_file(part, path)
         yield meter.step(f"check {file.name}")
         locked = check_file(path, file)
         if locked is not None:

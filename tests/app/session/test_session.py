@@ -8,15 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene.project import open_path_stage
-from gaga_studio.features import objects, selection, transform
+from gaga_studio.features import files, objects, selection, transform
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
+from tests.scenes import random_gaussians
 
 _W, _H = 320, 240
 
@@ -47,6 +49,22 @@ def test_what_cannot_be_opened_loses_nothing(associated: Session, tmp_path: Path
         assert [x.level for x in associated.notices[n:]] == [Level.ERROR]
         assert associated.document is document
         assert snapshot(scene_of(associated)) == before
+
+
+@pytest.mark.parametrize("act", [Session.open, files.add_splats])
+def test_what_a_reader_left_out_is_a_notice(
+    associated: Session, tmp_path: Path, act: Callable[[Session, Path], object]
+) -> None:
+    path, g = tmp_path / "odd.ply", random_gaussians(9)
+    g.means[2:5, 1], g.quats[7] = np.nan, 0
+    write_ply(path, g)
+    act(associated, path)
+    finish(associated)
+    told = [notice.text for notice in associated.notices if notice.level is Level.WARNING]
+    assert told == [
+        "odd.ply: 3 splats with numbers that are not finite or out of range were left out, and "
+        "1 rotations of no length were set to none."
+    ]
 
 
 def test_another_scene_starts_afresh(associated: Session, scene_folder: Path) -> None:

@@ -5,9 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from gaga_core.arrays import MOST_GROUP
 from gaga_core.grouping.bank_file import bank_arrays, bank_of
 from gaga_core.grouping.levels import Levels
-from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.grouping.memory_bank import Decision, MemoryBank, at_level
 
 
 def _levels() -> Levels:
@@ -85,3 +86,18 @@ def test_levels_around_groups_keep_their_ids() -> None:
         Levels.around(np.array([[0, 1, 0], [0, 0, 1]]), np.array([1, 1, 2], np.int32), 1)
     with pytest.raises(ValueError, match="does not refine"):
         Levels.around(np.array([[0, 0, 1], [0, 1, 1]]), np.array([1, 1, 2], np.int32), 0)
+
+
+@pytest.mark.parametrize("top", [24, MOST_GROUP])
+def test_masks_go_where_most_of_their_group_goes_whatever_the_ids(top: int) -> None:
+    levels, rng = _levels(), np.random.default_rng(1)
+    group = rng.integers(-1, 24, 500).astype(np.int32)
+    labels = rng.integers(0, 5, 500).astype(np.int32)  # ties among them: the lower label wins
+    group[group == 23], labels[labels == 4] = top, top
+    levels = Levels(np.stack([labels, levels.labels[1]]), 1)
+    log = [Decision("a", i, int(g), True, 1.0, 0, 0.0, 5) for i, g in enumerate({*range(24), top})]
+    found = at_level(MemoryBank(group, top, log, preset="paper", levels=levels), 0)
+    for before, after in zip(log, found.log, strict=True):
+        own = labels[(group == before.group) & (labels > 0)] if before.group else []
+        names, counts = np.unique(own, return_counts=True)
+        assert after.group == (names[counts.argmax()] if len(names) else 0)

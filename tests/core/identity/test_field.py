@@ -216,6 +216,8 @@ def test_damaged_classifiers_are_told(tmp_path: Path) -> None:
         {"weight": torch.zeros(3, D, 1, 1), "bias": torch.zeros(4)},
         {"weight": torch.zeros(3, D, 1, 1, dtype=torch.int64), "bias": torch.zeros(3)},
         {"weight": torch.tensor(1.0), "bias": torch.tensor(1.0)},
+        {"weight": torch.full((3, D, 1, 1), torch.nan), "bias": torch.zeros(3)},
+        {"weight": torch.zeros(3, D, 1, 1), "bias": torch.full((3,), torch.inf)},
     ):
         torch.save(state, path)
         with pytest.raises(GagaError):

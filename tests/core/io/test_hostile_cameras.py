@@ -6,6 +6,7 @@ import struct
 import subprocess
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,9 @@ from gaga_core.io.cameras.colmap import read_colmap, write_colmap
 from gaga_core.io.datasets import open_dataset
 from gaga_core.io.images import write_rgb
 from gaga_core.io.video import VideoConfig, ffmpeg_program, video_input, write_video_stage
+from gaga_core.placing import video
 from gaga_core.placing.video import expected_frames, extract_frames
-from gaga_core.progress import run_stage
+from gaga_core.progress import Stage, run_stage
 from tests.scenes import orbit_cameras
 
 WRONG = [float("nan"), float("inf"), 1e300, 1e25, -1e25]
@@ -68,6 +70,13 @@ def test_colmap_poses_are_usable_or_refused(tmp_path: Path, value: str) -> None:
         some = [value if i in column else word for i, word in enumerate(words)]
         (tmp_path / "images.txt").write_text(" ".join(some) + "\n\n")
         check_cameras(lambda: read_colmap(tmp_path).cameras)
+
+
+def test_a_long_name_of_one_photo_takes_no_room_from_the_others(tmp_path: Path) -> None:
+    cameras = list(orbit_cameras(200))
+    cameras[0] = replace(cameras[0], name="x" * 5_000_000)  # 4 GB as an array of text
+    write_colmap(tmp_path, cameras, np.ones((1, 3)), np.zeros((1, 3), np.uint8))
+    assert {c.name for c in read_colmap(tmp_path).cameras} == {c.name for c in cameras}
 
 
 def check_cameras(read: Callable[[], tuple[Camera, ...]]) -> None:
@@ -139,6 +148,31 @@ def test_a_pipe_is_no_film(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.mp4")
     with pytest.raises(GagaError, match="no regular file"):
         expected_frames(tmp_path / "a.mp4")
+
+
+@pytest.mark.parametrize("is_cancelled", [True, False])
+@pytest.mark.parametrize("reader", ["look", "header"])
+def test_a_film_that_stops_coming_is_told_and_its_reader_ended(
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reader: str, is_cancelled: bool
+) -> None:
+    stalls = tmp_path / "ffmpeg"
+    stalls.write_text(f"#!/bin/sh\necho $$ >> '{tmp_path}/pid'\necho 'frame=0'\nexec sleep 100\n")
+    stalls.chmod(0o700)
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(stalls))
+    monkeypatch.setattr(video, "_PATIENCE", 100.0 if is_cancelled else 0.1)
+    stage: Stage[object] = (
+        video.look_through(film, 1, 0.1, (64, 64))
+        if reader == "look"
+        else extract_frames(film, tmp_path / "x", fps=2, longest_side=64)
+    )
+    next(stage)
+    if is_cancelled:
+        stage.close()
+    else:
+        with pytest.raises(GagaError, match="no progress"):
+            run_stage(stage)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
 
 
 # --- data sets

@@ -2,7 +2,9 @@
 
 import json
 import math
+import tracemalloc
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 from gaga_core.arrays import BoolArray, LongArray
 from gaga_core.errors import GagaError
+from gaga_core.io import files, json_file
 from gaga_core.io.masks.other_programs import MaskList, recognise
 from gaga_core.segmentation.base import scored_masks
 from tests.core.io.mask_forms import H, W
@@ -142,6 +145,28 @@ def test_ids_of_any_integers_are_read(kind: str, tmp_path: Path) -> None:
     assert isinstance(found, np.ndarray)
     assert found.dtype == np.int32
     assert np.array_equal(found, np.maximum(labels.astype(np.int64), 0))
+
+
+@pytest.mark.parametrize("item", ["[[]]", "{}", "[],{}", '{"segmentation":[[]]}', "1.5"])
+def test_lists_of_masks_that_fill_the_memory_are_refused_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, item: str
+) -> None:
+    """A byte of text takes up to 34 bytes of values; reading takes no more than was checked."""
+    path = tmp_path / "a.json"
+    path.write_text(f"[{','.join([item] * 20_000)}]")
+    asked: list[float] = []
+    with monkeypatch.context() as patched:
+        patched.setattr(json_file, "check_memory", lambda _path, n, _what: asked.append(n))
+        tracemalloc.start()
+        with suppress(GagaError):
+            recognise(path)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    assert peak <= asked[0]
+    monkeypatch.setattr(files, "_ALWAYS_GRANTED", 1 << 10)
+    monkeypatch.setattr(files, "machine_memory", lambda: 1 << 20)
+    with pytest.raises(GagaError, match="of memory here"):
+        recognise(path)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1e300, "nan", "a", None, [1]])

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
+from gaga_core.export.export import export_scene_stage
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import check_memory
 from gaga_core.io.splats import glb, packing
@@ -22,6 +23,7 @@ from gaga_core.io.splats.spz import AXES
 from gaga_core.progress import run_stage
 from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.tree import NODES, ORDER, level_file, open_lod, row_type
+from gaga_core.scene.project import open_path_stage
 from tests.core.io.splat_parts import ksplat, sog_parts, zipped
 from tests.scenes import random_gaussians
 
@@ -339,6 +341,28 @@ def test_a_part_that_is_no_file_of_the_folder_is_not_read(tmp_path: Path, kind: 
     for path in (scene / "meta.json", scene / "a.gltf"):
         with pytest.raises(GagaError):
             read_splats(path)
+
+
+# --- numbers at the ends of what is accepted
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.spz", "a.sog", "a.html"])
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("means", 1e17), ("log_scales", 40), ("log_scales", -1e17), ("quats", 1e17), ("sh", 9e17)]
+    + [("logit_opacities", value) for value in (np.inf, -np.inf, 1e17)],
+)
+def test_accepted_numbers_are_exported_without_a_warning(
+    tmp_path: Path, name: str, column: str, value: float
+) -> None:
+    g = random_gaussians(N)
+    getattr(g, column)[:] = value
+    write_ply(tmp_path / "in.ply", g)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        project = run_stage(open_path_stage(tmp_path / "in.ply"))
+        run_stage(export_scene_stage(project.scene, tmp_path / name))
+    assert (tmp_path / name).is_file()
 
 
 # --- level of detail

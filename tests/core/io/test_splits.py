@@ -8,6 +8,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.datasets import open_dataset
+from gaga_core.io.files import read_names
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.folder.splits import (
     EVERY_8TH,
@@ -90,6 +91,12 @@ def test_names_part_views_only_where_both_kinds_are_there(tmp_path: Path) -> Non
     assert split_views(tmp_path, ["train_station.png", "a.png"]).rule == EVERY_8TH
     found = split_views(tmp_path, ["train/0.png", "test/0.png", "b.png"])
     assert (found.train, found.test) == (("train/0.png",), ("test/0.png",))
+
+
+def test_a_list_that_is_too_long_is_not_cut(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("ä\n" * (1 << 20))
+    with pytest.raises(GagaError, match="too much for a list"):
+        read_names(tmp_path / "a.txt")
 
 
 def test_a_scene_made_of_published_photos_keeps_their_split(tmp_path: Path) -> None:
