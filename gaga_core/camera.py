@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, check_shape
+from gaga_core.geometry import turned
 
 NEAR = 0.01  # scene units: what is nearer to a camera is not drawn, here and in all shaders
 MOST_PIXELS = 65_536  # of a side of a picture
@@ -60,7 +61,8 @@ class Camera:
     def position(self) -> DoubleArray:
         """Centre of projection (3,), world."""
         rotation = self.cam_from_world[:3, :3]
-        return -rotation.T @ self.cam_from_world[:3, 3]
+        position: DoubleArray = -turned(self.cam_from_world[None, :3, 3], rotation.T)[0]
+        return position
 
     @cached_property
     def forward(self) -> DoubleArray:
@@ -89,7 +91,7 @@ class Camera:
 
     def project(self, points_world: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
         """Pixels (N, 2) and depths (N,) along the viewing direction of world points (N, 3)."""
-        p_cam = points_world @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3]
+        p_cam = turned(points_world, self.cam_from_world[:3, :3]) + self.cam_from_world[:3, 3]
         depth = p_cam[:, 2]
         safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
         pixels = p_cam[:, :2] / safe[:, None] * np.array([self.K[0, 0], self.K[1, 1]])

@@ -4,6 +4,51 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, check_shape
 
+# --- What decisions depend on: BLAS and LAPACK sum in another order on each processor, and a last
+# bit may decide. These have one order.
+
+
+def turned(points: DoubleArray, matrix: DoubleArray) -> DoubleArray:
+    """Points (N, 3) after a matrix (3, 3): ``points @ matrix.T``."""
+    result = np.empty(points.shape)
+    for i in range(3):
+        result[:, i] = along(points, matrix[i])
+    return result
+
+
+def along(points: DoubleArray, axis: DoubleArray) -> DoubleArray:
+    """Products (N,) of points (N, 3) and an axis (3,): ``points @ axis``."""
+    x, y, z = points.T
+    result: DoubleArray = x * axis[0] + y * axis[1] + z * axis[2]
+    return result
+
+
+def principal_axes(moments: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
+    """Eigenvalues (N, 3), ascending, and eigenvectors (N, 3, 3), columns, of symmetric ``moments``
+    (N, 3, 3).
+
+    The largest component of each vector is positive, the first of equal ones. Where two values are
+    equal, the first of their vectors is as near as can be to the coordinate axis that lies most
+    across the third one; where all are, the vectors are the coordinate axes.
+    """
+    from gaga_core.geometry_kernels import principal  # numba: a good part of the launch time
+
+    values, axes = np.empty(moments.shape[:2]), np.empty(moments.shape)
+    principal(np.array(moments, np.float64, order="C"), values, axes)
+    return values, axes
+
+
+def axes_of_points(points: DoubleArray) -> DoubleArray:
+    """Directions (3, 3), columns, in which points (N, 3) extend, the least first."""
+    x, y, z = np.ascontiguousarray((points - points.mean(axis=0)).T, np.float64)
+    xy, xz, yz = (x * y).sum(), (x * z).sum(), (y * z).sum()
+    moments = [[(x * x).sum(), xy, xz], [xy, (y * y).sum(), yz], [xz, yz, (z * z).sum()]]
+    axes: DoubleArray = principal_axes(np.array([moments]))[1][0]
+    return axes
+
+
+# --- Rotations.
+
 
 def quats_to_matrices(quats: FloatArray | DoubleArray) -> DoubleArray:
     """Rotation matrices (N, 3, 3) of quaternions (N, 4) wxyz; they need not be of unit length."""

@@ -105,7 +105,7 @@ def machine_memory() -> int:
         return _windows_memory()
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, OSError):
+    except (AttributeError, ValueError, OSError):
         return _UNKNOWN_MEMORY
 
 

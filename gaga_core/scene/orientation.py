@@ -9,12 +9,13 @@ from gaga_core.arrays import AnyArray, DoubleArray, IntArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.geometry import look_at, quats_to_matrices
+from gaga_core.geometry import look_at, principal_axes, quats_to_matrices
 from gaga_core.scene.frame import scale_of
 from gaga_core.scene.scene import Scene
 
 _SNAP = np.cos(np.radians(3.0))  # an up this near to a world axis is that axis
 _NEARLY = np.cos(np.radians(30.0))  # ups nearer than this are meant to be the same
+_NOTHING = 1e-9  # share of the right axes, of the tops: rounding
 _FLATTEST = 0.15  # the cameras' right axes must spread over a plane this much better than along up
 _COLMAP_UP = np.array([0.0, -1.0, 0.0])  # of models without cameras: OpenCV axes, y down
 
@@ -39,10 +40,12 @@ def estimate_up(cameras: Sequence[Camera]) -> DoubleArray:
         return _COLMAP_UP.copy()
     tops = np.mean([-c.cam_from_world[1, :3] for c in cameras], axis=0)
     rights = np.stack([c.cam_from_world[0, :3] for c in cameras])
-    values, vectors = np.linalg.eigh(rights.T @ rights / len(rights))
+    values, vectors = (
+        found[0] for found in principal_axes((rights.T @ rights)[None] / len(rights))
+    )
     up: DoubleArray = np.array(tops, np.float64)
-    if values[0] < _FLATTEST * values[1]:
-        up = vectors[:, 0] * (1.0 if vectors[:, 0] @ tops >= 0 else -1.0)
+    if values[1] > _NOTHING and values[0] < _FLATTEST * values[1]:
+        up = vectors[:, 0] * (1.0 if vectors[:, 0] @ tops > -_NOTHING else -1.0)
     length = float(np.linalg.norm(up))
     if length < 1e-6:
         return _COLMAP_UP.copy()

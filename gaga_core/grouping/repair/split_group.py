@@ -30,6 +30,7 @@ _SIDE_SHARE_MIN = 0.02  # share of the group's splats on the smaller side
 # itself); 0.5 is in the middle. Found on groups of three generated scenes, 8 and 20 views.
 _CUT_MAX = 0.5
 _NEIGHBOURS = 8
+_EQUAL = 1e-6  # eigenvalues, of at most 1, and shares of a vector that count as equal
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,14 +135,24 @@ def _normalised_cut(weight: DoubleArray, side: DoubleArray) -> float:
 
 
 def _fiedler(weight: DoubleArray) -> DoubleArray:
-    """The second eigenvector (D,) of the normalised graph Laplacian of ``weight`` (D, D)."""
+    """The second eigenvector (D,) of the normalised graph Laplacian of ``weight`` (D, D).
+
+    Of a sign or of equal eigenvalues the mask decides that the vector tells most about, the first
+    of several: last bits would.
+    """
     degree = np.maximum(weight.sum(axis=1), 1e-12)
     scaled = weight / np.sqrt(degree[:, None] * degree[None, :])
-    _, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
-    vector: DoubleArray = vectors[:, -2] / np.sqrt(degree)
+    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    first = np.sqrt(degree / degree.sum())
+    space = vectors[:, np.abs(values - values[-2]) < _EQUAL]
+    projector = space @ space.T
+    if values[-1] - values[-2] < _EQUAL:
+        projector -= np.outer(first, first)
+    told = np.diag(projector)
+    vector = projector[:, int(np.argmax(told > told.max() - _EQUAL))] / np.sqrt(degree)
     # Where the graph falls apart the vector is flat on each part: cut between them.
     result: DoubleArray = vector - (vector.max() + vector.min()) / 2
-    return result
+    return np.where(np.abs(result) < _EQUAL * np.abs(result).max(), 0.0, result)
 
 
 def _covered(

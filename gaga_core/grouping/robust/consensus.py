@@ -28,6 +28,7 @@ from gaga_core.arrays import (
     UInt32Array,
 )
 from gaga_core.camera import Camera
+from gaga_core.geometry import principal_axes
 from gaga_core.grouping.robust import linkage_kernels as kernels
 from gaga_core.grouping.robust.surface_points import (
     DepthMaps,
@@ -161,7 +162,7 @@ def _normals(
     weight = usable[:, :, None]
     middle = (cloud * weight).sum(axis=1) / np.maximum(weight.sum(axis=1), 1)
     offsets = (cloud - middle[:, None]) * weight
-    normal = np.linalg.eigh(np.einsum("pki,pkj->pij", offsets, offsets))[1][:, :, 0]
+    normal = principal_axes(np.einsum("pki,pkj->pij", offsets, offsets))[1][:, :, 0]
     away = (normal * middle).sum(axis=1) > 0
     result: DoubleArray = np.where(away[:, None], -normal, normal)
     result[usable.sum(axis=1) < _PLANE_PIXELS_MIN] = 0

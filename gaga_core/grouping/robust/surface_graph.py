@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
-from gaga_core.geometry import quats_to_matrices
+from gaga_core.geometry import principal_axes, quats_to_matrices
 from gaga_core.grouping.robust.linkage_kernels import flood, pieces_of
 from gaga_core.grouping.views import load_labels
 from gaga_core.grouping.votes import VoteSums
@@ -84,7 +84,7 @@ def splat_normals(gaussians: Gaussians, nearest: LongArray) -> DoubleArray:
     around = gaussians.means[nearest[unclear]].astype(np.float64)
     offsets = around - around.mean(axis=1, keepdims=True)
     if len(unclear) > 0:
-        normals[unclear] = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
+        normals[unclear] = principal_axes(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
     return np.nan_to_num(normals)
 
 

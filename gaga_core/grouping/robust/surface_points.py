@@ -14,6 +14,7 @@ from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import NEAR, Camera
+from gaga_core.geometry import turned
 from gaga_core.grouping.gate import ViewMasks
 from gaga_core.progress import Progress, Stage
 
@@ -131,8 +132,7 @@ def lifted(camera: Camera, rows: LongArray, columns: LongArray, z: DoubleArray) 
 def to_world(camera: Camera, points: DoubleArray) -> DoubleArray:
     """Points (P, 3) of the camera's frame in the world."""
     pose = camera.world_from_cam
-    result: DoubleArray = points @ pose[:3, :3].T + pose[:3, 3]
-    return result
+    return turned(points, pose[:3, :3]) + pose[:3, 3]
 
 
 def _inner(masks: ViewMasks, radius: int) -> BoolArray:

@@ -28,6 +28,7 @@ from scipy.sparse import coo_matrix, csr_matrix, identity
 
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
 from gaga_core.camera import Camera
+from gaga_core.geometry import principal_axes
 from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels, dense, outlines
 
 # --- Average linkage over a graph with signed evidence: which clusters join, and in what order.
@@ -227,7 +228,7 @@ def fine_graph(
     share = (views.same + _PRIOR) / (views.voice + 2 * _PRIOR)
     features = [np.ones_like(bend), np.clip(-bend - 0.05, 0, 1), np.clip(bend, 0, 1)]
     features += [np.clip(step, 0, 1), 2 * share - 1]
-    return SignedGraph(size, a, b, views.length, np.stack(features, axis=1) @ _FINE)
+    return SignedGraph(size, a, b, views.length, _weighted(features, _FINE))
 
 
 def coarse_graph(
@@ -269,7 +270,13 @@ def coarse_graph(
     features = [np.ones_like(bend), crease, np.clip(bend, 0, 1), step, one, two]
     features += [coplanar, np.clip(crease - _DEEP, 0, 1), one * parts]
     features += [stand * np.clip(crease / _STANDS, 0, 1)]
-    return SignedGraph(size, first, second, length, np.stack(features, axis=1) @ _COARSE)
+    return SignedGraph(size, first, second, length, _weighted(features, _COARSE))
+
+
+def _weighted(features: list[DoubleArray], weights: DoubleArray) -> DoubleArray:
+    """The weighted sum (B,) of features (B,), added in their order on every processor."""
+    total: DoubleArray = (np.stack(features) * weights[:, None]).sum(axis=0)
+    return total
 
 
 def noise_of(
@@ -422,6 +429,7 @@ def _at_borders(views: Agreement, cluster_of: LongArray) -> tuple[DoubleArray, D
 
 
 _AROUND = 0.15  # most sine between the views' axes and the way to their focus; half are less
+_PARALLEL = 1e-12  # of the largest eigenvalue: axes that meet nowhere
 _IN_FRONT = 0.3  # least way to the focus, of the distance of the cameras
 _OUTSIDE, _AT_EDGE = 1.0, 0.7  # distances from the focus, of that of the cameras
 _CUT, _ALWAYS_CUT = 0.5, 0.75  # shares of the views of a cluster that cut it
@@ -455,9 +463,10 @@ def _focus(views: Sequence[Camera]) -> tuple[DoubleArray, float]:
     positions = np.array([camera.position for camera in views])
     axes = np.array([camera.forward for camera in views])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    focus = np.linalg.lstsq(
-        across.sum(axis=0), np.einsum("vij,vj->i", across, positions), rcond=None
-    )[0]
+    values, basis = (found[0] for found in principal_axes(across.sum(axis=0)[None]))
+    parts = (basis * np.einsum("vij,vj->i", across, positions)[:, None]).sum(axis=0)
+    known = values > _PARALLEL * values[2]
+    focus = (basis[:, known] * (parts[known] / values[known])).sum(axis=1)
     way = focus - positions
     distance = np.maximum(np.linalg.norm(way, axis=1), 1e-12)
     radius = float(np.median(distance))

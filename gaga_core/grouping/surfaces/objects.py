@@ -14,6 +14,7 @@ from gaga_core.camera import Camera
 from gaga_core.color import lab_from_rgb, rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import along, axes_of_points
 from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.robust.surface_graph import finite
 from gaga_core.grouping.robust.surface_points import DepthMaps, LoadMasks
@@ -179,6 +180,7 @@ def _standing(
 
 _AROUND = 4  # splats whose median is the color of a sample
 _OPAQUE = 0.3  # opacity of such splats
+_OF_LAB = 1024  # steps of a unit of CIE Lab: last bits of powers differ between processors
 _LIGHTNESS = 0.4  # weight of lightness against hue: faces of one object are lit differently
 _AGAINST = 0.05  # log odds against one object for a unit of CIE Lab between two pieces
 _LAB_PER_SPACING = 10.0  # difference in CIE Lab that counts as much as the spacing of the samples
@@ -189,7 +191,7 @@ def hue_of(rgb: FloatArray) -> DoubleArray:
     """Colors (K, 3) of sRGB (K, 3) to compare: CIE Lab, lightness weighted down."""
     lab = lab_from_rgb(rgb)
     lab[:, 0] *= _LIGHTNESS
-    return lab
+    return np.round(lab * _OF_LAB) / _OF_LAB
 
 
 def colors_of_samples(
@@ -324,9 +326,9 @@ def _is_spanned(
     thing = int(np.bincount(cluster[between]).argmax())
     covers = (cluster[between] == thing) & (plane[between] == plane[one[0]])
     middle = points[both].mean(axis=0)
-    normal = np.linalg.svd(points[both] - middle, full_matrices=False)[2][2]
-    normal = normal if normal @ surfels.normals[both].sum(axis=0) > 0 else -normal  # that is seen
-    height = (points[between[covers]] - middle) @ normal
+    normal = axes_of_points(points[both])[:, 0]
+    seen = (normal * surfels.normals[both].sum(axis=0)).sum() > 0
+    height = along(points[between[covers]] - middle, normal if seen else -normal)
     if covers.mean() < _COVERED or height.mean() < _HEIGHT * spacing:
         return False
     return int(((cluster == thing) & (plane == plane[one[0]])).sum()) < len(both)

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
+from gaga_core.geometry import along, axes_of_points, turned
 from gaga_core.grouping.robust.surface_graph import edges_once
 from gaga_core.grouping.robust.surface_points import (
     DepthMaps,
@@ -24,7 +25,12 @@ from gaga_core.grouping.robust.surface_points import (
     lifted,
     to_world,
 )
-from gaga_core.grouping.surfaces.surfels_kernels import choose_seeds, keep_apart, normals_at
+from gaga_core.grouping.surfaces.surfels_kernels import (
+    choose_seeds,
+    count_on_planes,
+    keep_apart,
+    normals_at,
+)
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads
 
@@ -171,7 +177,7 @@ def _weighted_normals(
     lens = np.array([camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]])
     normals = np.zeros((len(rows), 3))
     normals_at(depth, rows, columns, lens, radius, max(1, radius // 4), _SHARES, normals)
-    normals = normals @ camera.world_from_cam[:3, :3].T
+    normals = turned(normals, camera.world_from_cam[:3, :3])
     ray = camera.position - points
     distance = np.linalg.norm(ray, axis=1, keepdims=True)
     facing = np.clip((normals * ray).sum(axis=1, keepdims=True) / distance, 0, 1)
@@ -333,10 +339,9 @@ def _promising(
     """Samples whose tangent planes hold most others of ``rows``, best first."""
     probe = rows[rng.integers(0, len(rows), min(len(rows), _PROBED))]
     tried = rng.choice(rows, min(_TRIED, len(rows)), replace=False)
-    away = points[probe] @ normals[tried].T - (points[tried] * normals[tried]).sum(axis=1)
-    on = np.abs(away) < _AWAY * spacing[probe][:, None]
-    on &= normals[probe] @ normals[tried].T > _TURNED
-    return tried[np.argsort(-on.sum(axis=0), kind="stable")[:_FITTED]]
+    count = np.empty(len(tried), np.int64)
+    count_on_planes(points, normals, _AWAY * spacing, _TURNED, probe, tried, count)
+    return tried[np.argsort(-count, kind="stable")[:_FITTED]]
 
 
 def _grown(
@@ -346,8 +351,8 @@ def _grown(
     origin, normal = points[seed], normals[seed]
     found = np.zeros(0, np.int64)
     for _ in range(_FITS):
-        on = free & (np.abs((points - origin) @ normal) < _AWAY * near.spacing)
-        rows = np.flatnonzero(on & (normals @ normal > _TURNED))
+        on = free & (np.abs(along(points - origin, normal)) < _AWAY * near.spacing)
+        rows = np.flatnonzero(on & (along(normals, normal) > _TURNED))
         if len(rows) < _PLANE_SAMPLES_MIN:
             return np.zeros(0, np.int64)
         part = connected_components(near.adjacency(rows), directed=False)[1]
@@ -355,7 +360,6 @@ def _grown(
         if len(found) < _PLANE_SAMPLES_MIN:
             return np.zeros(0, np.int64)
         origin = points[found].mean(axis=0)
-        some = points[found[:: max(1, len(found) // _FIT_POINTS)]] - origin
-        fitted = np.linalg.svd(some, full_matrices=False)[2][2]
-        normal = fitted if fitted @ normal > 0 else -fitted
+        fitted = axes_of_points(points[found[:: max(1, len(found) // _FIT_POINTS)]])[:, 0]
+        normal = fitted if (fitted * normal).sum() > 0 else -fitted
     return found

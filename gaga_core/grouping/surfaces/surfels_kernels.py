@@ -3,10 +3,10 @@
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, LongArray
-from gaga_core.kernels import kernel
+from gaga_core.kernels import exact_kernel, kernel
 
 
-@kernel
+@exact_kernel
 def normals_at(
     depth: FloatArray,  # (H, W) 0 = nothing there
     rows: LongArray,  # (P,)
@@ -99,3 +99,24 @@ def choose_seeds(
         seeds[i], taken[i] = True, True
         for k in range(nearest.shape[1]):
             taken[nearest[i, k]] = True
+
+
+@exact_kernel
+def count_on_planes(
+    points: DoubleArray,  # (S, 3)
+    normals: DoubleArray,  # (S, 3)
+    away: DoubleArray,  # (S,) distance up to which a sample is on a plane
+    cosine: float,  # between the normals from which on it is
+    probe: LongArray,  # (P,) samples that count
+    tried: LongArray,  # (T,) samples whose tangent planes are tried
+    count: LongArray,  # (T,) written
+) -> None:
+    """Count the samples on the tangent planes of others."""
+    for t, i in enumerate(tried):
+        x, y, z = points[i]
+        a, b, c = normals[i]
+        count[t] = 0
+        for j in probe:
+            height = (points[j, 0] - x) * a + (points[j, 1] - y) * b + (points[j, 2] - z) * c
+            alike = normals[j, 0] * a + normals[j, 1] * b + normals[j, 2] * c
+            count[t] += abs(height) < away[j] and alike > cosine

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, check_shape
+from gaga_core.geometry import along, axes_of_points, turned
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
 
@@ -69,6 +70,8 @@ def whole_box(scene: Scene) -> tuple[DoubleArray, DoubleArray]:
 _ORIENTED_BOX_SAMPLE = 20_000  # points looked at
 _N_HULL = 4  # points of a hull
 _FLAT = 1e-9  # size under which a side counts as none
+_DIGITS = 6  # of components that are compared
+_EQUAL = 1e-9  # share by which sizes differ that count as equal, and radians
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +100,8 @@ def oriented_box(points: AnyArray, share: float = 0.98) -> OrientedBox | None:
     if len(finite) == 0:
         return None
     sample = finite[:: max(1, len(finite) // _ORIENTED_BOX_SAMPLE)]
-    _, _, principal = np.linalg.svd(sample - sample.mean(axis=0), full_matrices=False)
-    if len(principal) < 3:  # fewer than three points
-        principal = np.eye(3)
-    places = sample @ principal.T
+    principal = axes_of_points(sample)[:, ::-1].T
+    places = turned(sample, principal)
     lo, hi = _middle(places, share)
     inner = sample[within(places, lo, hi)]
     inner = inner if len(inner) >= _N_HULL else sample
@@ -108,35 +109,44 @@ def oriented_box(points: AnyArray, share: float = 0.98) -> OrientedBox | None:
     for normal in principal:
         boxes += [_along(sample, axes, share) for axes in _calipers(inner, normal)]
     volumes = [float(np.prod(np.maximum(box.size, _FLAT))) for box in boxes]
-    return boxes[int(np.argmin(volumes))]
+    return boxes[_least(np.array(volumes))]
+
+
+def _least(values: DoubleArray) -> int:
+    """The first of the least values (n,)."""
+    return int(np.argmax(values <= values.min() + _EQUAL * abs(values.min())))
 
 
 def _calipers(points: DoubleArray, normal: DoubleArray) -> list[DoubleArray]:
     """Axes (3, 3) with one along ``normal``: of the smallest rectangle around the points."""
     from scipy.spatial import ConvexHull, QhullError  # a good part of the launch time
 
-    side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    side = np.cross(normal, np.eye(3)[np.argmin(np.round(np.abs(normal), _DIGITS))])
     side /= np.linalg.norm(side)
     across = np.cross(normal, side)
-    plane = points @ np.column_stack([side, across])
+    plane = np.column_stack([along(points, side), along(points, across)])
     try:
         hull = plane[ConvexHull(plane).vertices]
     except QhullError:  # on a line, or one point
         return []
     edges = np.roll(hull, -1, axis=0) - hull
-    angles = np.unique(np.arctan2(edges[:, 1], edges[:, 0]) % (np.pi / 2))
-    turned = np.stack([np.cos(angles), np.sin(angles)], axis=1)  # (A, 2)
-    along = hull @ turned.T
-    over = hull @ np.stack([-turned[:, 1], turned[:, 0]])
-    best = turned[int(np.argmin(np.ptp(along, axis=0) * np.ptp(over, axis=0)))]
+    quarter = np.arctan2(edges[:, 1], edges[:, 0]) % (np.pi / 2)
+    angles = np.unique(np.where(quarter > np.pi / 2 - _EQUAL, 0.0, quarter))
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)  # (A, 2)
+    forth = hull @ ways.T
+    over = hull @ np.stack([-ways[:, 1], ways[:, 0]])
+    best = ways[_least(np.ptp(forth, axis=0) * np.ptp(over, axis=0))]
     first = best[0] * side + best[1] * across
     return [np.column_stack([first, np.cross(normal, first), normal])]
 
 
 def _along(points: DoubleArray, axes: DoubleArray, share: float) -> OrientedBox:
-    lo, hi = _middle(points @ axes, share)
-    order = np.argsort(lo - hi, kind="stable")
-    turned = axes[:, order]
-    if np.linalg.det(turned) < 0:
-        turned = turned * np.array([1.0, 1.0, -1.0])
-    return OrientedBox(axes @ ((lo + hi) / 2), turned, (hi - lo)[order])
+    lo, hi = _middle(turned(points, axes.T), share)
+    size = hi - lo
+    step = max(_EQUAL * float(size.max()), np.finfo(np.float64).tiny)
+    order = np.argsort(-np.round(size / step), kind="stable")
+    ordered = axes[:, order]
+    largest = np.round(np.abs(ordered), _DIGITS).argmax(axis=0)  # the first one, made positive
+    ordered *= np.sign(ordered[largest, np.arange(3)])
+    ordered[:, 2] = np.cross(ordered[:, 0], ordered[:, 1])
+    return OrientedBox(axes @ ((lo + hi) / 2), ordered, size[order])

@@ -7,6 +7,7 @@ import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, IntArray, check_shape
 from gaga_core.camera import Camera
+from gaga_core.geometry import axes_of_points
 from gaga_core.scene.orientation import turn_between
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import rows_of, selectable, world_means
@@ -65,8 +66,8 @@ def surface_point(
     near = world_means(scene)[in_sphere(scene, point, radius)].astype(np.float64)
     normal = eye - point
     if len(near) >= _N_NORMAL:
-        _, _, axes = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)
-        normal = axes[2] * (1.0 if axes[2] @ normal >= 0 else -1.0)
+        thinnest = axes_of_points(near)[:, 0]
+        normal = thinnest * (1.0 if thinnest @ normal >= 0 else -1.0)
     return SurfacePoint(point, normal / np.linalg.norm(normal), group)
 
 

@@ -7,6 +7,7 @@ import hashlib
 import json
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -41,6 +42,7 @@ def results() -> Iterator[Result]:
     scene = objects_scene(5, 400, n_cameras=8, seed=4)
     for preset in ("paper", "robust"):
         yield from _repaired(scene, AssociateConfig.of(preset), preset)
+    yield from _objects_of_regions(objects_scene(9, 900, n_cameras=10, seed=2))
     yield from _filled()
 
 
@@ -94,6 +96,23 @@ def _repaired(scene: Synthetic, config: AssociateConfig, preset: str) -> Iterato
             of = found.bank, found.labels, found.confidence
             repair = run_stage(reassociate_stage(evidence, *of, move, CPU))
             yield name + f" {move}", repair.labels
+
+
+def _objects_of_regions(scene: Synthetic) -> Iterator[Result]:
+    """Objects of regions that end at another column in each view, from poses without last bits."""
+    cameras = [replace(c, cam_from_world=np.round(c.cam_from_world, 9)) for c in scene.cameras]
+    maps = {}
+    for i, camera in enumerate(cameras):
+        true = true_map(scene, camera)
+        right = np.arange(camera.width) > camera.width * (3 + i) // 13
+        maps[camera.name] = np.where(true > 0, 2 * true + right, 0).astype(np.int32)
+    loaders = {name: partial(maps.__getitem__, name) for name in maps}
+    masks, config = MaskSet(loaders, are_regions=True), AssociateConfig.of("robust")
+    found = run_stage(associate_stage(scene.gaussians, cameras, masks, CPU, config))
+    assert found.bank.levels is not None
+    yield "objects of regions", found.labels
+    yield "levels of regions", found.bank.levels.labels
+    yield "confidence of regions", found.confidence
 
 
 def _filled() -> Iterator[Result]:

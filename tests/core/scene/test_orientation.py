@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray
+from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import look_at, quats_to_matrices
 from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.orientation import estimate_up, guess_up, up_of_moved
 from gaga_core.scene.scene import Scene
@@ -64,6 +66,24 @@ def test_a_lone_thing_is_shown_whole_and_a_far_background_is_not() -> None:
     assert (hi > 0.98).all()
     scene = Scene.of(_splats(np.concatenate([thing, rng.uniform(-30, 30, (60, 3))])))
     np.testing.assert_array_equal(whole_box(scene), splat_box(scene))
+
+
+@pytest.mark.parametrize("turned_over", [False, True])
+def test_last_bits_of_poses_do_not_turn_the_scene(turned_over: bool) -> None:
+    """Cameras that all look one way, and cameras half of which are upside down."""
+    rng, steps = np.random.default_rng(0), np.arange(8)
+    turn = quats_to_matrices(np.array([[0.9, 0.3, -0.2, 0.1]]))[0]
+    poses = []
+    for k in steps:
+        angle = np.pi / 4 * k if turned_over else 0.0
+        eye = np.array([np.sin(angle), 0.0, -np.cos(angle)])
+        up = np.array([0.0, -1.0 if k % 2 and turned_over else 1.0, 0.0])
+        poses.append(look_at(turn @ eye, np.zeros(3), turn @ up))
+    found = []
+    for _ in range(20):
+        near = [pose + 1e-12 * rng.normal(size=(4, 4)) for pose in rng.permutation(poses)]
+        found.append(estimate_up([Camera(np.eye(3), pose, 4, 4) for pose in near]))
+    np.testing.assert_allclose(found, np.tile(found[0], (20, 1)), atol=1e-9)
 
 
 def test_the_up_of_cameras_follows_a_scene_that_is_turned_but_not_one_that_is_levelled() -> None:

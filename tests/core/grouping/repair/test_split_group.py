@@ -88,6 +88,20 @@ def test_merged_masks_are_silent() -> None:
     assert (side[7:] == 0).all()
 
 
+@pytest.mark.parametrize("sizes", [(3, 4), (2, 3, 4), (3, 3, 2, 5)])
+def test_the_order_of_masks_does_not_move_the_cut(sizes: tuple[int, ...]) -> None:
+    """Of three things or more, any cut between two of them is a second eigenvector."""
+    thing = np.repeat(np.arange(len(sizes)), sizes)
+    covers = thing[:, None] == np.repeat(np.arange(len(sizes)), 30)
+    first = two_sides(covers, covers)
+    assert first is not None
+    for seed in range(20):
+        order = np.random.default_rng(seed).permutation(len(thing))
+        side = two_sides(covers[order], covers[order])
+        assert side is not None
+        np.testing.assert_array_equal(side * side[order == 0], (first * first[0])[order])
+
+
 def test_what_a_view_does_not_see_does_not_tell_its_masks_apart() -> None:
     """A thing seen from two sides that share a rim is one thing."""
     covers = np.zeros((6, 100), np.bool_)

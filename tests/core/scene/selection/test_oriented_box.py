@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaga_core.export.export import export_objects_stage
-from gaga_core.geometry import quats_to_matrices
+from gaga_core.geometry import axes_of_points, quats_to_matrices
 from gaga_core.progress import run_stage
 from gaga_core.scene.selection.bounds import oriented_box
 from tests.core.scene.edits.edit_walk import walk_scene
@@ -48,6 +48,31 @@ def test_points_that_span_no_space_have_a_flat_box(points: np.ndarray) -> None:
     assert np.isfinite(box.size).all()
     assert np.prod(box.size) == pytest.approx(0)
     assert oriented_box(np.full((4, 3), np.nan)) is None
+
+
+_CUBE = np.stack(np.meshgrid(*[np.linspace(-1, 1, 5)] * 3), axis=-1).reshape(-1, 3)
+_TURN = quats_to_matrices(np.array([[0.9, 0.3, -0.2, 0.1]]))[0]
+_SYMMETRIC = {
+    "cube": _CUBE,
+    "ball": _CUBE[np.linalg.norm(_CUBE, axis=1) <= 1],
+    "square": _CUBE[_CUBE[:, 2] == 0],
+    "turned square": _CUBE[_CUBE[:, 2] == 0] @ _TURN.T,
+    "turned column": (_CUBE * [1, 1, 3]) @ _TURN.T,
+}
+
+
+@pytest.mark.parametrize("name", _SYMMETRIC)
+def test_last_bits_and_the_order_of_points_do_not_turn_a_symmetric_box(name: str) -> None:
+    points, rng = _SYMMETRIC[name], np.random.default_rng(0)
+    axes, found = axes_of_points(points), oriented_box(points, share=1.0)
+    assert found is not None
+    for _ in range(20):
+        order = rng.permutation(len(points))
+        same = points[order] + 1e-12 * rng.normal(size=points.shape)
+        np.testing.assert_allclose(axes_of_points(same), axes, atol=1e-8)
+        box = oriented_box(same, share=1.0)
+        assert box is not None
+        np.testing.assert_allclose(box.axes, found.axes, atol=1e-8)
 
 
 def test_exported_objects_say_their_boxes(tmp_path: Path) -> None:
