@@ -10,10 +10,13 @@ from gaga_core.arrays import DoubleArray, FloatArray, check_shape
 
 def turned(points: DoubleArray, matrix: DoubleArray) -> DoubleArray:
     """Points (N, 3) after a matrix (3, 3): ``points @ matrix.T``."""
-    result = np.empty(points.shape)
-    for i in range(3):
-        result[:, i] = along(points, matrix[i])
-    return result
+    x, y, z = np.ascontiguousarray(points.T, np.float64)  # rows of three take thrice the time
+    result = np.empty((3, len(points)))
+    for out, (a, b, c) in zip(result, matrix, strict=True):
+        np.multiply(x, a, out=out)
+        out += y * b
+        out += z * c
+    return np.ascontiguousarray(result.T)
 
 
 def along(points: DoubleArray, axis: DoubleArray) -> DoubleArray:
