@@ -12,10 +12,10 @@ def turned(points: DoubleArray, matrix: DoubleArray) -> DoubleArray:
     """Points (N, 3) after a matrix (3, 3): ``points @ matrix.T``."""
     x, y, z = np.ascontiguousarray(points.T, np.float64)  # rows of three take thrice the time
     result = np.empty((3, len(points)))
-    for out, (a, b, c) in zip(result, matrix, strict=True):
-        np.multiply(x, a, out=out)
-        out += y * b
-        out += z * c
+    for i, (a, b, c) in enumerate(matrix):
+        np.multiply(x, a, out=result[i])
+        result[i] += y * b
+        result[i] += z * c
     return np.ascontiguousarray(result.T)
 
 
