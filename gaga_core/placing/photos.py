@@ -144,7 +144,11 @@ class PhotoSet:
 
 def read_photo_set(path: Path) -> PhotoSet:
     """Read what `PhotoSet.to_json` gave. Raises ``GagaError`` when the file is damaged."""
-    return read_json(path, PhotoSet, "Remove it and run again.")
+    cure = "Remove it and run again."
+    photos = read_json(path, PhotoSet, cure)
+    if any(photo.focal is not None and photo.focal <= 0 for photo in photos.photos):
+        raise GagaError(f"{path} is damaged: a focal length is not positive. {cure}")
+    return photos
 
 
 def check_prepared(photos: PhotoSet, workspace: Path) -> None:

@@ -85,6 +85,8 @@ def _checked(path: Path, header: PlyHeader) -> tuple[FloatArray, AnyArray, AnyAr
     if chunk is None or rows is None or not set(_PACKED) <= set(rows.dtype.names or ()):
         raise GagaError(f"{path.name} is not a compressed PLY. Choose another file.")
     present = set(chunk.dtype.names or ())
+    if any(rows.dtype[name].kind not in "iu" for name in _PACKED):
+        raise GagaError(f"{path.name} is damaged: it packs other than words. Export it again.")
     if not set(_LIMITS[:12]) <= present or len(chunk) * CHUNK < len(rows):
         raise GagaError(f"{path.name} is damaged: its chunks do not fit. Copy or export it again.")
     limits = np.zeros((len(chunk), 18), np.float32)
