@@ -332,7 +332,7 @@ class BookmarkEntry(ShotEntry, kw_only=True):
 class KeyframeEntry(ShotEntry, kw_only=True):
     """A keyframe of a path."""
 
-    seconds: Annotated[float, msgspec.Meta(gt=0, le=1e6)]
+    seconds: Annotated[float, msgspec.Meta(ge=1e-3, le=1e6)]  # less vanishes in a sum
 
 
 class PathEntry(msgspec.Struct):

@@ -324,7 +324,8 @@ def _is_swapped(rows: AnyArray) -> bool:
 
 def _sense(rows: AnyArray) -> float:
     """Share of splats whose log sizes are within 50, and quaternions within 1/1000 to 1000."""
-    sizes, parts = (np.stack([np.abs(rows[k]) for k in names]) for names in (_SCALES, _QUATS))
+    with np.errstate(invalid="ignore"):  # in the wrong byte order some are signaling NaN
+        sizes, parts = (np.stack([np.abs(rows[k]) for k in names]) for names in (_SCALES, _QUATS))
     longest = parts.max(axis=0)  # False for NaN
     sensible: BoolArray = (sizes <= 50).all(axis=0) & (longest >= 1e-3) & (longest <= 1e3)
     return float(sensible.mean())

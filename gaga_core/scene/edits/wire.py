@@ -247,7 +247,10 @@ def script_form(content: EditJson) -> EditJson | None:
         return None
     if content.get("kind") != "together":
         return {"op": "edit", **content}
-    parts = [part for part in map(script_form, content["edits"]) if part is not None]
+    inside = content.get("edits")
+    if not isinstance(inside, list) or not all(isinstance(edit, dict) for edit in inside):
+        return None  # a damaged history: no script can do it again
+    parts = [part for part in map(script_form, inside) if part is not None]
     for part in parts:
         del part["op"]
     return {"op": "edit", **content, "edits": parts} if parts else None

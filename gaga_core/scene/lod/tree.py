@@ -211,7 +211,10 @@ def open_lod(folder: Path, digest: str, n: int, n_sh: int) -> LodTree | None:
     except OSError as error:
         raise GagaError(explain_os_error(error, folder / ORDER)) from error
     order = np.frombuffer(raw[: len(raw) // 4 * 4], "<i4")
-    if len(raw) != 4 * n or order.min(initial=0) < 0 or order.max(initial=0) >= n:
+    seen = np.zeros(n, np.bool_)
+    if len(raw) == 4 * n and order.min(initial=0) >= 0 and order.max(initial=0) < n:
+        seen[order] = True
+    if not seen.all():  # each row once
         raise GagaError(f"{folder / ORDER} is truncated or damaged. {CURE}")
     nodes = read_array(folder / NODES, CURE)
     n_nodes = sum(-(-size // NODE) for size in stored.sizes)

@@ -107,6 +107,23 @@ def test_numbers_of_the_other_byte_order_are_read_right(
     assert ("byte order" in caplog.text) == (header != order)
 
 
+def test_signaling_numbers_among_columns_of_unlike_types_do_not_warn(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    write_ply(path, random_gaussians(300, sh_degree=0))
+    head, _, body = path.read_bytes().partition(b"end_header\n")
+    names = [line.split()[-1] for line in head.decode().splitlines() if "property" in line]
+    kinds = [(name, "<f8" if name == "scale_0" else "<f4") for name in names]
+    rows = np.zeros(300, np.dtype(kinds))
+    for name, column in zip(names, np.frombuffer(body, "<f4").reshape(300, -1).T, strict=True):
+        rows[name] = column
+    rows["scale_1"].view("<u4")[::2] = SIGNALING
+    head = head.replace(b"float scale_0", b"double scale_0")
+    path.write_bytes(head + b"end_header\n" + rows.tobytes())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(read_ply(path)) == 150
+
+
 # --- numbers
 
 
@@ -368,7 +385,7 @@ def test_accepted_numbers_are_exported_without_a_warning(
 # --- level of detail
 
 
-@pytest.mark.parametrize("value", [-1, 6_000, 2**31 - 1, "nan", "means", "order", "nodes"])
+@pytest.mark.parametrize("value", [-1, 6_000, 2**31 - 1, "nan", "means", "order", "twice", "nodes"])
 def test_wrong_numbers_of_a_tree_are_refused_or_not_used(tmp_path: Path, value: int | str) -> None:
     g, folder = random_gaussians(6_000), tmp_path / "lod"
     run_stage(build_lod_stage(g, folder, "x"))
@@ -381,9 +398,11 @@ def test_wrong_numbers_of_a_tree_are_refused_or_not_used(tmp_path: Path, value: 
     rows.tofile(file)
     if value == "order":
         (folder / ORDER).write_bytes(b"\xff" * (4 * len(g)))
+    if value == "twice":
+        (folder / ORDER).write_bytes(bytes(4 * len(g)))
     if value == "nodes":
         np.save(folder / NODES, np.full_like(np.load(folder / NODES), np.nan))
-    if isinstance(value, int) or value == "order":
+    if isinstance(value, int) or value in ("order", "twice"):
         with pytest.raises(GagaError, match="Build the level"):
             check_tree(folder, g)
     else:

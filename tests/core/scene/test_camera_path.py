@@ -216,3 +216,11 @@ def test_a_thrown_ball_stays_on_its_parabola_whatever_the_times() -> None:
     path = CameraPath(tuple(keys))
     for t in np.linspace(0, path.seconds, 50):
         np.testing.assert_allclose(path.shot(float(t)).eye, ball(float(t)), atol=1e-9)
+
+
+def test_moments_that_vanish_in_a_sum_are_refused() -> None:
+    path = turntable(shot_towards(np.array([0.0, -3.0, 0.0]), np.zeros(3), UP, 1.0), UP)
+    content = json.loads(json.dumps(path_entry(path)))
+    content["keyframes"][0]["seconds"] = 1e-300
+    with pytest.raises(ValueError, match="seconds"):
+        path_of(content)

@@ -14,7 +14,7 @@ import pytest
 from gaga_core.arrays import MOST_GROUP, AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.scene.edits.history import History, HistoryRecord
-from gaga_core.scene.edits.wire import of_json, to_json
+from gaga_core.scene.edits.wire import of_json, script_form, to_json
 from gaga_core.scene.project import save_project
 from gaga_core.scene.scene import Revision, Scene
 from tests.core.scene.edits.edit_walk import builders, snapshot, some_bank, walk_scene
@@ -152,3 +152,8 @@ def walk(scene: Scene, record: HistoryRecord) -> None:
         except GagaError:
             assert snapshot(trial) == before
         assert_whole(trial)
+
+
+@pytest.mark.parametrize("inside", [None, 7, "text", [7], [None, {}], {}])
+def test_a_script_leaves_out_edits_together_that_are_none(inside: object) -> None:
+    assert script_form({"kind": "together", "edits": inside}) is None
