@@ -82,8 +82,10 @@ for _part in _PARTS:
     _FILE[f"exposures_{_part}"] = Column(np.float64, ("views", 2, 3))
     for _name, _shape in zip(COLUMNS, _SHAPES, strict=True):
         _FILE[f"{_part}_{_name}"] = Column(np.float32, _shape)
+_OF_BEST = {"N": "kept", "S": "kept S"}  # earlier: of other splats, perhaps of a lower degree
 for _name, _shape in zip(COLUMNS, _SHAPES, strict=True):
-    _FILE[f"best_{_name}"] = Column(np.float32, ("kept", *_shape[1:]), optional=True)
+    _kept = tuple(_OF_BEST.get(str(side), side) for side in _shape)
+    _FILE[f"best_{_name}"] = Column(np.float32, _kept, optional=True)
 _NO_EFFECT = ("snapshot_seconds", "checkpoint_seconds")  # settings that change no result
 
 

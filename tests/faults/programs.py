@@ -88,7 +88,8 @@ def _scene(version: Version) -> Scene:
 
 def _digest(root: Path, pattern: str) -> str:
     files = sorted(path for path in root.glob(pattern) if path.is_file())
-    files = [path for path in files if path.name not in (LIFT_CHECKPOINT, OWNER)]
+    # What a killed program was writing is no result; that it goes is asked by itself.
+    files = [p for p in files if p.name not in (LIFT_CHECKPOINT, OWNER) and p.suffix != ".part"]
     each = {str(p.relative_to(root)): hashlib.sha256(_stable(p)).hexdigest() for p in files}
     return json.dumps(each) if each else ""
 

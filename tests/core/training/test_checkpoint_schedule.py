@@ -1,11 +1,18 @@
-"""How often a training is written to disk: laws of the rule, on a clock of its own."""
+"""Checkpoints of a training: how often they are written, on a clock of its own, and what they keep."""
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from gaga_core.training.checkpoint import TrainState, iteration_of
+from gaga_core.training.checkpoint import (
+    Best,
+    TrainState,
+    iteration_of,
+    load_checkpoint,
+    save_checkpoint,
+)
 from gaga_core.training.train import Keeper, seconds_between
 from tests.scenes import random_gaussians
 
@@ -60,3 +67,15 @@ def test_one_file_and_only_when_due(tmp_path: Path) -> None:
     assert kept[10:] == [67, 75, 84, 94]
     keeper.save(state)
     assert iteration_of(tmp_path / "train.npz") == 99
+
+
+def test_best_splats_of_fewer_and_of_a_lower_degree_are_kept(tmp_path: Path) -> None:
+    best = random_gaussians(7, sh_degree=1)
+    first = TrainState.first(random_gaussians(9, sh_degree=3), 2, 50)
+    state = replace(first, iteration=20, best=Best(10, 21.5, best))
+    save_checkpoint(tmp_path / "a.npz", state, "digest")
+    back = load_checkpoint(tmp_path / "a.npz", "digest", views=2, iterations=50)
+    assert back is not None
+    assert back.best is not None
+    assert (back.best.iteration, back.best.psnr) == (10, 21.5)
+    assert back.best.gaussians.sh.tobytes() == best.sh.tobytes()
