@@ -1,4 +1,4 @@
-"""Checkpoints of a training: how often they are written, on a clock of its own, and what they keep."""
+"""Checkpoints of a training: how often one is written, on a clock of its own, and what it keeps."""
 
 import itertools
 from dataclasses import replace
