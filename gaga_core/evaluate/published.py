@@ -138,13 +138,15 @@ def iou_drop(iou_all: float, iou_sparse: float) -> float:
     return (iou_all - iou_sparse) / iou_all if iou_all > 0 else 0.0
 
 
-def published_drop(dataset: str, masks: str, share: float) -> float:
-    """IoU drop as the paper prints it (5.61 % for Replica, SAM, 30 %).
+def drop_start(masks: str) -> float:
+    """IoU in percent from which the paper's drops start: that of ScanNet with these masks."""
+    rows = INSTANCE["scannet"]
+    return next(r.values[0] for r in rows if (r.method, r.masks) == ("Gaga", masks))
 
-    It starts from the IoU of ScanNet with these masks, not from that of its own table's first row.
-    """
-    start = {row.masks: row.values[0] for row in INSTANCE["scannet"] if row.method == "Gaga"}
-    return iou_drop(start[masks], SPARSE_IOU[dataset][masks][share])
+
+def published_drop(dataset: str, masks: str, share: float) -> float:
+    """IoU drop as the paper prints it (5.61 % for Replica, SAM, 30 %), see `drop_start`."""
+    return iou_drop(drop_start(masks), SPARSE_IOU[dataset][masks][share])
 
 
 # --- Under which conditions a scene was scored, and where they are not those of the paper.
