@@ -4,7 +4,6 @@
 the C++ reader may abort or ask for absurd memory, and neither may end the window.
 """
 
-import logging
 import re
 import signal
 import subprocess
@@ -24,6 +23,7 @@ from gaga_core.geometry import matrices_to_quats
 from gaga_core.io.files import check_memory, explain_os_error, open_file, write_text
 from gaga_core.io.folder.processes import end_with_parent
 from gaga_core.io.splats.packing import FARTHEST, say_changes
+from gaga_core.progress import say
 
 _PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE")
 _SECONDS = 300
@@ -36,7 +36,6 @@ _RECORD = {"cameras": 24, "images": 73, "points3D": 51}
 _CPU_SECONDS, _BYTES_PER_SECOND = 4, 1 << 20  # a tenth of what a whole model is read at
 _MEMORY = 1 << 30  # bytes
 _MEMORY_PER_BYTE = 20  # of the model's files
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +139,8 @@ def _check_files(folder: Path) -> None:
 def read_colmap(folder: Path) -> ColmapModel:
     """Read ``folder`` (cameras, images, points3D as .bin or .txt).
 
-    Distorted cameras are used by their pinhole part, with a logged warning: undistort the photos
-    for exact overlays. Raises ``GagaError`` when files are missing or damaged.
+    Distorted cameras are used by their pinhole part, which is said (`gaga_core.progress.say`):
+    undistort the photos for exact overlays. Raises ``GagaError`` when files are missing or damaged.
     """
     return ColmapReading(folder).result()
 
@@ -206,11 +205,9 @@ def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
     models = arrays["models"]
     distorted = sorted({str(m) for m in models if str(m) not in _PINHOLE})
     if distorted:
-        _log.warning(
-            "%s has distorted cameras (%s); their pinhole part is used. Undistort the photos for "
-            "exact overlays.",
-            folder,
-            ", ".join(distorted),
+        say(
+            f"The COLMAP model in {folder} has distorted cameras ({', '.join(distorted)}); their "
+            "pinhole part is used. Undistort the photos for exact overlays."
         )
     cameras = []
     for i, name in enumerate(arrays["names"].tobytes().decode().split("\0")[:-1]):

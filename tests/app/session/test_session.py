@@ -18,6 +18,7 @@ from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
+from tests.core.io.test_colmap import bend
 from tests.scenes import random_gaussians
 
 _W, _H = 320, 240
@@ -65,6 +66,16 @@ def test_what_a_reader_left_out_is_a_notice(
         "odd.ply: 3 splats with numbers that are not finite or out of range were left out, and "
         "1 rotations of no length were set to none."
     ]
+
+
+def test_distorted_cameras_are_a_notice(associated: Session, scene_folder: Path) -> None:
+    bend(scene_folder / "sparse" / "0")
+    associated.open(scene_folder)
+    finish(associated)
+    told = [notice.text for notice in associated.notices if notice.level is Level.WARNING]
+    assert any(
+        "has distorted cameras (OPENCV); their pinhole part is used" in text for text in told
+    )
 
 
 def test_another_scene_starts_afresh(associated: Session, scene_folder: Path) -> None:

@@ -1,5 +1,6 @@
 import json
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -10,8 +11,9 @@ from gaga_core.errors import GagaError
 from gaga_core.io.cameras.cameras_json import read_cameras_json, write_cameras_json
 from gaga_core.io.cameras.colmap import ColmapReading, read_colmap, write_colmap
 from gaga_core.io.folder.scene_folder import is_scene_folder, open_scene_folder
+from gaga_core.io.splats.ply import write_ply
 from tests.conftest import real_scene
-from tests.scenes import orbit_cameras
+from tests.scenes import orbit_cameras, random_gaussians
 
 
 def model_in(folder: Path, n: int = 10) -> Path:
@@ -29,6 +31,13 @@ def test_written_cameras_are_read_back(tmp_path: Path) -> None:
         assert np.allclose(got.cam_from_world, want.cam_from_world, atol=1e-9)
     assert np.allclose(model.points, 1)
     assert (model.point_colors == 9).all()
+
+
+def bend(model: Path) -> None:
+    """Give the cameras of a text model the lens distortion of OpenCV."""
+    cameras = model / "cameras.txt"
+    lines = cameras.read_text().replace(" PINHOLE ", " OPENCV ").splitlines()
+    cameras.write_text("".join(f"{line} 0.1 0.01 0 0\n" for line in lines))
 
 
 @pytest.mark.parametrize("damage", ["truncate", "garbage", "gone"])
@@ -73,6 +82,16 @@ def test_distorted_cameras_are_used_and_named(caplog: pytest.LogCaptureFixture) 
     model = read_colmap(real_scene("sceaux") / "sparse" / "0")
     assert len(model.cameras) == 11
     assert "SIMPLE_RADIAL" in caplog.text
+
+
+def test_distorted_cameras_are_said_by_the_command(tmp_path: Path) -> None:
+    bend(model_in(tmp_path / "sparse" / "0"))
+    write_ply(tmp_path / "point_cloud.ply", random_gaussians(9))
+    code = "import sys; from gaga_core.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "info", tmp_path], capture_output=True, text=True, check=True
+    )
+    assert "has distorted cameras (OPENCV); their pinhole part is used." in done.stderr
 
 
 def test_cameras_json_round_trip(tmp_path: Path) -> None:
