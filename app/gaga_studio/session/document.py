@@ -64,9 +64,10 @@ class SaveState:
         return self._content.get(state, 0), self._outside
 
     def resume(self, contents: Sequence[int]) -> None:
-        """Take ``contents`` as those of the states 0, 1, 2 and so on."""
-        self._content = dict(enumerate(contents))
-        self._newest = max(contents)
+        """Take ``contents`` as those of the states 0, 1, 2 and so on; they are numbered again."""
+        numbers = {content: number for number, content in enumerate(sorted(set(contents)))}
+        self._content = {state: numbers[content] for state, content in enumerate(contents)}
+        self._newest = len(numbers) - 1
 
     def saved(self, content: Content | None) -> None:
         """Note that ``content`` is on disk now; None: nothing is."""

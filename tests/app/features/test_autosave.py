@@ -229,6 +229,26 @@ def test_a_damaged_note_is_set_aside_and_told(
     assert len(session.notices) == n
 
 
+def test_edits_after_the_highest_number_of_a_content_are_autosaved(
+    associated: Session, new_session: Callable[[], Session]
+) -> None:
+    _edit_and_wait(associated)
+    _saved(associated)
+    _crash()
+    file = next(autosave_actions.root().glob(f"*/{FILE}"))
+    with np.load(file) as npz:
+        arrays = dict(npz)
+    arrays["contents"][-1] = np.iinfo(np.int64).max
+    np.savez(file, **arrays)
+    fresh = new_session()
+    offer(fresh)
+    fresh.answer("Recover")
+    finish(fresh)
+    _edit_and_wait(fresh)
+    _saved(fresh)
+    assert [notice.text for notice in fresh.notices if "see the log" in notice.text] == []
+
+
 def test_what_was_measured_of_the_objects_comes_back(
     associated: Session, new_session: Callable[[], Session]
 ) -> None:
