@@ -2,25 +2,32 @@
 
 After each step the scene is compared, bit for bit, with what it was when the history was in the
 same state before. What comes back after a crash is compared with what the autosave was made of.
+Autosaves and projects are damaged, too: they are refused in a sentence, or the walk goes on with
+what they hold.
 """
 
 import hashlib
 import json
 import os
+import random
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
+from gaga_core.errors import LONGEST_SENTENCE
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.scene import edits
@@ -30,6 +37,8 @@ from gaga_studio.features import autosave, commands, files, folders, objects, se
 from gaga_studio.features.commands import new_session
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
+from tests.fuzz.formats import changed
+from tests.fuzz.mutate import mutated
 from tests.scenes import objects_scene, random_gaussians
 
 COMMANDS = (
@@ -42,6 +51,7 @@ COMMANDS = (
 )  # fmt: skip
 MOST_SPLATS = 4000  # duplicates of everything would double the scene for ever
 _NEVER_S = 1e6
+_WRONG = re.compile("went wrong|see the log")  # of the program's, not of the person's
 Snapshot = dict[str, str]  # digest of each column and table
 
 
@@ -90,7 +100,8 @@ def _good_files() -> dict[str, bytes]:
 class SessionMachine(RuleBasedStateMachine):
     """One person at the program, who also loses power."""
 
-    n_steps = 0  # of all machines of the process
+    n_commands = 0  # that were applied, of all machines of the process
+    n_damaged: ClassVar[Counter[str]] = Counter()  # what became of damaged files
 
     @initialize()
     def begin(self) -> None:
@@ -105,6 +116,8 @@ class SessionMachine(RuleBasedStateMachine):
         self.session.open(self.place)
         self._opened()
         self.saved = snapshot(self.scene)  # what is in that place
+        self.state = 0  # of the history after the last step
+        self.is_applied = False  # whether this step did something, even if the state is as before
 
     def teardown(self) -> None:
         if not hasattr(self, "session"):
@@ -121,7 +134,7 @@ class SessionMachine(RuleBasedStateMachine):
 
     @rule(name=st.sampled_from(COMMANDS))
     def command(self, name: str) -> None:
-        commands.run(name, self.session)
+        self.is_applied = commands.run(name, self.session)
         self._settle()
 
     @rule(at=st.integers(0, 9), how=st.sampled_from(["set", "add", "remove", "intersect"]))
@@ -205,7 +218,7 @@ class SessionMachine(RuleBasedStateMachine):
         assert not self.session.unsaved, self._texts()
         path = self.session.need().project.path
         assert path is not None
-        self.place, self.saved = path, snapshot(self.scene)
+        self.place, self.saved, self.is_applied = path, snapshot(self.scene), True
 
     @rule()
     def reopen(self) -> None:
@@ -217,6 +230,7 @@ class SessionMachine(RuleBasedStateMachine):
         self._opened()
         assert snapshot(self.scene) == self.saved
         assert not self.session.unsaved
+        self.is_applied = True
 
     @rule()
     def autosave(self) -> None:
@@ -230,36 +244,129 @@ class SessionMachine(RuleBasedStateMachine):
                 document.history.cursor,
                 tuple(entry.title for entry in document.history.entries()),
             )
+            self.is_applied = True
 
     @rule()
     def lose_power(self) -> None:
         """The program ends at once; the next one recovers, or opens what was saved."""
-        self.session.shut_down()  # of its threads nothing is left either
-        self.saver._writer.shutdown()
-        for note in autosave.root().glob("*/recovery.json"):
-            content = json.loads(note.read_text())
-            note.write_text(json.dumps(content | {"pid": _ended_process()}))
-        self._start()
+        self._end()
         assert autosave.offer(self.session) == (self.kept is not None)
         if self.kept is None:
-            self.session.open(self.place)
-            self._opened()
-            assert snapshot(self.scene) == self.saved
+            self._open_saved()
             return
         self.session.answer("Recover")
         self._opened()
         assert self.session.unsaved
         self._walk(self.kept)
 
+    @rule(seed=st.integers(0, 1 << 40))
+    def damage_the_autosave(self, seed: int) -> None:
+        """The program ends, and its autosave is not as it was written."""
+        if not self.session.unsaved:
+            commands.run("camera.add_bookmark", self.session)
+        self.autosave()
+        if self.kept is None:
+            return
+        folder = next(autosave.root().iterdir())
+        names = [path.name for path in folder.iterdir() if path.suffix in (".npz", ".json")]
+        names = [name for name in names if name != "recovery.json"] + [autosave.FILE] * 4
+        self._end()
+        self._damage(folder, names, seed)
+        assert autosave.offer(self.session)
+        self.session.answer("Recover")
+        self._settle()
+        if not self._is_open("autosave"):
+            shutil.rmtree(folder)
+            self.kept = None
+            self._open_saved()
+            return
+        self._opened()
+        self.kept = self._found()
+
+    @rule(seed=st.integers(0, 1 << 40))
+    def open_a_damaged_project(self, seed: int) -> None:
+        """What was saved is opened in a copy of another maker."""
+        if self.place.suffix != ".gaga":
+            self.save(elsewhere=True)
+        copy = self.folder / "damaged.gaga"
+        if copy != self.place:
+            shutil.rmtree(copy, ignore_errors=True)
+            shutil.copytree(self.place, copy)
+        self._damage(copy, [path.name for path in copy.iterdir() if path.is_file()], seed)
+        self._end()
+        self._remove_autosaves()
+        self.session.open(copy)
+        self._settle()
+        if not self._is_open("project"):
+            self._open_saved()
+            return
+        self._opened()
+        self.place, self.saved = copy, snapshot(self.scene)
+
+    def _end(self) -> None:
+        """End the program as a loss of power does, and start the next one."""
+        self.is_applied = True
+        self.session.shut_down()  # of its threads nothing is left either
+        self.saver._writer.shutdown()
+        for note in autosave.root().glob("*/recovery.json"):
+            content = json.loads(note.read_text())
+            note.write_text(json.dumps(content | {"pid": _ended_process()}))
+        self._start()
+
+    def _open_saved(self) -> None:
+        self.session.open(self.place)
+        self._opened()
+        assert snapshot(self.scene) == self.saved
+
+    def _remove_autosaves(self) -> None:
+        shutil.rmtree(autosave.root(), ignore_errors=True)
+        self.kept = None
+
+    def _damage(self, folder: Path, names: list[str], seed: int) -> None:
+        """Change one of the files ``names`` of ``folder`` by a rule of its format, or bytes."""
+        rng, outside = random.Random(seed), self.folder / "outside"
+        shutil.rmtree(outside, ignore_errors=True)
+        outside.mkdir()
+        victim = folder / rng.choice(sorted(names))
+        if rng.random() < 0.8:
+            changed(victim, folder, outside, rng)
+        else:
+            victim.write_bytes(mutated(victim.read_bytes(), rng))
+
+    def _is_open(self, what: str) -> bool:
+        """Whether damaged files were opened; a person is told where not."""
+        is_open = self.session.document is not None
+        SessionMachine.n_damaged[f"{what} {'opened' if is_open else 'refused'}"] += 1
+        assert is_open or self._texts()
+        return is_open
+
+    def _found(self) -> _Kept:
+        """The states of the history as it came back, there and back the same."""
+        document = self.session.need()
+        history, entries = document.history, document.history.entries()
+        cursor, states = history.cursor, []
+        for place in range(len(entries) + 1):
+            document.go_to(place)
+            states.append(snapshot(document.scene))
+        kept = _Kept(tuple(states), cursor, tuple(entry.title for entry in entries))
+        document.go_to(cursor)
+        self._walk(kept)
+        return kept
+
     # --- always
 
     @invariant()
     def same_as_before(self) -> None:
         if hasattr(self, "session"):
-            SessionMachine.n_steps += 1
+            state = self.session.need().history.state_id
+            SessionMachine.n_commands += self.is_applied or state != self.state
+            self.state, self.is_applied = state, False
             self._same_as_before()
             self._tick()
-            assert not [text for text in self._texts() if "went wrong" in text]
+            for text in self._texts():
+                assert not _WRONG.search(text), text
+                assert text.isprintable()
+                assert len(text) <= LONGEST_SENTENCE
             while len(self.scene) > MOST_SPLATS and self.session.undo() is not None:
                 pass
 

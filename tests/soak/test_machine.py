@@ -20,6 +20,6 @@ _SETTINGS = hypothesis.settings(
 def test_commands_undo_saves_and_crashes_in_any_order(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(SessionMachine, "n_steps", 0)
+    monkeypatch.setattr(SessionMachine, "n_commands", 0)
     run_state_machine_as_test(SessionMachine, settings=_SETTINGS)  # type: ignore[no-untyped-call]
-    assert SessionMachine.n_steps > 100
+    assert SessionMachine.n_commands > 100

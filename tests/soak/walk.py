@@ -1,11 +1,14 @@
 """``python -m tests.soak.walk COMMANDS [SEED ...]``: long walks of the session's state machine.
 
-Status 1 when a step is not as before, or when memory grows by more than a tenth after the first
-fifth of a walk.
+So many commands are applied at least: those that cannot be run do not count. Status 1 when a step
+is not as before, or when memory grows by more than a tenth after the first fifth of a walk.
 """
 
 import gc
+import itertools
+import logging
 import sys
+import warnings
 from typing import ClassVar
 
 import hypothesis
@@ -30,27 +33,37 @@ class _Measured(SessionMachine):
         self.memory.append(psutil.Process().memory_info().rss)
 
 
-def walk(n_steps: int, seed: int) -> str:
-    """Walk so many steps with a seed; the first failure is raised. Returns one line of figures."""
-    settings = hypothesis.settings(
-        max_examples=max(n_steps // _STEPS, 1),
-        stateful_step_count=_STEPS,
-        database=None,
-        deadline=None,
-        phases=(hypothesis.Phase.generate, hypothesis.Phase.shrink),
-        suppress_health_check=list(hypothesis.HealthCheck),
-    )
-    _Measured.memory, SessionMachine.n_steps = [], 0
-    run_state_machine_as_test(hypothesis.seed(seed)(_Measured), settings=settings)  # type: ignore[no-untyped-call]
+def walk(n_commands: int, seed: int) -> str:
+    """Apply so many commands with a seed; raise the first failure, return a line of figures."""
+    _Measured.memory, SessionMachine.n_commands = [], 0
+    SessionMachine.n_damaged.clear()
+    for part in itertools.count():
+        missing = n_commands - SessionMachine.n_commands
+        if missing <= 0:
+            break
+        settings = hypothesis.settings(
+            max_examples=max(missing // _STEPS, 1),
+            stateful_step_count=_STEPS,
+            database=None,
+            deadline=None,
+            phases=(hypothesis.Phase.generate, hypothesis.Phase.shrink),
+            suppress_health_check=list(hypothesis.HealthCheck),
+        )
+        begin = hypothesis.seed(seed + (part << 32))
+        run_state_machine_as_test(begin(_Measured), settings=settings)  # type: ignore[no-untyped-call]
     memory = _Measured.memory[len(_Measured.memory) // 5 :]
     growth = max(memory) / memory[0] - 1
-    line = f"seed {seed}: {SessionMachine.n_steps:,} steps, {memory[0] >> 20} MB, grew {growth:.1%}"
+    line = f"seed {seed}: {SessionMachine.n_commands:,} commands, {memory[0] >> 20} MB, "
+    line += f"grew {growth:.1%}, damaged files {dict(sorted(SessionMachine.n_damaged.items()))}"
     if growth > _MOST_GROWTH:
         raise AssertionError(line)
     return line
 
 
 if __name__ == "__main__":
-    for seed in [int(argument) for argument in sys.argv[2:]] or _SEEDS:
-        sys.stdout.write(f"{walk(int(sys.argv[1]) // len(_SEEDS), seed)}\n")
+    logging.disable(logging.WARNING)  # of damaged files
+    warnings.simplefilter("ignore", UserWarning)  # of zipfile, while files are damaged
+    seeds = [int(argument) for argument in sys.argv[2:]] or _SEEDS
+    for seed in seeds:
+        sys.stdout.write(f"{walk(-(-int(sys.argv[1]) // len(seeds)), seed)}\n")
         sys.stdout.flush()
