@@ -5,6 +5,7 @@ import os
 import socket
 import sys
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,7 +69,8 @@ class FolderLock:
             held.users -= 1
             if held.users == 0:
                 del _held[self.folder]
-                (self.folder / OWNER).unlink(missing_ok=True)
+                with suppress(OSError):  # it is only a name, and someone may have made it a folder
+                    (self.folder / OWNER).unlink()
                 held.lock.release()
 
     def __enter__(self) -> "FolderLock":

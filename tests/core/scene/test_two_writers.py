@@ -12,7 +12,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import fingerprint
-from gaga_core.io.folder.lock import InUseError, lock_folder
+from gaga_core.io.folder.lock import OWNER, InUseError, lock_folder
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
@@ -152,3 +152,14 @@ def test_a_scene_file_that_is_gone_is_a_sentence(tmp_path: Path) -> None:
     next(where.glob("scene-*.npz")).unlink()
     with pytest.raises(GagaError, match=r"scene-.* is gone"):
         run_stage(open_path_stage(where))
+
+
+def test_a_folder_in_the_place_of_the_owner_harms_nothing(tmp_path: Path) -> None:
+    held = lock_folder(tmp_path)
+    (tmp_path / OWNER).unlink()
+    (tmp_path / OWNER).mkdir()
+    held.release()
+    with pytest.raises(GagaError):
+        lock_folder(tmp_path)
+    (tmp_path / OWNER).rmdir()
+    lock_folder(tmp_path).release()
