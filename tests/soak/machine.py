@@ -288,16 +288,14 @@ class SessionMachine(RuleBasedStateMachine):
         """What was saved is opened in a copy of another maker."""
         if self.place.suffix != ".gaga":
             self.save(elsewhere=True)
-        copy = self.folder / "damaged.gaga"
-        if copy != self.place:
-            shutil.rmtree(copy, ignore_errors=True)
-            shutil.copytree(self.place, copy)
+        copy = self.folder / f"damaged {len([*self.folder.glob('damaged *')])}.gaga"
+        shutil.copytree(self.place, copy)
         self._damage(copy, [path.name for path in copy.iterdir() if path.is_file()], seed)
         self._end()
         self._remove_autosaves()
         self.session.open(copy)
         self._settle()
-        if not self._is_open("project"):
+        if not self._is_open("project") or any("read-only" in text for text in self._texts()):
             self._open_saved()
             return
         self._opened()
