@@ -11,7 +11,7 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,7 @@ from gaga_core.io.folder.scene_folder import (
 )
 from gaga_core.io.images import IMAGE_SUFFIXES, image_header
 from gaga_core.io.json_file import read_foreign_json
+from gaga_core.io.splats.packing import without_broken_rows
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.place import (
     WORKSPACE,
@@ -164,10 +165,12 @@ def train_scene(
         )
         if team.rank == 0:
             yield Progress("Write splats", 0, 1)
+            model = root / "point_cloud.ply"
+            trained = replace(trained, gaussians=without_broken_rows(model, trained.gaussians))
             cost = Cost(time.perf_counter() - start, time.process_time() - cpu_start)
             write_cameras_json(root / "cameras.json", folder.cameras)
             write_entry(root, {"train": report_of(trained, settings, cost)})
-            write_ply(root / "point_cloud.ply", trained.gaussians)
+            write_ply(model, trained.gaussians)
             shutil.rmtree(workspace, ignore_errors=True)
     return trained.gaussians
 

@@ -26,6 +26,7 @@ from gaga_core.io.splats.packing import (
     room_for,
     sane,
     splat_reader,
+    splat_writer,
     three_of_quats,
     unit_quats,
     writing,
@@ -155,6 +156,7 @@ def _bytes_of_sh(sh: FloatArray) -> UInt8Array:
 # --- writing
 
 
+@splat_writer
 def write_compressed_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     """Write a compressed .ply with progress; nothing is left when it fails.
 

@@ -42,6 +42,7 @@ from gaga_core.io.splats.packing import (
     row_bytes,
     sane,
     splat_reader,
+    splat_writer,
     unit_quats,
     writing,
 )
@@ -356,6 +357,7 @@ def _moved(gaussians: Gaussians, place: DoubleArray) -> Gaussians:
 # --- writing
 
 
+@splat_writer
 def write_glb_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     """Write a .glb with progress: float32 throughout, SH up to degree 3. Whole or not at all."""
     columns = _columns(turned(gaussians, _AXES))  # the half turn is its own inverse

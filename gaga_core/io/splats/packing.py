@@ -9,6 +9,7 @@ import functools
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Concatenate, ParamSpec
@@ -49,6 +50,8 @@ _COARSE = 256  # clusters of the first level
 _ROUNDS = 4  # of Lloyd's algorithm in each
 _CELLS = 1 << 22  # distances that are held at once
 _SAMPLE = 1 << 18  # numbers or splats that tables are made from
+LEFT_OUT = "splats with numbers that are not finite or out of range were left out"
+_SET = "rotations of no length were set to none"
 _P = ParamSpec("_P")
 
 
@@ -77,6 +80,47 @@ def splat_reader(
         return without_broken_rows(path, splats)
 
     return reader
+
+
+def splat_writer(
+    write: Callable[Concatenate[Path, Gaussians, _P], Stage[None]],
+) -> Callable[Concatenate[Path, Gaussians, _P], Stage[None]]:
+    """A writer of what its reader takes back: see `writable`."""
+
+    @functools.wraps(write)
+    def writer(
+        path: Path, gaussians: Gaussians, /, *args: _P.args, **options: _P.kwargs
+    ) -> Stage[None]:
+        path = Path(path)
+        yield from write(path, writable(path, gaussians), *args, **options)
+
+    return writer
+
+
+def writable(path: Path, gaussians: Gaussians) -> Gaussians:
+    """``gaussians`` with rotations of no length set to none, which is said; rows stay rows.
+
+    Raises ``GagaError`` where a splat has numbers that cannot be computed with (`checked_rows`):
+    readers would leave it out. Nothing is changed in place.
+    """
+    quats, n_good, n_set = gaussians.quats, 0, 0
+    for part in parts_of(len(gaussians), _BLOCK):
+        columns = {name: getattr(gaussians, name)[part] for name in COLUMNS}
+        columns["quats"] = columns["quats"].copy()
+        good, n_of_part = checked_rows(columns)
+        n_good += int(good.sum())
+        if n_of_part:
+            quats = quats.copy() if n_set == 0 else quats
+            quats[part] = columns["quats"]
+            n_set += n_of_part
+    if n_good < len(gaussians):
+        raise GagaError(
+            f"{path.name} is not written: {len(gaussians) - n_good:,} of {len(gaussians):,} splats "
+            "have numbers that are not finite or out of range. Delete them, or undo what moved or "
+            "scaled them so far."
+        )
+    say_changes(path, {_SET: n_set})
+    return replace(gaussians, quats=quats) if n_set else gaussians
 
 
 def parts_of(n: int, step: int = CHUNK) -> Iterator[slice]:
@@ -156,13 +200,7 @@ def kept_rows(path: Path, gaussians: Gaussians, good: BoolArray, n_set: int = 0)
             f"{path.name} is damaged: {n_bad:,} of {len(good):,} splats have numbers that are not "
             "finite or out of range. Train or export the model again."
         )
-    say_changes(
-        path,
-        {
-            "splats with numbers that are not finite or out of range were left out": n_bad,
-            "rotations of no length were set to none": n_set,
-        },
-    )
+    say_changes(path, {LEFT_OUT: n_bad, _SET: n_set})
     if n_bad == 0:
         return gaussians
     m, q, s, o, sh = (_closed_up(getattr(gaussians, name), good) for name in COLUMNS)

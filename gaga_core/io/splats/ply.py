@@ -32,6 +32,7 @@ from gaga_core.io.splats.packing import (
     room_for,
     sane,
     say_changes,
+    splat_writer,
     writing,
 )
 from gaga_core.io.splats.ply_kernels import pack_rows
@@ -123,6 +124,7 @@ def _single(values: AnyArray, most: float = FARTHEST) -> AnyArray:
     return sane(values) if most < np.inf else np.clip(values, -FARTHEST, FARTHEST)
 
 
+@splat_writer
 def write_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     """Write a binary little-endian 3DGS .ply with progress; nothing is left when it fails.
 

@@ -46,6 +46,7 @@ from gaga_core.io.splats.packing import (
     row_bytes,
     sane,
     splat_reader,
+    splat_writer,
     table_of,
     writing,
 )
@@ -248,6 +249,7 @@ def _palette(sog: _Sog) -> FloatArray:
 # --- writing
 
 
+@splat_writer
 def write_sog_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     """Write a .sog, or with a path that ends in meta.json the folder around it, with progress.
 

@@ -21,6 +21,7 @@ from gaga_core.io.splats.packing import (
     reading,
     room_for,
     splat_reader,
+    splat_writer,
     to_bytes,
     unit_quats,
     writing,
@@ -64,6 +65,7 @@ def read_splat_stage(path: Path) -> Stage[Gaussians]:
     return out
 
 
+@splat_writer
 def write_splat_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     """Write a .splat file with progress; nothing is left when it fails."""
     n = len(gaussians)

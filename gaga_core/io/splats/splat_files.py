@@ -152,7 +152,8 @@ def write_splats_stage(
     """Write splats in ``form`` (default: what the name asks for) with progress.
 
     `losses` says beforehand what the form does not keep. Nothing is left when it fails. Raises
-    ``GagaError`` when there is nothing to write, or the place cannot be written.
+    ``GagaError`` when there is nothing to write, splats have numbers that no reader takes
+    (`packing.writable`), or the place cannot be written.
     """
     path = Path(path)
     form = form_of(path) if form is None else form

@@ -39,6 +39,7 @@ from gaga_core.io.splats.packing import (
     room_for,
     row_bytes,
     splat_reader,
+    splat_writer,
     three_of_quats,
     to_bytes,
     unit_quats,
@@ -373,6 +374,7 @@ def _exactly(stream: _Stream, size: int) -> bytes:
 # --- writing
 
 
+@splat_writer
 def write_spz_stage(path: Path, gaussians: Gaussians, version: int = 3) -> Stage[None]:
     """Write an .spz file of version 3 (which most programs read) or 4, with progress.
 

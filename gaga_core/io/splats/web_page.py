@@ -26,12 +26,14 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, matrices_to_quats
 from gaga_core.io.files import assets, atomic_write
 from gaga_core.io.splats.packing import (
+    LEFT_OUT,
     bytes_of_logits,
     log_words,
     morton_order,
     nearest,
     palette_of,
     quat_bytes,
+    say_changes,
     table_of,
 )
 from gaga_core.progress import Progress, Stage
@@ -104,7 +106,7 @@ def write_page_stage(path: Path, page: Page) -> Stage[None]:
     n = len(page.gaussians)
     columns: dict[str, str] = {}
     with atomic_write(path) as temporary:
-        gaussians, labels = _sound(page.gaussians, page.labels)
+        gaussians, labels = _sound(path, page.gaussians, page.labels)
         degree = min(gaussians.sh_degree, MOST_DEGREE)
         head: dict[str, object] = {"count": len(gaussians), "nSh": (degree + 1) ** 2}
         for done, (name, content) in enumerate(_columns(gaussians, labels, head)):
@@ -132,10 +134,11 @@ def viewer_bytes() -> int:
 # --- the scene as data
 
 
-def _sound(gaussians: Gaussians, labels: IntArray) -> tuple[Gaussians, IntArray]:
+def _sound(path: Path, gaussians: Gaussians, labels: IntArray) -> tuple[Gaussians, IntArray]:
     """Splats that have a place and a size, neighbours next to each other."""
     sizes = gaussians.means.sum(axis=1) + gaussians.log_scales.sum(axis=1)
     rows = np.flatnonzero(np.isfinite(sizes) & ~np.isnan(gaussians.logit_opacities))
+    say_changes(path, {LEFT_OUT: len(sizes) - len(rows)})
     rows = rows[morton_order(gaussians.means[rows])] if len(rows) else rows
     if len(rows) == 0:
         raise GagaError("There is nothing to write: no splats are visible.")

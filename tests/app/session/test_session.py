@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene.project import open_path_stage
 from gaga_studio.features import files, objects, selection, transform
@@ -18,6 +17,7 @@ from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
+from tests.core.io.splat_parts import write_unchecked
 from tests.core.io.test_colmap import bend
 from tests.scenes import random_gaussians
 
@@ -58,7 +58,7 @@ def test_what_a_reader_left_out_is_a_notice(
 ) -> None:
     path, g = tmp_path / "odd.ply", random_gaussians(9)
     g.means[2:5, 1], g.quats[7] = np.nan, 0
-    write_ply(path, g)
+    write_unchecked(path, g)
     act(associated, path)
     finish(associated)
     told = [notice.text for notice in associated.notices if notice.level is Level.WARNING]

@@ -1,5 +1,6 @@
 """What tests of splat files share: comparisons, damage, and files made byte by byte."""
 
+import inspect
 import io
 import json
 import random
@@ -15,6 +16,9 @@ from gaga_core.arrays import AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
+from gaga_core.io.splats.ply import write_ply_stage
+from gaga_core.io.splats.splat import write_splat_stage
+from gaga_core.progress import run_stage
 
 
 def covariances(g: Gaussians) -> np.ndarray:
@@ -28,6 +32,12 @@ def angles(a: AnyArray, b: AnyArray) -> AnyArray:
     a, b = (q / np.linalg.norm(q, axis=1, keepdims=True) for q in (a.astype(np.float64), b))
     turned: AnyArray = 2 * np.arccos(np.clip(np.abs((a * b).sum(axis=1)), 0, 1))
     return turned
+
+
+def write_unchecked(path: Path, gaussians: Gaussians) -> None:
+    """A .ply or .splat as another program may write it, of numbers that our writers refuse."""
+    write = {".ply": write_ply_stage, ".splat": write_splat_stage}[path.suffix]
+    run_stage(inspect.unwrap(write)(path, gaussians))
 
 
 def one_sentence_or_result(path: Path, read: Callable[[], object], seed: int) -> int:
