@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from itertools import chain, count, repeat
+from itertools import chain, count, islice, repeat
 from pathlib import Path
 from threading import Event
 
@@ -78,6 +78,45 @@ def test_a_hostile_answer_is_one_sentence(
     hub.raw = lambda path: None
     assert _get(_config(hub)) == models / TINY.name, "what has come is in no way"
     assert not parts_folder(TINY).exists()
+
+
+def test_of_a_longer_body_no_more_is_taken_than_was_stated(hub: Hub) -> None:
+    sent: list[int] = []
+
+    def longer() -> Iterator[bytes]:
+        yield _OK + b"\r\n"
+        for _ in range(1000):
+            sent.append(len(_BLOCK))
+            yield _BLOCK
+
+    config = _config(hub)
+    stage = download(list_files(TINY, config), Consent(TINY.name, "Apache-2.0"), config)
+    hub.raw = lambda path: longer() if ".safetensors" in path else None
+    part, sizes = parts_folder(TINY) / COMMIT / "model.safetensors.part", [0]
+    with pytest.raises(GagaError, match=r"sends more of model\.safetensors than it states"):
+        run_stage(stage, lambda _: sizes.append(part.stat().st_size if part.exists() else 0))
+    assert max(sizes) <= 300_001, "one byte shows that it is another file"
+    assert sum(sent) < 40e6, "of 2 x 65 MB; the system's buffers hold some"
+    assert not part.exists()
+
+
+def test_a_slow_drip_is_given_up(hub: Hub) -> None:
+    hub.raw = lambda path: (
+        chain([_OK + b"\r\n"], islice(_drip(Event()), 100)) if ".safetensors" in path else None
+    )
+    with pytest.raises(GagaError, match=r"sends less than 1,000 bytes a second"):
+        _get(_config(hub, slow_s=0.5))
+
+
+@pytest.mark.parametrize("least_rate", [1e3, 1e7])
+def test_the_least_rate_is_what_the_config_says(hub: Hub, least_rate: float) -> None:
+    hub.pause_s = 0.05  # of 16 kB: 0.3 MB/s
+    config = HubConfig(hub.url, timeout_s=5, retries=1, slow_s=0.3, least_rate=least_rate)
+    if least_rate < 1e6:
+        assert _get(config).is_dir()
+    else:
+        with pytest.raises(GagaError, match="sends less than 10,000,000 bytes a second"):
+            _get(config)
 
 
 def test_a_cancel_waits_for_no_answer(hub: Hub) -> None:

@@ -178,8 +178,11 @@ def test_a_disk_that_is_too_small_is_told_before(hub: Hub, models: Path) -> None
     assert is_untouched(models)
 
 
-def test_a_disk_that_fills_up_is_one_sentence(hub: Hub, models: Path) -> None:
-    """The limit on the size of files stands in for the end of the disk: writing fails midway."""
+def test_a_disk_that_fills_up_is_one_sentence(hub: Hub, models: Path, repository: Path) -> None:
+    """What came is continued when there is room.
+
+    The limit on the size of files stands in for the end of the disk: writing fails midway.
+    """
     code = (
         "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (150000, 150000));"
@@ -197,6 +200,11 @@ def test_a_disk_that_fills_up_is_one_sentence(hub: Hub, models: Path) -> None:
     assert "The disk is full" in done.stderr
     assert "Traceback" not in done.stderr
     assert is_untouched(models)
+    assert 100_000 < partial_bytes(TINY) < 200_000
+    hub.requests.clear()
+    weights = get(hub).path / "model.safetensors"
+    assert weights.read_bytes() == (repository / "model.safetensors").read_bytes()
+    assert [line for line in hub.downloads() if "bytes=" not in line and "/cdn/" in line] == []
 
 
 def test_a_gated_model_says_what_to_do(
