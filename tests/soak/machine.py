@@ -29,6 +29,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from gaga_core.errors import LONGEST_SENTENCE
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.io.folder.lock import LOCK, OWNER
 from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.scene import edits
 from gaga_core.scene.project import saved_scene, scene_arrays
@@ -289,7 +290,7 @@ class SessionMachine(RuleBasedStateMachine):
         if self.place.suffix != ".gaga":
             self.save(elsewhere=True)
         copy = self.folder / f"damaged {len([*self.folder.glob('damaged *')])}.gaga"
-        shutil.copytree(self.place, copy)
+        shutil.copytree(self.place, copy, ignore=shutil.ignore_patterns(LOCK, OWNER))
         self._damage(copy, [path.name for path in copy.iterdir() if path.is_file()], seed)
         self._end()
         self._remove_autosaves()
@@ -314,6 +315,8 @@ class SessionMachine(RuleBasedStateMachine):
     def _open_saved(self) -> None:
         self.session.open(self.place)
         self._opened()
+        assert self.session.project is not None
+        assert self.place in (self.session.project.path, self.session.project.model_path)
         assert snapshot(self.scene) == self.saved
 
     def _remove_autosaves(self) -> None:
@@ -322,9 +325,8 @@ class SessionMachine(RuleBasedStateMachine):
 
     def _damage(self, folder: Path, names: list[str], seed: int) -> None:
         """Change one of the files ``names`` of ``folder`` by a rule of its format, or bytes."""
-        rng, outside = random.Random(seed), self.folder / "outside"
-        shutil.rmtree(outside, ignore_errors=True)
-        outside.mkdir()
+        rng = random.Random(seed)
+        outside = Path(tempfile.mkdtemp(prefix="outside-", dir=self.folder))
         victim = folder / rng.choice(sorted(names))
         if rng.random() < 0.8:
             changed(victim, folder, outside, rng)
@@ -369,8 +371,13 @@ class SessionMachine(RuleBasedStateMachine):
                 pass
 
     def _same_as_before(self) -> None:
-        now = self.session.need().history.state_id
-        assert self.states.setdefault(now, snapshot(self.scene)) == snapshot(self.scene)
+        document = self.session.need()
+        history = document.history
+        new = [i for i, state in enumerate(history.state_ids) if state not in self.states]
+        for cursor in (*new, history.cursor) if len(new) > 1 else (history.cursor,):
+            document.go_to(cursor)  # a command may be several edits
+            now = snapshot(self.scene)
+            assert self.states.setdefault(history.state_id, now) == now
 
     def _walk(self, kept: _Kept) -> None:
         """Undo and redo everything that came back."""
