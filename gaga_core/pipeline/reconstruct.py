@@ -165,12 +165,12 @@ def train_scene(
         )
         if team.rank == 0:
             yield Progress("Write splats", 0, 1)
-            model = root / "point_cloud.ply"
-            trained = replace(trained, gaussians=without_broken_rows(model, trained.gaussians))
+            file = root / "point_cloud.ply"
+            trained = replace(trained, gaussians=without_broken_rows(file, trained.gaussians))
             cost = Cost(time.perf_counter() - start, time.process_time() - cpu_start)
             write_cameras_json(root / "cameras.json", folder.cameras)
             write_entry(root, {"train": report_of(trained, settings, cost)})
-            write_ply(model, trained.gaussians)
+            write_ply(file, trained.gaussians)
             shutil.rmtree(workspace, ignore_errors=True)
     return trained.gaussians
 
