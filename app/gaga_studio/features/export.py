@@ -217,7 +217,7 @@ def folder(session: Session) -> Path:
 def proposed(session: Session, what: What, form: SplatFormat | CameraForm) -> Path:
     """The path that is proposed: the name of the scene or of the object."""
     document = session.need()
-    stem, groups = Path(document.name).stem, session.selected_groups()
+    stem, groups = safe_name(Path(document.name).stem), session.selected_groups()
     if what == "objects":
         return folder(session) / f"{stem} objects"
     if isinstance(form, CameraForm):

@@ -10,6 +10,7 @@ import pytest
 from imgui_bundle import ImVec4, imgui
 
 from gaga_core import kernels
+from gaga_core.errors import plain_text
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import backend_report
 from gaga_core.scene.folders import Folders
@@ -19,7 +20,7 @@ from gaga_studio.session import stages
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.settings import Settings
 from gaga_studio.ui.chrome import status
-from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit import icons, theme
 from gaga_studio.ui.kit.theme import visual
 from tests.app.folders import write_scene
 
@@ -94,6 +95,14 @@ def test_dots_of_objects_are_seen(either: bool) -> None:
 
 
 # --- Names in Arabic and Hebrew as they are drawn from left to right.
+
+
+@pytest.mark.parametrize("name", ["bad\x1b name.ply", "a\nb", "a\u202eb", "\ud800", "a\x9bb"])
+def test_names_are_drawn_as_notices_and_the_command_show_them(name: str) -> None:
+    assert visual(name) == plain_text(name)
+    with_icon = f"{icons.FILE_PLAIN}  {visual(name)}"
+    assert theme.plain(with_icon) == with_icon
+    assert theme.plain(f"Two\nlines of {visual(name)}") == f"Two\nlines of {plain_text(name)}"
 
 
 @pytest.mark.parametrize("text", ["", "mug 2", "Tasse à café", "чашка", "茶杯", "😀 mug"])

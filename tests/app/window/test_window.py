@@ -3,6 +3,7 @@
 import logging
 import os
 import shutil
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,17 +16,19 @@ import numpy as np
 import pytest
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, plain_text
+from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.progress import Progress, Stage
-from gaga_studio.features import commands
+from gaga_studio.features import commands, export
 from gaga_studio.features.base import Command
 from gaga_studio.features.commands import MENUS
 from gaga_studio.features.find import association
 from gaga_studio.session.notices import Level
+from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.ui.chrome import menu, toolbar
-from gaga_studio.ui.dialogs import sheets
+from gaga_studio.ui.dialogs import files, sheets
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.textures import groups_of_view
 from gaga_studio.ui.panels import inspector
@@ -66,6 +69,36 @@ def test_nothing_open_offers_three_ways(display: str, balls: Path) -> None:
         assert d.session.title == "balls"
 
     drive(test)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files cannot have such names")
+def test_a_name_with_control_characters_is_drawn_one_way(
+    display: str, balls: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bad, drawn = tmp_path / "bad\x1b name.ply", [""]
+    bad.write_bytes((balls / "point_cloud.ply").read_bytes())
+
+    def logged(session: Session, draw: Callable[[Session], None] = menu._title) -> None:
+        imgui.log_to_clipboard()
+        draw(session)
+        imgui.log_finish()
+        drawn[0] = imgui.get_clipboard_text()
+
+    monkeypatch.setattr(menu, "_title", logged)
+
+    def test(d: Driver) -> None:
+        d.settle()
+        d.resize(1600, 900)  # where there is room for a title
+        assert drawn[0].strip() == plain_text(bad.name)
+        recent = plain_text(str(bad)).replace("\\", "\\\\").replace("/", "\\/")
+        d.menu(f"###File/###Open recent/{recent}")
+        d.settle()
+        assert d.session.title == bad.name
+        proposed = export.proposed(d.session, "scene", SplatFormat.PLY)
+        assert proposed.name.isprintable()
+        assert files.stem(d.session).isprintable()
+
+    drive(test, path=bad)
 
 
 def test_a_bad_file_is_a_notice_and_what_is_open_stays(

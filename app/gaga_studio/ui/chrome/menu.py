@@ -98,7 +98,7 @@ def _recent(session: Session) -> None:
     recent = session.settings.recent
     if imgui.begin_menu(f"{icons.CLOCK}  Open recent###Open recent", bool(recent)):
         for name in recent:
-            if imgui.menu_item_simple(name):
+            if imgui.menu_item_simple(theme.visual(name)):
                 session.open(Path(name))
         imgui.end_menu()
 
@@ -108,7 +108,7 @@ def _mask_folders(session: Session) -> None:
     label = f"{icons.MASK}  Use the masks of###Use the masks of"
     if imgui.begin_menu(label, len(folders) > 1):
         for name in folders:
-            if imgui.menu_item(name, "", name == session.provider)[0]:
+            if imgui.menu_item(theme.visual(name), "", name == session.provider)[0]:
                 masks.choose(session, name)
         imgui.end_menu()
     if len(folders) < 2:
@@ -116,7 +116,7 @@ def _mask_folders(session: Session) -> None:
 
 
 def _title(session: Session) -> None:
-    title = session.title
+    title = theme.visual(session.title)
     if not title:
         return
     width = imgui.calc_text_size(title).x

@@ -15,6 +15,7 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as native
 
+from gaga_core.io.files import safe_name
 from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.placing.photos import VIDEO_SUFFIXES
 from gaga_studio.features import camera, files, fill
@@ -179,7 +180,9 @@ def _path_row(dialog: FileDialog) -> None:
 def _places(dialog: FileDialog) -> None:
     """Folders of the person and of the system that are here, one click away."""
     for i, place in enumerate(places()):
-        if imgui.menu_item_simple(f"{icons.FOLDER_PLAIN}  {place.name or place}###place {i}"):
+        if imgui.menu_item_simple(
+            f"{icons.FOLDER_PLAIN}  {theme.visual(place.name or str(place))}###place {i}"
+        ):
             _enter(dialog, place)
 
 
@@ -244,7 +247,9 @@ def _entry(dialog: FileDialog, entry: Path) -> None:
     icon = icons.FOLDER_PLAIN if is_folder else icons.FILE_PLAIN
     flags = imgui.SelectableFlags_.allow_double_click | imgui.SelectableFlags_.no_auto_close_popups
     is_chosen = dialog._text == entry.name
-    clicked, _ = imgui.selectable(f"{icon}  {entry.name}###{entry.name}", is_chosen, flags)
+    clicked, _ = imgui.selectable(
+        f"{icon}  {theme.visual(entry.name)}###{entry.name}", is_chosen, flags
+    )
     if not clicked:
         return
     is_double = imgui.is_mouse_double_clicked(imgui.MouseButton_.left)
@@ -450,7 +455,7 @@ def start_folder(session: Session) -> Path:
 
 def stem(session: Session) -> str:
     """The name of the open scene without a suffix: what file names begin with."""
-    return Path(session.document.name).stem if session.document is not None else ""
+    return safe_name(Path(session.document.name).stem) if session.document is not None else ""
 
 
 def new_folder(title: str, session: Session, name: str, action: str = "Export") -> FileDialog:

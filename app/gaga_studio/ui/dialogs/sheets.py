@@ -63,7 +63,7 @@ def _question(session: Session) -> None:
         imgui.open_popup(name)
     if not begin_modal(name, em(28), is_possible=question is not None) or question is None:
         return
-    imgui.text_wrapped(question.text)
+    imgui.text_wrapped(theme.plain(question.text))
     imgui.dummy(ImVec2(0, em(0.4)))
     width, spacing = em(6), imgui.get_style().item_spacing.x
     used = len(question.choices) * (width + spacing) - spacing

@@ -4,6 +4,7 @@ Sizes are in ems (``em``), so that one layout serves 96 dpi and 4K alike.
 """
 
 import logging
+import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from typing import ClassVar
 from imgui_bundle import ImVec2, ImVec4, hello_imgui, imgui
 
 from gaga_core.color import LUMA
+from gaga_core.errors import LONGEST_LINE, plain_text
 from gaga_core.io.files import assets
 from gaga_studio.system.fonts import fonts_with, foreign_letters
 
@@ -23,6 +25,7 @@ from gaga_studio.system.fonts import fonts_with, foreign_letters
 # Numbers and Latin words inside keep their direction. That is enough for names, not for paragraphs
 # (UAX 9 has more).
 
+_NO_ICONS = re.compile("[^\n\ue000-\uf8ff]+")
 _RIGHT = ("R", "AL")
 _MARKS = ("NSM",)
 _MIRRORED = str.maketrans("()[]{}<>«»", ")(][}{><»«")
@@ -30,9 +33,17 @@ _MIRRORED = str.maketrans("()[]{}<>«»", ")(][}{><»«")
 _FORMS = ("<isolated>", "<final>", "<initial>", "<medial>")
 
 
+def plain(text: str) -> str:
+    """Lines that may quote a file, as notices and the command show them; icons stay."""
+    if text.isprintable():
+        return text
+    return _NO_ICONS.sub(lambda found: plain_text(found[0], LONGEST_LINE), text)
+
+
 @lru_cache(maxsize=4096)
 def visual(text: str) -> str:
-    """``text`` in the order in which it is drawn, left to right."""
+    """``text`` as it is drawn: on one line, left to right, control characters as escapes."""
+    text = plain(text).replace("\n", r"\n")
     if text.isascii() or not any(unicodedata.bidirectional(c) in _RIGHT for c in text):
         return text
     kinds = (unicodedata.bidirectional(letter) for letter in text)

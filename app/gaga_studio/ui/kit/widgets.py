@@ -34,7 +34,7 @@ def tooltip(text: str, shortcut: str = "") -> None:
         return
     if imgui.begin_tooltip():
         imgui.push_text_wrap_pos(em(24))
-        imgui.text_unformatted(text)
+        imgui.text_unformatted(theme.plain(text))
         if shortcut:
             with theme.text_color(theme.DIM):
                 imgui.text_unformatted(shortcut)
@@ -52,7 +52,7 @@ def button(
         imgui.push_style_color(imgui.Col_.button_active, theme.ACCENT)
         imgui.push_style_color(imgui.Col_.text, theme.ON_ACCENT)
     imgui.begin_disabled(bool(why_not))
-    text = face.text or label
+    text = theme.plain(face.text or label)
     text = f"{face.icon}  {text}" if face.icon else text
     clicked = imgui.button(f"{text}###{label}", ImVec2(face.width, 0))
     imgui.end_disabled()
@@ -160,7 +160,7 @@ def _push_flat(on: bool, rest: ImVec4 | None = None) -> None:
 def text(words: str, color: ImVec4, *, wrap: bool = False) -> None:
     """Text in a color; ``wrap``: in as many lines as the panel needs."""
     with theme.text_color(color):
-        (imgui.text_wrapped if wrap else imgui.text_unformatted)(words)
+        (imgui.text_wrapped if wrap else imgui.text_unformatted)(theme.plain(words))
 
 
 def dim(words: str, wrap: bool = False) -> None:
@@ -306,6 +306,7 @@ def elided(text: str, width: float) -> str:
 
 def two_lines(text: str, width: float) -> list[str]:
     """``text`` on two lines of ``width`` pixels, parted at a space if possible, else cut."""
+    text = theme.plain(text).replace("\n", r"\n")
     words = text.split(" ")
     n = 1
     while n < len(words) and imgui.calc_text_size(" ".join(words[: n + 1])).x <= width:
@@ -423,7 +424,7 @@ def wrapped(text: str, color: ImVec4) -> None:
 
 def _lines(text: str, width: float) -> list[str]:
     lines: list[str] = []
-    for word in text.split():
+    for word in theme.plain(text).split():
         joined = f"{lines[-1]} {word}" if lines else word
         if lines and imgui.calc_text_size(joined).x <= width:
             lines[-1] = joined

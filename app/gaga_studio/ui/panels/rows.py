@@ -454,7 +454,9 @@ class ObjectRow:
                 state.splats = self.session.selected_indices()
                 selection.select_groups(self.session, (self.group,), "set")
         if state.splats is not None and len(state.splats):
-            text = f"{icons.JOINED}  Assign the selection to {self.name}###Assign here"
+            text = (
+                f"{icons.JOINED}  Assign the selection to {theme.visual(self.name)}###Assign here"
+            )
             if imgui.menu_item_simple(text):
                 objects.assign(self.session, self.group, state.splats)
             widgets.tooltip(f"The {len(state.splats):,} splats that were selected before")

@@ -154,7 +154,7 @@ def _kept(session: Session, held: SelectBy) -> None:
     for name, splats in scene.named_selections.items():
         imgui.push_id(name)
         room = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
-        if imgui.selectable(f"{name}###Take", False, 0, ImVec2(-em(7.5), 0))[0]:
+        if imgui.selectable(f"{theme.visual(name)}###Take", False, 0, ImVec2(-em(7.5), 0))[0]:
             how: How = "add" if imgui.get_io().key_shift else "set"
             selection.select_named(session, name, how)
         widgets.tooltip("Click selects it, Shift adds it")

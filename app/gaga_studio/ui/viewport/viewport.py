@@ -405,7 +405,7 @@ def _name_under_mouse(session: Session, is_over: bool) -> None:
         color = widgets.rgba(table.colors[row])
         widgets.text("●", color)
         imgui.same_line(0, em(0.4))
-        imgui.text_unformatted(table.names[row])
+        imgui.text_unformatted(theme.visual(table.names[row]))
         imgui.same_line()
         widgets.dim(f"{int(table.counts[row]):,} splats")
         imgui.end_tooltip()
