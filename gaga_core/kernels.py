@@ -74,6 +74,11 @@ def _cpu_features() -> str:
 if _FEATURES := _cpu_features():
     os.environ.setdefault("NUMBA_CPU_FEATURES", _FEATURES)
 
+# Multiply and add with one rounding: every processor but those of x86 before 2013.
+HAS_FMA = platform.machine().lower() in ("arm64", "aarch64") or "+fma" in os.environ.get(
+    "NUMBA_CPU_FEATURES", ""
+).split(",")
+
 import numba  # noqa: E402  (the cache folder and the instructions must be known first)
 
 

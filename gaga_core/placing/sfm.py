@@ -69,7 +69,7 @@ class SfmConfig:
     exhaustive_up_to: int = 120  # photos: beyond, those that look alike are matched
     neighbours: int = 24  # photos that each is matched with, when they look alike
     overlap: int = 10  # frames before and after that each frame of a video is matched with
-    threads: int = 0  # 0 = as many as the kernels use
+    threads: int = 0  # 0 = as many as the kernels use; the mapping has one whatever is set
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -131,6 +131,10 @@ def run_step(
     if finished.is_file():
         return
     config = _decided(photos, config)
+    if step in ("map", "map_relaxed"):
+        # On several, COLMAP 4 starts from the pair of photos that a thread finds first, and adds
+        # up large adjustments in any order: the same photos gave other poses from run to run.
+        config = replace(config, threads=1)
     settings = StepSettings(
         step,
         str(workspace),

@@ -525,7 +525,7 @@ def _chosen_models(
 
 
 def _round(model: pycolmap.Reconstruction) -> None:
-    """Drop the last digits, which differ from run to run: threads add up in any order.
+    """Drop the last digits, which processors and libraries round differently.
 
     A training makes another scene of another last digit. COLMAP's scenes have a size of about 10.
     """

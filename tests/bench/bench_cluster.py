@@ -5,7 +5,6 @@ not what it gains, as all processes share one machine. Its processor time has no
 which a cluster does once; processes here start for each scene.
 """
 
-import resource
 import shutil
 import subprocess
 import sys
@@ -59,6 +58,8 @@ def _run(made: Path, *switches: str) -> tuple[float, float]:
 
 def _cpu() -> float:
     """CPU seconds of the processes that ended, and of those that run: the cluster's."""
+    import resource  # not on Windows
+
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     running = [process.cpu_times() for process in psutil.Process().children(recursive=True)]
     found = ended.ru_utime + ended.ru_stime + sum(t.user + t.system for t in running)

@@ -1,7 +1,6 @@
 """What a benchmark reports: one figure, its bar, and how it was measured; how a cost grows."""
 
 import os
-import resource
 import statistics
 import sys
 import time
@@ -62,6 +61,8 @@ def timed(work: Callable[[], _T]) -> tuple[_T, float]:
 
 def peak_mib() -> float:
     """Most memory that this process has held so far."""
+    import resource  # not on Windows
+
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1 << 20 if sys.platform == "darwin" else 1 << 10)
 

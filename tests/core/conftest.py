@@ -3,8 +3,8 @@
 import json
 import multiprocessing
 from dataclasses import dataclass
-from multiprocessing.context import ForkServerContext
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -59,8 +59,9 @@ def placed_room(tmp_path_factory: pytest.TempPathFactory) -> PlacedRoom:
 
 
 @pytest.fixture(scope="session")
-def programs() -> ForkServerContext:
-    """Starts processes in which the core and torch are imported already."""
-    context = multiprocessing.get_context("forkserver")
+def programs() -> Any:
+    """Starts processes, with the core and torch imported already where the system can fork."""
+    can_fork = "forkserver" in multiprocessing.get_all_start_methods()
+    context = multiprocessing.get_context("forkserver" if can_fork else "spawn")
     context.set_forkserver_preload(["pytest", "torch", "tests.core.scene.two_writers"])
     return context

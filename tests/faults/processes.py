@@ -1,15 +1,16 @@
-"""Processes to kill: forks of one that has imported everything and has no threads."""
+"""Processes to kill: where the system can, forks of one that has all imported and no threads."""
 
 import multiprocessing
 import time
 from collections.abc import Callable
-from multiprocessing.context import ForkServerProcess
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
 from tests.faults.programs import make_program, run_program
 
-_FORKS = multiprocessing.get_context("forkserver")
+_CAN_FORK = "forkserver" in multiprocessing.get_all_start_methods()
+_FORKS: Any = multiprocessing.get_context("forkserver" if _CAN_FORK else "spawn")
 _FORKS.set_forkserver_preload(["tests.faults.programs", "tests.faults.disks"])
 _SECONDS = 300
 
@@ -19,7 +20,7 @@ class Child:
 
     def __init__(self, target: Callable[..., None], *arguments: object) -> None:
         self._ours, theirs = _FORKS.Pipe(duplex=False)
-        self.process: ForkServerProcess = _FORKS.Process(target=target, args=(*arguments, theirs))
+        self.process: BaseProcess = _FORKS.Process(target=target, args=(*arguments, theirs))
         self.process.start()
         theirs.close()
 

@@ -10,14 +10,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tests.fuzz.targets import TARGETS
 from tests.fuzz.worker import END, Case, Cases, Cost, run_cases
 
 BATCH = 50  # cases of a worker; fewer of a slow reader
 
-# Workers are forks of a process that has imported everything and has no threads.
-_WORKERS = multiprocessing.get_context("forkserver")
+# Where the system can, workers are forks of a process that has imported everything and has no
+# threads.
+_CAN_FORK = "forkserver" in multiprocessing.get_all_start_methods()
+_WORKERS: Any = multiprocessing.get_context("forkserver" if _CAN_FORK else "spawn")
 _WORKERS.set_forkserver_preload(["tests.fuzz.worker"])
 
 

@@ -7,7 +7,6 @@ sentences, or that took too much; after each one its `Cost`; at last `END`.
 import faulthandler
 import os
 import random
-import resource
 import shutil
 import sys
 import time
@@ -89,6 +88,8 @@ def run_cases(cases: Cases, said: Connection) -> None:
     shutil.rmtree(folder / "case", ignore_errors=True)
     shutil.copytree(folder / "good", folder / "case")
     target.read(folder / "case")  # kernels are loaded, and the good files are good
+    import resource  # not on Windows
+
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + _MOST_ASKED, used + _MOST_ASKED))
     for number in range(cases.first, cases.first + cases.count):
@@ -152,6 +153,8 @@ def _wrong_in(text: str, longest: int) -> list[str]:
 
 def _peak() -> int:
     """Most bytes of memory that this process used since its peak was cleared, or a child ever."""
+    import resource
+
     status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
     own = next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
     return max(int(own), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) * 1024

@@ -6,6 +6,9 @@ columns). T is the transmittance of a pixel; a finished pixel, or one beyond the
 negated: every later splat then fails the same comparison without a branch. The row of six lines
 that turns a splat into weights is repeated in each kernel on purpose: as a function it is not
 vectorised together with what follows.
+
+Thresholds decide here (drawn or not, ended or not, median depth), and objects follow from them, so
+that arithmetic is exact: no fast math, `fma` where a product is added, sums in one order.
 """
 
 import math
@@ -13,8 +16,9 @@ import math
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
-from gaga_core.kernels import kernel
+from gaga_core.kernels import exact_kernel, kernel
 from gaga_core.raster.cpu.project_kernels import OPACITY, TILE, Y0, Y1, H, R, S, U, V
+from gaga_core.raster.cpu.simd_kernels import fma
 
 WIDE = 16  # channels of one pass of `blend_wide`
 _F = np.float32
@@ -29,29 +33,29 @@ _CHECK = 15  # look for an end every 16 splats
 _T, _C0, _C1, _C2, _DEPTH, _MEDIAN = range(6)
 
 
-@kernel
+@exact_kernel
 def _exp(x: np.float32) -> np.float32:
     """exp on [-5.7, 0] as p(x / 8)^8, relative error 3e-6: unlike libm's, it vectorises.
 
     p is the polynomial of degree 5 with p(0) = 1 of the smallest relative error.
     """
     y = x * _F(0.125)
-    p = _F(0.039789192) + y * _F(0.0058484054)
-    p = _F(0.4998927) + y * (_F(0.16599582) + y * p)
-    p = _ONE + y * (_F(0.9999943) + y * p)
+    p = fma(y, _F(0.0058484054), _F(0.039789192))
+    p = fma(y, fma(y, p, _F(0.16599582)), _F(0.4998927))
+    p = fma(y, fma(y, p, _F(0.9999943)), _ONE)
     p = p * p
     p = p * p
-    return p * p
+    return _F(p * p)
 
 
-@kernel
+@exact_kernel
 def _open_tile(T: FloatArray, n_rows: int, n_columns: int) -> None:
     for y in range(TILE):
         for x in range(TILE):
             T[y, x] = _ONE if y < n_rows and x < n_columns else -_ONE
 
 
-@kernel
+@exact_kernel
 def _is_done(T: FloatArray) -> np.bool_:
     most = -_ONE
     for y in range(TILE):
@@ -60,7 +64,7 @@ def _is_done(T: FloatArray) -> np.bool_:
     return most <= _ZERO
 
 
-@kernel
+@exact_kernel
 def blend(
     splats: FloatArray,
     depths: FloatArray,
@@ -95,18 +99,18 @@ def blend(
                 shift = -s * (u + r * dy)
                 rest = -h * dy * dy
                 for x in range(TILE):
-                    e = s * _F(x) + shift
-                    a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, rest - e * e)))
+                    e = fma(s, _F(x), shift)
+                    a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, fma(-e, e, rest))))
                     a = a if a >= _ALPHA_MIN else _ZERO
                     before = planes[_T, y, x]
-                    after = before - before * a
+                    after = fma(-before, a, before)
                     goes_on = after >= _T_MIN
                     w = a * before if goes_on else _ZERO
                     planes[_T, y, x] = after if goes_on else -abs(before)
-                    planes[_C0, y, x] += w * f0
-                    planes[_C1, y, x] += w * f1
-                    planes[_C2, y, x] += w * f2
-                    planes[_DEPTH, y, x] += w * z
+                    planes[_C0, y, x] = fma(w, f0, planes[_C0, y, x])
+                    planes[_C1, y, x] = fma(w, f1, planes[_C1, y, x])
+                    planes[_C2, y, x] = fma(w, f2, planes[_C2, y, x])
+                    planes[_DEPTH, y, x] = fma(w, z, planes[_DEPTH, y, x])
                     crosses = (before > _HALF) & (after <= _HALF)
                     planes[_MEDIAN, y, x] = z if crosses else planes[_MEDIAN, y, x]
             if (j & _CHECK) == _CHECK and _is_done(T):
@@ -127,7 +131,7 @@ def blend(
                     image[top + y, left + x, 2] = planes[_C2, y, x] + t * background[2]
 
 
-@kernel
+@exact_kernel
 def blend_wide(
     splats: FloatArray,
     features: FloatArray,  # (n, WIDE)
@@ -159,18 +163,18 @@ def blend_wide(
                 shift = -s * (u + r * dy)
                 rest = -h * dy * dy
                 for x in range(TILE):
-                    e = s * _F(x) + shift
-                    a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, rest - e * e)))
+                    e = fma(s, _F(x), shift)
+                    a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, fma(-e, e, rest))))
                     a = a if a >= _ALPHA_MIN else _ZERO
                     before = T[y, x]
-                    after = before - before * a
+                    after = fma(-before, a, before)
                     goes_on = after >= _T_MIN
                     weights[x] = a * before if goes_on else _ZERO
                     T[y, x] = after if goes_on else -abs(before)
                 for c in range(WIDE):
                     f = features[k, c]
                     for x in range(TILE):
-                        total[y, c, x] += weights[x] * f
+                        total[y, c, x] = fma(weights[x], f, total[y, c, x])
             if (j & _CHECK) == _CHECK and _is_done(T):
                 break
         for y in range(n_rows):
@@ -180,7 +184,7 @@ def blend_wide(
                     image[top + y, left + x, first + c] = total[y, c, x] + t * background[first + c]
 
 
-@kernel
+@exact_kernel
 def sample_weights(
     splats: FloatArray,
     order: IntArray,
@@ -228,10 +232,10 @@ def sample_weights(
             for m in range(m0, m1):
                 dy = ys[m] - v
                 e = s * (xs[m] - u - r * dy)
-                a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, -h * dy * dy - e * e)))
+                a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, fma(-e, e, -h * dy * dy))))
                 a = a if a >= _ALPHA_MIN else _ZERO
                 before = T[m]
-                after = before - before * a
+                after = fma(-before, a, before)
                 goes_on = after >= _T_MIN
                 weights[m] = a * before if goes_on else _ZERO
                 T[m] = after if goes_on else -abs(before)
@@ -431,7 +435,7 @@ def add_ones(
 # Tiles are walked as in `blend_kernels`, whose image model they share.
 
 
-@kernel
+@exact_kernel
 def label_tiles(
     splats: FloatArray,
     splat_labels: IntArray,  # (n,) 0 <= label < n_labels
@@ -479,11 +483,11 @@ def label_tiles(
                 shift = -s * (u + r * dy)
                 rest = -h * dy * dy
                 for x in range(TILE):
-                    e = s * _F(x) + shift
-                    a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, rest - e * e)))
+                    e = fma(s, _F(x), shift)
+                    a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, fma(-e, e, rest))))
                     a = a if a >= _ALPHA_MIN else _ZERO
                     before = T[y, x]
-                    after = before - before * a
+                    after = fma(-before, a, before)
                     goes_on = after >= _T_MIN
                     total[y, x] += a * before if goes_on else _ZERO
                     T[y, x] = after if goes_on else -abs(before)
@@ -535,7 +539,7 @@ def tile_labels(
         n_found[tile] = n
 
 
-@kernel
+@exact_kernel
 def vote_tiles(
     splats: FloatArray,
     offsets: LongArray,
@@ -581,11 +585,11 @@ def vote_tiles(
                 shift = -s * (u + r * dy)
                 rest = -h * dy * dy
                 for x in range(TILE):
-                    e = s * _F(x) + shift
-                    a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, rest - e * e)))
+                    e = fma(s, _F(x), shift)
+                    a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, fma(-e, e, rest))))
                     a = a if a >= _ALPHA_MIN else _ZERO
                     before = T[y, x]
-                    after = before - before * a
+                    after = fma(-before, a, before)
                     goes_on = after >= _T_MIN
                     weights[x] = a * before if goes_on else _ZERO
                     T[y, x] = after if goes_on else -abs(before)

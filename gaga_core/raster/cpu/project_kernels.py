@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt32Array
-from gaga_core.kernels import kernel
+from gaga_core.kernels import exact_kernel, kernel
 from gaga_core.raster.cpu.simd_kernels import prefetch
 
 TILE = 16
@@ -25,7 +25,7 @@ _MARGIN = 2e-3
 _CUT = math.log(255.0)
 
 
-@kernel
+@exact_kernel
 def project(
     means: FloatArray,
     quats: FloatArray,

@@ -17,6 +17,8 @@ from numba.extending import intrinsic, overload, register_model
 
 # isort: split
 
+from gaga_core.kernels import HAS_FMA
+
 LANES = 16
 _FLOAT, _INT, _LONG = ir.FloatType(), ir.IntType(32), ir.IntType(64)
 _VECTOR, _BITS = ir.VectorType(_FLOAT, LANES), ir.VectorType(_INT, LANES)
@@ -103,6 +105,24 @@ def store(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(array, types.intp, f32x16), generate
+
+
+@_generated
+def fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
+    """a b + c of float32, rounded once: the same bits on every processor.
+
+    Compilers contract a product and a sum where the processor can, and round twice elsewhere. A
+    processor that cannot has it from float64: the product is exact there, and rounding the sum to
+    float64 first changes one result in 2^29.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        if HAS_FMA:
+            return builder.fma(*args)
+        x, y, z = (builder.fpext(value, ir.DoubleType()) for value in args)
+        return builder.fptrunc(builder.fadd(builder.fmul(x, y), z), _FLOAT)
+
+    return types.float32(types.float32, types.float32, types.float32), generate
 
 
 @_generated

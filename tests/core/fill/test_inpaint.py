@@ -3,9 +3,9 @@
 import hashlib
 import sys
 from multiprocessing import active_children
-from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def red(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def _fast(programs: ForkServerContext, monkeypatch: pytest.MonkeyPatch) -> None:
+def _fast(programs: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Models run in processes that have torch; that of `found` starts as a user's does."""
     monkeypatch.setattr("gaga_core.fill.inpaint.SpawnContext", lambda: programs)
 

@@ -6,17 +6,19 @@
 import hashlib
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray
+from gaga_core.arrays import AnyArray, IntArray
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.group_scores import score_pairs
 from gaga_core.fill.surfaces import FillConfig, surfaces_around
+from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.grouping.repair.reassociate import NEW, Move, reassociate_stage
@@ -42,7 +44,8 @@ def results() -> Iterator[Result]:
     scene = objects_scene(5, 400, n_cameras=8, seed=4)
     for preset in ("paper", "robust"):
         yield from _repaired(scene, AssociateConfig.of(preset), preset)
-    yield from _objects_of_regions(objects_scene(9, 900, n_cameras=10, seed=2))
+    yield from _of_true_regions(objects_scene(9, 900, n_cameras=10, seed=2))
+    yield from _of_depths()
     yield from _filled()
 
 
@@ -98,21 +101,44 @@ def _repaired(scene: Synthetic, config: AssociateConfig, preset: str) -> Iterato
             yield name + f" {move}", repair.labels
 
 
-def _objects_of_regions(scene: Synthetic) -> Iterator[Result]:
-    """Objects of regions that end at another column in each view, from poses without last bits."""
-    cameras = [replace(c, cam_from_world=np.round(c.cam_from_world, 9)) for c in scene.cameras]
-    maps = {}
+def _views(cameras: Sequence[Camera]) -> list[Camera]:
+    """Views from poses without last bits."""
+    return [replace(c, cam_from_world=np.round(c.cam_from_world, 9)) for c in cameras]
+
+
+def _of_true_regions(scene: Synthetic) -> Iterator[Result]:
+    """Objects of regions that end at another column in each view."""
+    cameras, maps = _views(scene.cameras), {}
     for i, camera in enumerate(cameras):
         true = true_map(scene, camera)
         right = np.arange(camera.width) > camera.width * (3 + i) // 13
         maps[camera.name] = np.where(true > 0, 2 * true + right, 0).astype(np.int32)
+    yield from _objects(scene.gaussians, cameras, maps, "true regions")
+
+
+def _of_depths() -> Iterator[Result]:
+    """Depths of a box on a table, every bit of them, and objects whose regions are steps of it."""
+    table = table_with_box()
+    sizes = np.round(table.gaussians.log_scales, 3)  # logarithms have other last bits elsewhere
+    gaussians, cameras, maps = replace(table.gaussians, log_scales=sizes), _views(table.cameras), {}
+    for camera in cameras:
+        frame = CPU.render(gaussians, camera)
+        planes = (frame.alpha, frame.expected_depth, frame.median_depth)
+        yield f"depth of {camera.name}", np.stack(planes)
+        maps[camera.name] = np.ceil(frame.median_depth / 0.2).astype(np.int32)
+    yield from _objects(gaussians, cameras, maps, "steps of depth")
+
+
+def _objects(
+    gaussians: Gaussians, cameras: Sequence[Camera], maps: Mapping[str, IntArray], name: str
+) -> Iterator[Result]:
     loaders = {name: partial(maps.__getitem__, name) for name in maps}
     masks, config = MaskSet(loaders, are_regions=True), AssociateConfig.of("robust")
-    found = run_stage(associate_stage(scene.gaussians, cameras, masks, CPU, config))
+    found = run_stage(associate_stage(gaussians, cameras, masks, CPU, config))
     assert found.bank.levels is not None
-    yield "objects of regions", found.labels
-    yield "levels of regions", found.bank.levels.labels
-    yield "confidence of regions", found.confidence
+    yield f"objects of {name}", found.labels
+    yield f"levels of {name}", found.bank.levels.labels
+    yield f"confidence of {name}", found.confidence
 
 
 def _filled() -> Iterator[Result]:

@@ -9,10 +9,9 @@ import pytest
 
 _PLAIN_NUMPY = {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR"}
 _OTHERS = {
-    "one thread": {"GAGA_THREADS": "1"},
     "no AVX in kernels": {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", **_PLAIN_NUMPY},
     "BLAS of Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
-    "BLAS of Nehalem": {"OPENBLAS_CORETYPE": "Nehalem"},
+    "BLAS of Nehalem, one thread": {"OPENBLAS_CORETYPE": "Nehalem", "GAGA_THREADS": "1"},
 }
 
 

@@ -4,11 +4,13 @@ import os
 import pickle
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
+from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.identity.classifier_io import (
     COLUMNS,
@@ -22,6 +24,7 @@ from gaga_core.identity.field import (
     Identity,
     IdentityField,
     decode_view,
+    encoding_colors,
     load_identity,
     save_identity,
 )
@@ -222,3 +225,18 @@ def test_damaged_classifiers_are_told(tmp_path: Path) -> None:
         torch.save(state, path)
         with pytest.raises(GagaError):
             read_classifier(path)
+
+
+def test_colors_do_not_follow_the_signs_of_axes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another LAPACK gives other signs."""
+    encodings = np.random.default_rng(0).normal(size=(500, D)).astype(np.float32)
+    here, eigh = encoding_colors(encodings), np.linalg.eigh
+    for seed in range(5):
+        signs = np.random.default_rng(seed).choice([-1.0, 1.0], D)
+
+        def other(matrix: DoubleArray, signs: DoubleArray = signs) -> Any:
+            values, axes = eigh(matrix)
+            return values, axes * signs
+
+        monkeypatch.setattr(np.linalg, "eigh", other)
+        np.testing.assert_array_equal(encoding_colors(encodings), here)

@@ -1,4 +1,3 @@
-import resource
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -150,6 +149,7 @@ def test_ascii_and_big_endian_files_are_read(tmp_path: Path) -> None:
 @contextmanager
 def file_size_limit(n_bytes: int) -> Iterator[None]:
     """A full disk in small: the system refuses to let files grow past ``n_bytes``."""
+    resource = pytest.importorskip("resource")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, hard))

@@ -4,8 +4,9 @@ nothing; a model that changed is noticed and copied."""
 import os
 import time
 from collections.abc import Callable
-from multiprocessing.context import ForkServerContext, ForkServerProcess
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,19 +28,17 @@ from tests.core.scene import two_writers
 from tests.core.scene.projects import assert_same, edited, model_in, opened
 from tests.scenes import objects_scene
 
-Process = ForkServerProcess
+Process = BaseProcess
 _KILLS = int(os.environ.get("GAGA_TEST_KILLS", "8"))
 
 
-def _start(programs: ForkServerContext, work: Callable[..., None], *args: object) -> Process:
-    process = programs.Process(target=work, args=args, daemon=True)
+def _start(programs: Any, work: Callable[..., None], *args: object) -> Process:
+    process: Process = programs.Process(target=work, args=args, daemon=True)
     process.start()
     return process
 
 
-def test_two_programs_save_and_two_read_at_once(
-    programs: ForkServerContext, tmp_path: Path
-) -> None:
+def test_two_programs_save_and_two_read_at_once(programs: Any, tmp_path: Path) -> None:
     project = edited(opened(model_in(tmp_path)))
     where = save_project(project)
     begin, stop = programs.Barrier(4), programs.Event()
@@ -59,7 +58,7 @@ def test_two_programs_save_and_two_read_at_once(
 
 
 def test_a_writer_killed_at_any_moment_leaves_a_whole_project(
-    programs: ForkServerContext, tmp_path: Path
+    programs: Any, tmp_path: Path
 ) -> None:
     project = edited(opened(model_in(tmp_path)))
     where = save_project(project)
@@ -79,7 +78,7 @@ def test_a_writer_killed_at_any_moment_leaves_a_whole_project(
 
 
 def test_who_has_a_folder_is_named_and_a_dead_program_has_none(
-    programs: ForkServerContext, tmp_path: Path
+    programs: Any, tmp_path: Path
 ) -> None:
     for _ in range(2):
         begin = programs.Barrier(2)

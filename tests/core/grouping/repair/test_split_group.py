@@ -1,11 +1,12 @@
 """A group that holds two things is taken apart by the masks that joined it."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
 
-from gaga_core.arrays import IntArray
+from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.repair.split_group import split_bank, split_group_stage, two_sides
@@ -114,3 +115,31 @@ def test_masks_that_show_one_thing_have_no_sides() -> None:
     for seed in range(20):
         covers = np.random.default_rng(seed).random((8, 400)) > 0.05
         assert two_sides(covers, np.ones_like(covers)) is None
+
+
+@pytest.mark.parametrize("sizes", [(3, 3), (4, 3), (2, 2, 2), (3, 3, 3, 3)])
+def test_sides_do_not_follow_the_choice_of_eigenvectors(
+    sizes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another LAPACK gives other signs, another basis where eigenvalues are equal, and noise."""
+    thing = np.repeat(np.arange(len(sizes)), sizes)
+    covers = thing[:, None] == np.repeat(np.arange(len(sizes)), 30)
+    covers[0, 30:40] = True  # a mask of both
+    eigh, here = np.linalg.eigh, two_sides(covers, np.ones_like(covers))
+    assert here is not None
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+
+        def other(matrix: DoubleArray, rng: np.random.Generator = rng) -> Any:
+            values, vectors = eigh(matrix + rng.normal(0, 1e-15, matrix.shape))
+            vectors = vectors * rng.choice([-1.0, 1.0], len(values))
+            for start in np.flatnonzero(np.diff(values, prepend=-np.inf) > 1e-9):
+                same = np.flatnonzero(np.abs(values - values[start]) < 1e-9)
+                turn = np.linalg.qr(rng.normal(size=(len(same), len(same))))[0]
+                vectors[:, same] = vectors[:, same] @ turn
+            return values, vectors
+
+        monkeypatch.setattr(np.linalg, "eigh", other)
+        there = two_sides(covers, np.ones_like(covers))
+        assert there is not None
+        np.testing.assert_array_equal(there, here)
