@@ -28,11 +28,11 @@ from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.raster import choose
 from gaga_core.scene.bake import bake_stage, with_groups
 from gaga_core.scene.export_manifest import (
-    MANIFEST,
     MANIFEST_VERSION,
     BoxEntry,
     Manifest,
     ManifestEntry,
+    place_manifest,
     read_manifest,
     write_manifest,
 )
@@ -241,6 +241,8 @@ def export_objects_stage(
 ) -> Stage[Path]:
     """Write one file per group into ``folder``, and ``groups.json``; returns the manifest's path.
 
+    That is ``groups-2.json`` and so on where it would take the place of another export's.
+
     ``groups`` are all that are visible by default; a group without a visible splat gets no file.
     A `MeshExport` writes a solid in place of the splats; an object without one is left out.
     The manifest is a `gaga_core.scene.export_manifest.Manifest`.
@@ -293,9 +295,14 @@ def export_objects_stage(
             left_out=left_out,
             groups=[changed(e, parent=p) for e, p in zip(written, parents, strict=True)],
         )
-        write_manifest(content, staging)
-        publish_all(staging, [*(entry.file for entry in written), MANIFEST], folder)
-    return folder / MANIFEST
+        files = [entry.file for entry in written]
+        name, former, emptied = place_manifest(folder, files)
+        for other, rest in {**former, name: content}.items():
+            write_manifest(rest, staging, other)
+        publish_all(staging, [*files, *former, name], folder)
+        for other in emptied:
+            (folder / other).unlink(missing_ok=True)
+    return folder / name
 
 
 def _as_step(step: Progress, stage: Stage[T]) -> Stage[T]:
