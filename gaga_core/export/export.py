@@ -40,7 +40,7 @@ from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.reduce import decimate_stage, picture_loss_stage
 from gaga_core.scene.scene import Scene, State, of_scene_now
 from gaga_core.scene.selection.algebra import world_means
-from gaga_core.scene.selection.bounds import oriented_box
+from gaga_core.scene.selection.bounds import main_parts, oriented_box, splat_mass
 from gaga_core.scene.selection.click import loss_views
 
 MESH_LOSS = (
@@ -350,7 +350,7 @@ def _described(entry: ManifestEntry, gaussians: Gaussians, psnr: float | None) -
     """``entry`` with what can be told of ``gaussians``, which are written for it."""
     means = gaussians.means[np.isfinite(gaussians.means).all(axis=1)]
     corners = [means.min(axis=0).tolist(), means.max(axis=0).tolist()] if len(means) else []
-    box = oriented_box(means)
+    box = oriented_box(gaussians.means[main_parts(gaussians.means, splat_mass(gaussians))])
     oriented = box and BoxEntry(box.centre.tolist(), box.axes.T.tolist(), box.size.tolist())
     return changed(entry, count=len(gaussians), bbox=corners, oriented_box=oriented, psnr=psnr)
 
