@@ -30,7 +30,7 @@ from gaga_core.scene.orientation import (
 )
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra, by_value, by_volume, neighbourhood
-from gaga_core.scene.selection.bounds import splat_box
+from gaga_core.scene.selection.bounds import object_box
 from gaga_core.scene.selection.neighbourhood import floaters
 from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
 
@@ -361,7 +361,7 @@ def place(
     scale: Factors | UnsetType = UNSET,  # along the object's own axes
 ) -> Edit | None:
     """Put to a position, a rotation and a scale; what is not given stays."""
-    lo, hi = splat_box(scene, splats, 0.98)
+    lo, hi = object_box(scene, splats)
     start = stop = pose_of(scene, splats, (lo + hi) / 2)
     if not isinstance(rotation, UnsetType):
         stop = with_degrees(stop, np.array(rotation, np.float64), local=False)

@@ -28,11 +28,11 @@ from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.raster import choose
 from gaga_core.scene.bake import bake_stage, with_groups
 from gaga_core.scene.export_manifest import (
-    MANIFEST,
     MANIFEST_VERSION,
     BoxEntry,
     Manifest,
     ManifestEntry,
+    place_manifest,
     read_manifest,
     write_manifest,
 )
@@ -40,7 +40,7 @@ from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.reduce import decimate_stage, picture_loss_stage
 from gaga_core.scene.scene import Scene, State, of_scene_now
 from gaga_core.scene.selection.algebra import world_means
-from gaga_core.scene.selection.bounds import oriented_box
+from gaga_core.scene.selection.bounds import main_parts, oriented_box, splat_mass
 from gaga_core.scene.selection.click import loss_views
 
 MESH_LOSS = (
@@ -241,6 +241,8 @@ def export_objects_stage(
 ) -> Stage[Path]:
     """Write one file per group into ``folder``, and ``groups.json``; returns the manifest's path.
 
+    That is ``groups-2.json`` and so on where it would take the place of another export's.
+
     ``groups`` are all that are visible by default; a group without a visible splat gets no file.
     A `MeshExport` writes a solid in place of the splats; an object without one is left out.
     The manifest is a `gaga_core.scene.export_manifest.Manifest`.
@@ -293,9 +295,14 @@ def export_objects_stage(
             left_out=left_out,
             groups=[changed(e, parent=p) for e, p in zip(written, parents, strict=True)],
         )
-        write_manifest(content, staging)
-        publish_all(staging, [*(entry.file for entry in written), MANIFEST], folder)
-    return folder / MANIFEST
+        files = [entry.file for entry in written]
+        name, former, emptied = place_manifest(folder, files)
+        for other, rest in {**former, name: content}.items():
+            write_manifest(rest, staging, other)
+        publish_all(staging, [*files, *former, name], folder)
+        for other in emptied:
+            (folder / other).unlink(missing_ok=True)
+    return folder / name
 
 
 def _as_step(step: Progress, stage: Stage[T]) -> Stage[T]:
@@ -343,7 +350,7 @@ def _described(entry: ManifestEntry, gaussians: Gaussians, psnr: float | None) -
     """``entry`` with what can be told of ``gaussians``, which are written for it."""
     means = gaussians.means[np.isfinite(gaussians.means).all(axis=1)]
     corners = [means.min(axis=0).tolist(), means.max(axis=0).tolist()] if len(means) else []
-    box = oriented_box(means)
+    box = oriented_box(gaussians.means[main_parts(gaussians.means, splat_mass(gaussians))])
     oriented = box and BoxEntry(box.centre.tolist(), box.axes.T.tolist(), box.size.tolist())
     return changed(entry, count=len(gaussians), bbox=corners, oriented_box=oriented, psnr=psnr)
 

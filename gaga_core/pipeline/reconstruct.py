@@ -48,6 +48,7 @@ from gaga_core.placing.video import expected_frames
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
+from gaga_core.scene.project import meant_in
 from gaga_core.threads import n_threads
 from gaga_core.training.checkpoint import iteration_of
 
@@ -290,11 +291,12 @@ def scene_of(photos: Path) -> Path:
 def source_of(path: Path) -> tuple[Path | None, Path]:
     """The photos and the scene folder that a user means by ``path``.
 
-    Photos are None for a scene folder, or one to be that holds its photos or its video.
+    Photos are None for a scene folder, or one to be that holds its photos or its video, and for a
+    folder whose pictures are part of something else: the textures of a SOG.
     """
     if is_video(path):
         return path, scene_of(path)
-    if not path.is_dir() or is_scene_folder(path):
+    if not path.is_dir() or is_scene_folder(path) or meant_in(path) is not None:
         return None, path
     kinds = (*IMAGE_SUFFIXES, *UNREAD_SUFFIXES)
     direct = any(p.suffix.lower() in kinds for p in path.iterdir() if p.is_file())

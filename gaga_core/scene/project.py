@@ -55,7 +55,7 @@ from gaga_core.scene.camera_path import (
 from gaga_core.scene.edits.objects import as_bytes
 from gaga_core.scene.edits.splats import with_added_stage
 from gaga_core.scene.edits.values import joined, read_added_stage
-from gaga_core.scene.export_manifest import MANIFEST, read_manifest
+from gaga_core.scene.export_manifest import MANIFEST, is_manifest, manifests_in, read_manifest
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import Frame, carried_cameras
 from gaga_core.scene.index_set import IndexSet
@@ -411,9 +411,16 @@ _NO_SPLATS = ("mesh", "collider", "box", "html")  # forms, as the manifest names
 
 
 def manifest_in(path: Path) -> Path | None:
-    """The groups.json that ``path``, a file or a folder, means; None when it means none."""
-    file = path if path.name == MANIFEST else path / MANIFEST
-    return file if file.is_file() else None
+    """The manifest that ``path``, a file or a folder, means; None when it means none.
+
+    Of a folder with several exports: the first whose files are splats.
+    """
+    files = manifests_in(path) if path.is_dir() else [path] if is_manifest(path) else []
+    for file in files if len(files) > 1 else ():
+        with suppress(GagaError):
+            if read_manifest(file).form not in _NO_SPLATS:
+                return file
+    return next(iter(files), None)
 
 
 def open_objects_stage(manifest: Path) -> Stage[tuple[Scene, Path, str]]:
@@ -534,6 +541,21 @@ class Project:
         return path
 
 
+def meant_in(path: Path) -> Path | None:
+    """The file that says what ``path`` is, so that pictures next to it are no photos.
+
+    A saved project's, a SOG's, a streamed SOG's, or the manifest of exported objects; None without.
+    """
+    for saved in (path, path / PROJECT_FILE, path / "gaga" / PROJECT_FILE):
+        if saved.name == PROJECT_FILE and saved.is_file():
+            return saved
+    if is_sog_meta(path / META):
+        return path / META
+    if is_streamed_sog(path / LOD_META):
+        return path / LOD_META
+    return None if is_scene_folder(path) else manifest_in(path)
+
+
 def open_path_stage(path: Path) -> Stage[Project]:
     """Open a path that a person chose: a scene folder, splats, a saved project, exported objects.
 
@@ -544,14 +566,11 @@ def open_path_stage(path: Path) -> Stage[Project]:
     path = Path(path)
     if not path.exists():
         raise GagaError(f"{path} does not exist. Check the path.")
-    for saved in (path, path / PROJECT_FILE, path / "gaga" / PROJECT_FILE):
-        if saved.name == PROJECT_FILE and saved.is_file():
-            return (yield from _open_saved(saved))
-    path = path / META if is_sog_meta(path / META) else path
-    path = path / LOD_META if is_streamed_sog(path / LOD_META) else path
-    manifest = None if is_scene_folder(path) else manifest_in(path)
-    if manifest is not None:
-        scene, first, digest = yield from open_objects_stage(manifest)
+    path = meant_in(path) or path
+    if path.name == PROJECT_FILE:
+        return (yield from _open_saved(path))
+    if is_manifest(path):
+        scene, first, digest = yield from open_objects_stage(path)
         return Project(scene, first, model_fingerprint=digest)
     if path.is_dir():
         return (yield from _open_folder(path))

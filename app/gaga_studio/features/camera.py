@@ -18,7 +18,7 @@ from gaga_core.scene.camera_path import (
     turntable,
 )
 from gaga_core.scene.objects import group_indices
-from gaga_core.scene.selection.bounds import splat_box
+from gaga_core.scene.selection.bounds import object_box, splat_box
 from gaga_studio.features.base import Command, ask, first_of, needs, no_photos, no_scene
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
@@ -72,7 +72,7 @@ def _frame(session: Session, indices: IntArray | None) -> None:
     scene = session.need().scene
     if indices is not None and len(indices) == 0:
         return
-    lo, hi = splat_box(scene, indices, 0.98 if indices is not None else 0.9)
+    lo, hi = splat_box(scene) if indices is None else object_box(scene, indices)
     session.rig.focus((lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2)
 
 

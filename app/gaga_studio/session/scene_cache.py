@@ -16,8 +16,7 @@ from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.objects import ObjectTable, confidence_histogram
 from gaga_core.scene.orientation import Pose, pose_of
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.selection.algebra import world_means
-from gaga_core.scene.selection.bounds import OrientedBox, oriented_box, robust_box, splat_box
+from gaga_core.scene.selection.bounds import OrientedBox, object_points, oriented_box, robust_box
 from gaga_core.scene.tint import mean_color
 
 T = TypeVar("T")
@@ -91,7 +90,7 @@ class SceneCache:
         """Box lo, hi (3,) of the selection, world; during a drag: as before it."""
 
         def compute() -> tuple[DoubleArray, DoubleArray]:
-            return splat_box(self._scene, self.selected_indices(), SHARE)
+            return robust_box(self._selected_means(), SHARE)
 
         return self._placed("box", is_previewing, (), compute)
 
@@ -122,9 +121,10 @@ class SceneCache:
         return self._placed("oriented box", is_previewing, (), compute)
 
     def _selected_means(self) -> FloatArray:
-        """Centres (K, 3) of the selection, world; of a part that says as much when it is large."""
-        rows = self.selected_indices()
-        return world_means(self._scene, rows[:: max(1, len(rows) // _SAMPLE)])
+        """Centres (K, 3) of the selection without floaters, world; of a part when it is large."""
+        return self._by(
+            "points", _PLACED, lambda: object_points(self._scene, self.selected_indices(), _SAMPLE)
+        )
 
     def _placed(self, name: str, is_previewing: bool, more: object, compute: Callable[[], T]) -> T:
         """Return what is computed once for where the selection stands; during a drag: before it."""

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, check_shape
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, check_shape
+from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import along, axes_of_points, turned
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
@@ -54,6 +55,75 @@ def splat_box(
     rows = np.flatnonzero(scene.visible).astype(np.int32) if indices is None else indices
     step = max(1, len(rows) // _BOUNDS_SAMPLE)
     return robust_box(world_means(scene, rows[::step]), share)
+
+
+# --- The parts of an object without its floaters.
+
+# Chosen on the 51 objects of the demo, of which 7 boxes shrink by a tenth or more: half and twice
+# the gap, or the part, change at most one of them by as much.
+_GAP = 0.04  # side of a cell, of the diagonal of the middle: cells apart are parts apart
+_NEXT = 1.8  # cells: distance up to which two cells touch, corner to corner (sqrt 3)
+_PART = 0.05  # of the mass: smaller parts apart are floaters
+_MOST_FLOATERS = 0.2  # of the mass: else the cells are too small for so few splats
+_MOST_CELLS = 2000  # along an axis, from the middle: what is farther counts as there
+
+
+def main_parts(points: AnyArray, mass: AnyArray) -> BoolArray:
+    """Which of the points (N, 3) belong to large connected parts by their ``mass`` (N,); (N,).
+
+    Points in neighbouring cells of a grid are connected; parts of little mass are floaters.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree  # a good part of the launch time
+
+    kept: BoolArray = np.isfinite(np.asarray(points)).all(axis=1)
+    own = np.asarray(points, np.float64)[kept]
+    weight = np.asarray(mass, np.float64)[kept]
+    if len(own) == 0 or not 0 < weight.sum() < np.inf:
+        return kept
+    lo, hi = _middle(own, 0.8)
+    side = _GAP * float(np.linalg.norm(hi - lo))
+    while side > 0:
+        cells = np.clip(np.floor((own - lo) / side), -_MOST_CELLS, _MOST_CELLS)
+        places, which = np.unique(cells, axis=0, return_inverse=True)
+        pairs = cKDTree(places).query_pairs(_NEXT, output_type="ndarray")
+        links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(places), len(places)))
+        _, part_of_cell = connected_components(links, directed=False)
+        part = part_of_cell[which.ravel()]
+        masses = np.bincount(part, weight)
+        is_large = masses >= _PART * weight.sum()
+        if masses[is_large].sum() >= (1 - _MOST_FLOATERS) * weight.sum():
+            kept[kept] = is_large[part]
+            break
+        side *= 2
+    return kept
+
+
+def object_points(scene: Scene, rows: IntArray, most: int = _BOUNDS_SAMPLE) -> FloatArray:
+    """Centres (M, 3), world, of splats (K,) without floaters; of at most so many that say as much.
+
+    What position, box and size of an object count, in the window, in scripts and in exports.
+    """
+    some = rows[:: max(1, -(-len(rows) // most))]
+    means = world_means(scene, some)
+    return means[main_parts(means, splat_mass(scene.gaussians, some))]
+
+
+def splat_mass(gaussians: Gaussians, rows: IntArray | None = None) -> DoubleArray:
+    """Opacity times area (K,) of splats, as far as they are comparable: scene units squared."""
+    at = slice(None) if rows is None else rows
+    longer = np.sort(gaussians.log_scales[at], axis=1)[:, 1:].astype(np.float64).sum(axis=1)
+    opacities = gaussians.logit_opacities[at].astype(np.float64).reshape(-1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        mass = np.exp(np.minimum(longer, 80.0)) / (1 + np.exp(-opacities))
+    finite: DoubleArray = np.nan_to_num(mass)
+    return finite
+
+
+def object_box(scene: Scene, rows: IntArray) -> tuple[DoubleArray, DoubleArray]:
+    """The box lo, hi (3,) of the middle 98 % of splats (K,), world, without floaters."""
+    return robust_box(object_points(scene, rows), 0.98)
 
 
 def whole_box(scene: Scene) -> tuple[DoubleArray, DoubleArray]:

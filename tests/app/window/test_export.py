@@ -10,6 +10,7 @@ from gaga_core.export.cameras import CameraForm
 from gaga_core.io.cameras.cameras_json import read_cameras_json
 from gaga_core.io.cameras.colmap import read_colmap
 from gaga_core.io.splats.splat_files import SplatFormat, read_splats, write_splats
+from gaga_core.scene.export_manifest import listed_files
 from gaga_studio.features import selection
 from gaga_studio.features.commands import run
 from tests.app.folders import write_scene
@@ -91,6 +92,13 @@ def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> 
             for entry in listed:
                 assert entry["file"].endswith(kind.suffix)
                 assert len(read_splats(tmp_path / kind / entry["file"])) == entry["count"]
+        d.menu("File/###Export objects…")  # into the folder of another export
+        d.export_to(tmp_path / SplatFormat.SPZ)
+        d.settle()
+        for name, of in (("groups.json", SplatFormat.SPZ), ("groups-2.json", sheet.form)):
+            files = listed_files(tmp_path / SplatFormat.SPZ / name)
+            assert [file.name.endswith(of.suffix) for file in files] == [True] * n
+            assert all(file.is_file() for file in files)
         d.menu("File/###Export meshes…")
         d.click("**/###Box")
         d.click("**/###OBJ")

@@ -11,7 +11,9 @@ from PIL import Image
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.grouping.levels import Levels
+from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.scene import edits
+from gaga_core.scene.edits.values import joined
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_studio.features import folders, object_list, objects, selection
@@ -20,8 +22,10 @@ from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.features.object_list import ListFilter, ObjectListView
 from gaga_studio.session.settings import load_settings
+from gaga_studio.tools.move import MoveTool
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
+from tests.scenes import random_gaussians
 
 pytestmark = pytest.mark.window
 
@@ -419,3 +423,33 @@ def test_the_slider_of_detail_is_one_edit(display: str, grouped_copy: Path) -> N
         _split_and_join(d)
 
     drive(walk, path=grouped_copy, size=(1280, 720))
+
+
+def test_handles_and_size_are_of_the_object_without_its_floaters(
+    display: str, tmp_path: Path
+) -> None:
+    """Of an object selected by keys: what the Inspector, the handles and the box are made of."""
+    ball = random_gaussians(900, seed=4, extent=0.2)
+    far = random_gaussians(45, seed=5, extent=0.1)
+    far = replace(far, means=(far.means + np.array([3, 0, 0])).astype(np.float32))
+    far.logit_opacities[:], ball.logit_opacities[:] = -2, 2
+    ball.log_scales[:] = far.log_scales[:] = -5
+    write_splats(tmp_path / "ball.ply", joined(ball, far))
+
+    def walk(d: Driver) -> None:
+        d.keys(KEY.mod_ctrl, KEY.a)
+        document = d.session.need()
+        assert len(d.session.selected_indices()) == 945
+        handles = MoveTool().handles(d.session)
+        sizes, box = document.selected_sizes(local=False), document.selected_oriented_box()
+        assert handles is not None
+        assert sizes is not None
+        assert box is not None
+        np.testing.assert_allclose(handles[:3, 3], 0, atol=0.02)
+        np.testing.assert_allclose(sizes, 0.4, atol=0.03)
+        np.testing.assert_allclose(box.centre, 0, atol=0.05)
+        d.keys(KEY.f)  # looks at it from nearby
+        d.settle()
+        np.testing.assert_allclose(d.session.rig.pivot, 0, atol=0.02)
+
+    drive(walk, path=tmp_path / "ball.ply")

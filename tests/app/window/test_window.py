@@ -5,6 +5,7 @@ import os
 import shutil
 import sys
 import time
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -17,8 +18,11 @@ import pytest
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.errors import GagaError, plain_text
-from gaga_core.io.splats.splat_files import SplatFormat
-from gaga_core.progress import Progress, Stage
+from gaga_core.export.export import export_objects_stage
+from gaga_core.io.splats.splat_files import SplatFormat, write_splats
+from gaga_core.placing.photos import list_photos
+from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.scene.scene import Scene
 from gaga_studio.features import commands, export
 from gaga_studio.features.base import Command
 from gaga_studio.features.commands import MENUS
@@ -34,6 +38,7 @@ from gaga_studio.ui.kit.textures import groups_of_view
 from gaga_studio.ui.panels import inspector
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
+from tests.scenes import objects_scene, random_gaussians
 
 pytestmark = pytest.mark.window
 
@@ -116,6 +121,30 @@ def test_a_bad_file_is_a_notice_and_what_is_open_stays(
         assert "broken.ply" in d.session.notices[0].text
         d.click("Notice 0/###Close")
         assert not d.exists("Notice 0/###Close")
+
+    drive(test, path=balls)
+
+
+def test_what_is_in_a_folder_is_opened_and_its_pictures_are_no_photos(
+    display: str, balls: Path, tmp_path: Path
+) -> None:
+    """Textures of splats, and pictures next to exported objects, are not taken for photos."""
+    sog, objects = tmp_path / "sog", tmp_path / "objects"
+    write_splats(tmp_path / "one.sog", random_gaussians(40))
+    with zipfile.ZipFile(tmp_path / "one.sog") as file:
+        file.extractall(sog)
+    made = objects_scene(3)
+    run_stage(export_objects_stage(Scene.of(made.gaussians, made.labels), objects))
+    shutil.copy(next((balls / "images").iterdir()), objects / "preview.png")
+    assert list_photos(sog), "pictures in it look like photos"
+    assert list_photos(objects)
+
+    def test(d: Driver) -> None:
+        for folder, n in ((sog, 40), (objects, int((made.labels > 0).sum()))):
+            d.studio.window.hooks.dropped([folder])
+            d.settle()
+            assert d.session.photos is None
+            assert len(d.scene) == n
 
     drive(test, path=balls)
 

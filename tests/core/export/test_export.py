@@ -29,7 +29,7 @@ from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.export_manifest import MANIFEST, listed_files
+from gaga_core.scene.export_manifest import MANIFEST, listed_files, manifests_in, read_manifest
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State
 from tests.core.scene.edits.edit_walk import builders, random_affine, walk_scene
@@ -247,3 +247,32 @@ def test_solids_stand_for_objects_in_the_place_and_size_of_the_files(tmp_path: P
     mesh = MeshExport(MeshForm.MESH, MeshFile.GLB, MeshConfig(8))
     with pytest.raises(GagaError, match="None of these objects has a surface"):
         run_stage(export_objects_stage(scene, tmp_path / "d", form=mesh))
+
+
+def test_each_file_is_described_by_the_export_that_wrote_it_last(tmp_path: Path) -> None:
+    """Over any order of exports into one folder, each file is in one manifest, with its count."""
+    scene = walk_scene()
+    ids = np.unique(scene.labels[scene.labels > 0]).tolist()
+    rng = np.random.default_rng(3)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "groups-3.json").write_text("{}")  # not ours: stays
+    last: dict[str, tuple[str, float]] = {}
+    for _ in range(12):
+        form = [SplatFormat.PLY, SplatFormat.SPZ][rng.integers(2)]
+        some = rng.choice(ids, rng.integers(1, len(ids) + 1), replace=False).tolist()
+        scale = float(rng.uniform(1, 2))
+        options = ExportOptions(scale=scale)
+        manifest = run_stage(
+            export_objects_stage(scene, tmp_path / "out", some, form=form, options=options)
+        )
+        last.update({path.name: (manifest.name, scale) for path in listed_files(manifest)})
+    described = [
+        (entry.file, (path.name, read_manifest(path).units))
+        for path in manifests_in(tmp_path / "out")
+        if path.name != "groups-3.json"
+        for entry in read_manifest(path).groups
+    ]
+    assert sorted(described) == sorted(last.items())
+    written = {path.name for path in (tmp_path / "out").iterdir() if path.suffix != ".json"}
+    assert written == set(last)
+    assert (tmp_path / "out" / "groups-3.json").read_text() == "{}"

@@ -1,5 +1,7 @@
 """Which way is up where no camera tells, and the box that shows a lone thing whole."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,11 +9,12 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, quats_to_matrices
+from gaga_core.scene.edits.values import joined
 from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.orientation import estimate_up, guess_up, up_of_moved
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.bounds import splat_box, whole_box
-from tests.scenes import objects_scene
+from gaga_core.scene.selection.bounds import main_parts, object_box, splat_box, whole_box
+from tests.scenes import objects_scene, random_gaussians
 
 _Z_TO = {  # rotations (3, 3) that bring z to an axis
     "+x": [[0, 0, 1], [1, 0, 0], [0, 1, 0]],
@@ -99,3 +102,23 @@ def test_the_up_of_cameras_follows_a_scene_that_is_turned_but_not_one_that_is_le
         found = up_of_moved(cameras, carried_cameras(cameras, world))
         expected = world[:3, :3] @ up if follows else up
         np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("n", [30, 400, 20_000])
+def test_floaters_change_neither_the_box_nor_the_middle_of_an_object(n: int) -> None:
+    """A share of floaters that is larger than the tails of the box, on one side; any density."""
+    rng = np.random.default_rng(n)
+    ball = random_gaussians(n, seed=1)
+    far = random_gaussians(max(n // 20, 1), seed=2)
+    far = replace(far, means=(far.means * 0.3 + [9, 0, 0]).astype(np.float32))
+    far.logit_opacities[:] = -2  # faint, as floaters are
+    ball.log_scales[:] = far.log_scales[:] = -3
+    alone, both = Scene.of(ball), Scene.of(joined(ball, far))
+    rows = np.arange(len(both), dtype=np.int32)
+    lo, hi = object_box(alone, rows[:n])
+    for found, wanted in zip(object_box(both, rows), (lo, hi), strict=True):
+        np.testing.assert_allclose(found, wanted, atol=1e-9)
+    halves = ball.means + np.where(np.arange(n)[:, None] % 2, [9, 0, 0], 0)
+    assert main_parts(halves, np.ones(n)).all(), "an object of two parts keeps both"
+    assert main_parts(rng.uniform(size=(1, 3)), np.ones(1)).all()
+    assert not main_parts(np.zeros((0, 3)), np.zeros(0)).size
