@@ -48,3 +48,34 @@ def test_a_typed_script_gives_the_same_result_at_any_frame_rate(
     before, after = type_into(studio, SCRIPT, in_a_frame=in_a_frame, frame_s=frame_s, see=_see)
     wanted = {"tool": ToolName.LASSO, "mode": list(Mode)[2], "history": ["Select all"]}
     assert after == {**before, **wanted, "selected": before["splats"]}
+
+
+@pytest.mark.parametrize(
+    ("keys", "wanted"),
+    [
+        ("Return", {"quits": True, "unsaved": False}),
+        # The Enter that opens the question does not answer it.
+        ("Escape Control_L+p q u i t Return", {"quits": False, "unsaved": True}),
+        ("Escape b", {"tool": ToolName.BRUSH}),
+        ("Escape Control_L+z", {"undo": "Select all"}),
+    ],
+)
+def test_alt_f4_leaves_the_keyboard_alive(
+    display: str, grouped_copy: Path, keys: str, wanted: dict[str, Any]
+) -> None:
+    """Alt goes down, the window is asked to close; the release goes to the window manager."""
+    script = [*strokes("Control_L+a m Delete"), ("Alt_L", True), ("Close", True), ("Rest", True)]
+
+    def see(studio: Studio) -> dict[str, Any]:
+        session = studio.session
+        return {
+            **_see(studio),
+            "quits": session.should_quit,
+            "unsaved": session.unsaved,
+            "undo": history.undo_title if (history := session.history) else "",
+        }
+
+    session = new_session(Settings(first_steps_done=True))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    _, after = type_into(studio, [*script, *strokes(keys)], in_a_frame=1, frame_s=0.02, see=see)
+    assert {name: after[name] for name in wanted} == wanted

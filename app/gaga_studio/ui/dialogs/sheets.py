@@ -75,7 +75,11 @@ def _question(session: Session) -> None:
             imgui.same_line()
         if widgets.button(choice, Face(width=width, primary=position == 0)):
             answer = choice
-    if imgui.is_key_pressed(imgui.Key.escape):
+    if imgui.is_window_appearing():
+        pass  # the key of this frame opened it
+    elif widgets.enter_pressed():
+        answer = question.choices[0]
+    elif imgui.is_key_pressed(imgui.Key.escape):
         answer = question.choices[-1]
     if answer:
         imgui.close_current_popup()
