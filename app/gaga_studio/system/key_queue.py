@@ -3,9 +3,9 @@
 Dear ImGui takes all events since the last frame at once, so what was typed during a slow frame
 becomes one moment: a letter meets the Ctrl of the next shortcut, two shortcuts run in the order of
 a table, and letters reach the picture although the shortcut before them opened a text field.
-`KeyQueue` gives each frame at most one key with its modifiers, and the release of a mouse button a
-frame after the motion before it, so that a drag that is shorter than a frame is a drag. Later
-events wait in Dear ImGui's own queue, in order.
+`KeyQueue` gives each frame at most one key with its modifiers, and a button of the mouse a frame
+after the motion before it: a press needs what was hovered, and a drag that is shorter than a frame
+is a drag. Later events wait in Dear ImGui's own queue, in order.
 """
 
 import ctypes
@@ -18,7 +18,7 @@ from imgui_bundle import imgui
 SETTLE = 3  # frames that a key gets to open a popup or a text field before the next one counts
 # ImGuiInputEvent: its two values (key and state, button and state, or u and v), 4 bytes each.
 _EVENT_BYTES, _FIRST_AT, _SECOND_AT, _END = 28, 12, 16, 20
-_DRAG_PIXELS = 4.0  # from the press: a release after such a way ends a drag, not a click
+_DRAG_PIXELS = 4.0  # a shorter way of the mouse is no motion
 _Type = imgui.internal.InputEventType
 _SIDES = {  # of each modifier, the keys that hold it
     imgui.Key.mod_ctrl: (imgui.Key.left_ctrl, imgui.Key.right_ctrl),
@@ -73,12 +73,15 @@ class Portion:
         is_typing: bool,
         commands: set[imgui.Key],
         presses: Mapping[int, tuple[float, float]],
+        mouse: tuple[float, float],
     ) -> None:
         self._settles = settles  # a key of the frames before is still at work
         self._is_typing = is_typing  # a text field has the keys
         self._commands = commands  # of _COMMANDING, held now; kept up to date
         self._presses = presses  # where the mouse buttons went down that are held, pixels
+        self._mouse = mouse  # where the last frame had it, pixels
         self._has_dragged = False  # one of them, in this frame
+        self._has_come = False  # the mouse, from elsewhere, in this frame
         self._taken: set[imgui.Key] = set()  # keys that went down in this frame
         self._has_text = self._has_mouse = False
         self.has_command = False  # a key went down that may change who gets the next one
@@ -93,15 +96,14 @@ class Portion:
                 self._has_text |= is_theirs or not self._settles
                 return is_theirs or not self._settles
             case _Type.mouse_pos:
-                ways = (
-                    max(abs(event.at[0] - u), abs(event.at[1] - v))
-                    for u, v in self._presses.values()
-                )
-                self._has_dragged |= any(way >= _DRAG_PIXELS for way in ways)
+                presses = self._presses.values()
+                self._has_dragged |= any(_is_far(event.at, place) for place in presses)
+                self._has_come |= _is_far(event.at, self._mouse)
             case _Type.mouse_button | _Type.mouse_wheel:
                 self._has_mouse = True
-                ends_drag = event.type == _Type.mouse_button and not event.is_down
-                return not self.has_command and not (ends_drag and self._has_dragged)
+                waits = self._has_come if event.is_down else self._has_dragged
+                is_button = event.type == _Type.mouse_button
+                return not self.has_command and not (is_button and waits)
             case _Type.focus:
                 return not self._taken
         return True
@@ -155,6 +157,7 @@ class KeyQueue:
             is_typing=self._is_typing(),
             commands=self._commands,
             presses=_presses(),
+            mouse=(imgui.get_io().mouse_pos.x, imgui.get_io().mouse_pos.y),
         )
         events = events_of(queue)
         n_taken = next((i for i, e in enumerate(events) if not portion.takes(e)), len(events))
@@ -226,6 +229,10 @@ def correct_modifiers(n_before: int, held: Mapping[imgui.Key, bool]) -> None:
             io.add_key_event(event.key, event.is_down)
         elif event.type == _Type.mouse_button:
             io.add_mouse_button_event(event.button, event.is_down)
+
+
+def _is_far(place: tuple[float, float], other: tuple[float, float]) -> bool:
+    return max(abs(place[0] - other[0]), abs(place[1] - other[1])) >= _DRAG_PIXELS
 
 
 def _presses() -> dict[int, tuple[float, float]]:

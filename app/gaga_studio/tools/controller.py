@@ -1,5 +1,7 @@
 """Join mouse, keys, tools and camera: one call a frame for the picture."""
 
+from collections.abc import Sequence
+
 from gaga_core.arrays import DoubleArray
 from gaga_studio.features import camera, measure, selection
 from gaga_studio.session.notices import Request
@@ -65,8 +67,18 @@ class ToolController:
         self.tool(session).cancel(session)
         return had
 
-    def update(self, session: Session, pointer: PointerState, keys: KeyState, dt: float) -> None:
-        """Do what this frame's mouse and keys mean. ``dt`` seconds since the last frame."""
+    def update(
+        self,
+        session: Session,
+        pointer: PointerState,
+        keys: KeyState,
+        dt: float,
+        way: Sequence[PointerState] = (),
+    ) -> None:
+        """Do what this frame's mouse and keys mean. ``dt`` seconds since the last frame.
+
+        ``way``: where the mouse was between the last frame and this one, in order.
+        """
         if session.tool is not self._active:
             self._tools[self._active].cancel(session)
             self._gestures.cancel()
@@ -76,9 +88,10 @@ class ToolController:
         looks = session.rig.is_flying or bool(keys.held and not keys.ctrl)
         tool, is_open = self.tool(session), session.document is not None
         drags = tool.takes_drag and is_open
-        for action in self._gestures.update(pointer, keys, tool_drags=drags, looks=looks):
-            if not _move_camera(session, action) and is_open:
-                _use(session, tool, action, pointer)
+        for state in (*way, pointer):
+            for action in self._gestures.update(state, keys, tool_drags=drags, looks=looks):
+                if not _move_camera(session, action) and is_open:
+                    _use(session, tool, action, state)
         move, speed = fly_move(keys, session.rig.is_flying)
         session.rig.fly(move, dt, speed * session.settings.fly_speed)
 

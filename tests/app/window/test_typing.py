@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gaga_studio.features.commands import new_session
@@ -10,7 +11,7 @@ from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
-from tests.app.window.typist import strokes, type_into
+from tests.app.window.typist import Stroke, strokes, type_into
 
 pytestmark = pytest.mark.window
 SCRIPT = [
@@ -77,5 +78,51 @@ def test_alt_f4_leaves_the_keyboard_alive(
 
     session = new_session(Settings(first_steps_done=True))
     studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
-    _, after = type_into(studio, [*script, *strokes(keys)], in_a_frame=1, frame_s=0.02, see=see)
+    *_, after = type_into(studio, [*script, *strokes(keys)], in_a_frame=1, frame_s=0.02, see=see)
     assert {name: after[name] for name in wanted} == wanted
+
+
+def _along(places: list[tuple[float, float]], n: int = 40) -> list[Stroke]:
+    """A left drag through ``places`` in ``n`` steps, as a mouse tells it."""
+    at = np.linspace(0, len(places) - 1, n)
+    way = [np.interp(at, range(len(places)), [place[i] for place in places]) for i in (0, 1)]
+    moves: list[Stroke] = [("Mouse", (float(u), float(v))) for u, v in zip(*way, strict=True)]
+    return [moves[0], ("Button1", True), *moves[1:], ("Button1", False)]
+
+
+GESTURES = {
+    "r": _along([(0.02, 0.3), (0.6, 0.97)]),
+    "l": _along([(0.1, 0.2), (0.7, 0.3), (0.6, 0.9), (0.12, 0.8), (0.11, 0.22)]),
+    "b": _along([(0.2, 0.4), (0.7, 0.6), (0.2, 0.7)]),
+    "Escape": _along([(0.3, 0.4), (0.6, 0.45)]),  # an orbit
+}
+
+
+def _chosen(studio: Studio) -> dict[str, Any]:
+    session = studio.session
+    pose = session.rig.camera(64, 64).cam_from_world.round(6).tolist()
+    return {"chosen": session.selected_indices().tolist(), "pose": pose}
+
+
+def _gestures(scene: Path, in_a_frame: int, frame_s: float) -> list[Any]:
+    session = new_session(Settings(first_steps_done=True))
+    session.view.takes_splats = True
+    studio = Studio(scene, session=session, options=WindowOptions(size=(800, 500)))
+    drags = [
+        [*strokes(key), ("Rest", True), *drag, ("Rest", True)] for key, drag in GESTURES.items()
+    ]
+    script = [stroke for drag in drags for stroke in drag]
+    return type_into(studio, script, in_a_frame=in_a_frame, frame_s=frame_s, see=_chosen)
+
+
+def test_fast_drags_do_what_slow_ones_do(display: str, grouped_copy: Path) -> None:
+    """Streams of 42 events in 0.1 to 2 s, at frames of 10 ms to 1 s."""
+    slow = _gestures(grouped_copy, 1, 0.01)
+    taken = [len(seen["chosen"]) for seen in slow]
+    assert len(set(taken[2:7:2])) == 3, "each tool selects something else"
+    assert min(taken[2:7:2]) > 10
+    assert slow[-1]["pose"] != slow[0]["pose"], "it orbits"
+    for in_a_frame, frame_s in ((8, 0.2), (42, 1.0)):
+        fast = _gestures(grouped_copy, in_a_frame, frame_s)
+        assert [len(seen["chosen"]) for seen in fast] == taken, (in_a_frame, frame_s)
+        assert fast == slow, (in_a_frame, frame_s)

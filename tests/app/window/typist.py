@@ -11,9 +11,11 @@ import glfw
 from imgui_bundle import glfw_utils, hello_imgui, imgui, immapp
 
 from gaga_studio.studio import Studio
+from gaga_studio.ui.kit.picture_area import PictureArea
 
-# X11's name of a key, or "Button1"; whether it goes down. "Mouse": where it is, pixels. "Close":
-# what a window manager asks for at Alt+F4. "Rest": nothing until all is drawn.
+# X11's name of a key, or "Button1"; whether it goes down. "Mouse": where it is, shares of the
+# picture from its top left corner. "Close": what a window manager asks for at Alt+F4. "Rest":
+# nothing until all is drawn and seen.
 Stroke = tuple[str, bool | tuple[float, float]]
 # Types of X11's events, and the masks of who gets them.
 _PRESS, _RELEASE, _BUTTON_PRESS, _BUTTON_RELEASE, _MOTION, _ENTER = 2, 3, 4, 5, 6, 7
@@ -45,7 +47,8 @@ class XEvent(ctypes.Structure):
 class Hand:
     """Sends keys and mouse to one window, whatever that window is doing."""
 
-    def __init__(self, window: int) -> None:
+    def __init__(self, window: int, area: PictureArea) -> None:
+        self._area = area
         self._x = ctypes.CDLL(ctypes.util.find_library("X11") or "libX11.so.6")
         self._x.XOpenDisplay.restype = ctypes.c_void_p
         self._x.XStringToKeysym.restype = ctypes.c_ulong
@@ -60,7 +63,11 @@ class Hand:
             self._state = 0  # the window manager was told that Alt is up, this window never
             return
         if isinstance(is_down, tuple):
-            self._at = round(is_down[0]), round(is_down[1])
+            area = self._area
+            self._at = (
+                round(area.left + is_down[0] * area.width),
+                round(area.top + is_down[1] * area.height),
+            )
             self._send(_MOTION, 0)
             return
         if name.startswith("Button"):
@@ -104,11 +111,13 @@ def type_into(
     frame_s: float,
     see: Callable[[Studio], Any],
     patience_s: float = 120.0,
-) -> tuple[Any, Any]:
-    """Open the window and type ``script`` when all is drawn; what was to ``see`` before and after.
+) -> list[Any]:
+    """Open the window and type ``script`` when all is drawn; what was to ``see`` at each rest.
+
+    The first is before the script, the last after it.
 
     From then on a frame says that it took ``frame_s``, and has ``in_a_frame`` strokes: all that a
-    hand types while so slow a frame is drawn. Nobody sleeps for that. The script may end the window.
+    hand types while so slow a frame is drawn. Nobody sleeps for that. The window may end before.
     """
     params = studio.window.params()
     studio.never_idle = True
@@ -128,12 +137,13 @@ def type_into(
         still[0] = still[0] + 1 if is_at_rest else 0
         if hands and left and left[0][0] == "Rest":
             if still[0] > 4:
+                seen.append(see(studio))
                 del left[0]
         elif hands and left:
-            for name, is_down in left[:in_a_frame]:
-                hands[0].stroke(name, is_down)
+            for _ in range(in_a_frame):
+                if left and left[0][0] != "Rest":
+                    hands[0].stroke(*left.pop(0))
             hands[0].sync()
-            del left[:in_a_frame]
             still[0] = 0
         elif still[0] > 4:
             still[0] = 0
@@ -143,13 +153,13 @@ def type_into(
                 hello_imgui.get_runner_params().app_shall_exit = True
             else:
                 window = glfw.get_x11_window(glfw_utils.glfw_window_hello_imgui())
-                hands.append(Hand(window))
+                hands.append(Hand(window, studio.ui.area))
                 hands[0].enter()
 
     params.callbacks.pre_new_frame = before_frame
     params.callbacks.after_swap = after_frame
     immapp.run(params, immapp.AddOnsParams())
-    return seen[0], seen[1] if len(seen) > 1 else see(studio)
+    return seen if not hands else [*seen, see(studio)]
 
 
 def strokes(text: str) -> list[Stroke]:

@@ -12,6 +12,7 @@ from gaga_studio.features import measure as align_ground
 from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import CentreColors, Mode, ToolName
+from gaga_studio.system.key_queue import events_of
 from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
@@ -271,6 +272,7 @@ _BADGES = {
     Mode.RINGS: "Rims of the splats",
 }
 _TAP_S = 0.05  # flight of a key that has just gone down: a slow frame before it was not its own
+Buttons = tuple[bool, bool, bool]  # left, right, middle: whether it is down
 Render = Callable[[Camera], int]  # OpenGL name of the finished picture; 0 where there is none
 
 
@@ -288,6 +290,7 @@ class ViewportPanel:
         self.cube = ViewCube()
         self._fly_keys = FlyKeys(self.fly_keys)
         self._is_flying = False
+        self._held: Buttons = (False, False, False)
         self._on_handle = False  # the mouse is over the move handles, or drags one
 
     def draw(self, session: Session, state: PictureState, area: PictureArea) -> None:
@@ -374,7 +377,25 @@ class ViewportPanel:
             keys = replace(keys, held=frozenset())  # letters are shortcuts there
         self._is_flying = bool(keys.held)
         dt = min(io.delta_time, _TAP_S) if self._fly_keys.are_new else io.delta_time
-        self.controller.update(session, pointer, keys, dt)
+        way = _way(self._held, pointer, corner, density)
+        self._held = pointer.left, pointer.right, pointer.middle
+        self.controller.update(session, pointer, keys, dt, way)
+
+
+def _way(held: Buttons, now: PointerState, corner: ImVec2, density: ImVec2) -> list[PointerState]:
+    """Where the mouse was between the last frame and ``now`` with the buttons ``held``, in order.
+
+    A frame has at most one change of a button, at its end (`KeyQueue`).
+    """
+    if not any(held):
+        return []
+    events = events_of(imgui.get_current_context().input_events_trail)
+    left, right, middle = held
+    then = replace(now, left=left, right=right, middle=middle, wheel=0.0, is_double=False)
+    places = [event.at for event in events if event.type == imgui.internal.InputEventType.mouse_pos]
+    return [
+        replace(then, u=(x - corner.x) * density.x, v=(y - corner.y) * density.y) for x, y in places
+    ]
 
 
 def _mouse_area(size: ImVec2, has_handles: bool) -> bool:
