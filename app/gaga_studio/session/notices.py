@@ -1,7 +1,7 @@
 """Notices and questions for the user, errors that become notices, requests to the window."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, StrEnum, auto
 from functools import wraps
@@ -81,18 +81,14 @@ class UserQuestion:
     on_choice: Callable[[str], None]
 
 
-def unsaved_question(
-    text: str, save: Callable[[], None], discard: Callable[[], None]
-) -> UserQuestion:
-    """Build the question: save, discard, or cancel."""
+def choose_one(text: str, choices: Mapping[str, Callable[[], None]]) -> UserQuestion:
+    """Build the question that does one of ``choices``, or nothing ("Cancel")."""
 
     def chosen(choice: str) -> None:
-        if choice == "Save":
-            save()
-        elif choice == "Discard":
-            discard()
+        if choice in choices:
+            choices[choice]()
 
-    return UserQuestion(text, ("Save", "Discard", "Cancel"), chosen)
+    return UserQuestion(text, (*choices, "Cancel"), chosen)
 
 
 class Request(Enum):

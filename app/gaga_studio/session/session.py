@@ -40,8 +40,8 @@ from gaga_studio.session.notices import (
     Notice,
     Request,
     UserQuestion,
+    choose_one,
     notifies,
-    unsaved_question,
 )
 from gaga_studio.session.settings import Settings, load_settings, save_settings
 from gaga_studio.session.view import (
@@ -274,21 +274,27 @@ class Session:
         self._when_saved("before it is closed", self._forget)
 
     def quit(self) -> None:
-        """End the program (``should_quit``), after asking about a running job and unsaved edits."""
+        """End the program (``should_quit``), after asking about a running job and unsaved edits.
+
+        One question names both.
+        """
 
         def end() -> None:
             self.should_quit = True
 
-        def chosen(choice: str) -> None:
-            if choice == "Quit":
-                self._when_saved("before gaga-studio ends", end)
-
-        job = self.jobs.at_risk
+        job, document = self.jobs.at_risk, self.document
         if job is None:
-            chosen("Quit")
+            self._when_saved("before gaga-studio ends", end)
             return
-        text = f"{job.title} is still running; unfinished work is lost. Quit?"
-        self.pending_question = UserQuestion(text, ("Quit", "Cancel"), chosen)
+        text = f"{job.title} is still running; unfinished work is lost."
+        choices: dict[str, Callable[[], None]] = {"Quit": end}
+        if document is not None and self.unsaved:
+            text += f" {document.name} has unsaved changes."
+            choices = {
+                "Save and quit": lambda: self.save(then=end),
+                "Quit without saving": end,
+            }
+        self.pending_question = choose_one(text, choices)
 
     def save(
         self,
@@ -358,11 +364,11 @@ class Session:
     ) -> UserQuestion | None:
         """The question after a save failed with ``error``; None when there is no choice."""
         if isinstance(error, ModelChangedError):
-            choices: tuple[str, ...] = (COPY, ELSEWHERE, RELOAD, "Cancel")
+            choices: tuple[str, ...] = (COPY, ELSEWHERE, RELOAD)
         elif isinstance(error, SavedElsewhereError):
-            choices = (ELSEWHERE, "Overwrite", "Cancel")
+            choices = (ELSEWHERE, "Overwrite")
         elif isinstance(error, InUseError):
-            choices = (ELSEWHERE, "Try again", "Cancel")
+            choices = (ELSEWHERE, "Try again")
         else:
             return None
 
@@ -379,12 +385,11 @@ class Session:
             "Try again": lambda: self.save(path, then, how),
             ELSEWHERE: elsewhere,
             RELOAD: reload,
-            "Cancel": lambda: None,
         }
         text = str(error)
         if isinstance(error, ModelChangedError) and document.unsaved:
             text += " Reloading loses the unsaved edits."
-        return UserQuestion(text, choices, lambda choice: actions[choice]())
+        return choose_one(text, {choice: actions[choice] for choice in choices})
 
     def shut_down(self) -> None:
         """Stop the threads; the window is closing."""
@@ -401,11 +406,9 @@ class Session:
             action()
             return
 
-        self.pending_question = unsaved_question(
-            f"Save the changes to {self.document.name} {when}?",
-            save=lambda: self.save(then=action),
-            discard=action,
-        )
+        text = f"Save the changes to {self.document.name} {when}?"
+        choices = {"Save": lambda: self.save(then=action), "Discard": action}
+        self.pending_question = choose_one(text, choices)
 
     def _start_opening(self, path: Path | None) -> None:
         """Open ``path``, or the demo."""
