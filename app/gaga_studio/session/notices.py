@@ -38,6 +38,13 @@ class NothingSelectedError(GagaError):
         super().__init__("Nothing is selected. Click an object first.")
 
 
+class PreviewWaitsError(GagaError):
+    """Something else was asked for while a preview waits to be applied or cancelled."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"The preview of {name} waits: apply it, or cancel it with Esc.")
+
+
 class Notifier(Protocol):
     """Something that shows notices: the session."""
 
@@ -60,7 +67,7 @@ def notifies(action: Callable[Concatenate[S, P], object]) -> Callable[Concatenat
     def notified(session: S, /, *args: P.args, **kwargs: P.kwargs) -> bool:
         try:
             return bool(action(session, *args, **kwargs))
-        except NothingSelectedError as error:
+        except (NothingSelectedError, PreviewWaitsError) as error:
             session.notify(Level.HINT, str(error))
         except GagaError as error:
             session.notify(Level.ERROR, str(error))

@@ -199,6 +199,9 @@ class Session:
     ) -> None:
         """Tell the user one sentence; offer the command with this id, or to show a file."""
         notice = Notice(level, plain_text(text), command, shows=shows)
+        waits = self.document is not None and self.document.waiting
+        if waits and self.notices and self.notices[-1].text == notice.text:
+            return  # it is said already, and a drag would say it in every frame
         self.notices = (*self.notices, notice)[-_MOST_NOTICES:]
 
     def answer(self, choice: str) -> None:
@@ -288,6 +291,8 @@ class Session:
             return
         text = f"{job.title} is still running; unfinished work is lost."
         choices: dict[str, Callable[[], None]] = {"Quit": end}
+        if document is not None and document.waiting:
+            text += f" The preview of {document.waiting} is not applied."
         if document is not None and self.unsaved:
             text += f" {document.name} has unsaved changes."
             choices = {
@@ -331,7 +336,10 @@ class Session:
             self.pending_question = question or self.pending_question
             return question is not None
 
-        stage = stages.save_stage(document.settled(), path, how.copies_model, how.overwrites)
+        if not document.waiting:
+            document.settled()
+        kept = replace(document.project, scene=document.history.base)
+        stage = stages.save_stage(kept, path, how.copies_model, how.overwrites)
         self.jobs.start_save("Save", stage, done, failed)
 
     def look_at_files(self) -> bool:
@@ -401,13 +409,18 @@ class Session:
         self.hovering.shut_down()
 
     def _when_saved(self, when: str, action: Callable[[], None]) -> None:
-        """Do ``action``; with unsaved edits ask first."""
-        if self.document is None or not self.unsaved:
+        """Do ``action``; with unsaved edits, or a preview that waits, ask first."""
+        document = self.document
+        if document is None or not (document.unsaved or document.waiting):
             action()
             return
-
-        text = f"Save the changes to {self.document.name} {when}?"
-        choices = {"Save": lambda: self.save(then=action), "Discard": action}
+        text = f"The preview of {document.waiting} is not applied. " if document.waiting else ""
+        choices = {"Discard": action}
+        if document.unsaved:
+            text += f"Save the changes to {document.name} {when}?"
+            choices = {"Save": lambda: self.save(then=action), **choices}
+        else:
+            text += f"Discard it {when}?"
         self.pending_question = choose_one(text, choices)
 
     def _start_opening(self, path: Path | None) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from gaga_core.arrays import DoubleArray
 from gaga_studio.features import camera, measure, selection
-from gaga_studio.session.notices import Request
+from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, RectShape, Tool, ViewportPoint
@@ -87,13 +87,24 @@ class ToolController:
             return
         looks = session.rig.is_flying or bool(keys.held and not keys.ctrl)
         tool, is_open = self.tool(session), session.document is not None
-        drags = tool.takes_drag and is_open
+        waits = session.document is not None and bool(session.document.waiting)
+        drags = tool.takes_drag and is_open and not waits
         for state in (*way, pointer):
             for action in self._gestures.update(state, keys, tool_drags=drags, looks=looks):
-                if not _move_camera(session, action) and is_open:
+                if _move_camera(session, action) or not is_open:
+                    continue
+                if waits and action.act in (Act.CLICK, Act.MENU):
+                    _say_that_it_waits(session)
+                else:
                     _use(session, tool, action, state)
         move, speed = fly_move(keys, session.rig.is_flying)
         session.rig.fly(move, dt, speed * session.settings.fly_speed)
+
+
+@notifies
+def _say_that_it_waits(session: Session) -> None:
+    """Leave a preview as it is that waits: a click next to it would throw its work away."""
+    session.need().settled()
 
 
 def _move_camera(session: Session, action: Action) -> bool:

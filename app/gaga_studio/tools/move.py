@@ -56,8 +56,9 @@ class MoveTool(ClickTool):
 
     def cancel(self, session: Session) -> None:
         """Cancel (Escape): the selection stays where it was."""
+        if self.is_dragging:
+            session.cancel_preview()
         self._start = None
-        session.cancel_preview()
 
     def click(self, session: Session, place: ViewportPoint) -> None:
         """Select the object under the mouse."""

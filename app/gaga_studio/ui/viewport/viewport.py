@@ -345,7 +345,7 @@ class ViewportPanel:
 
     def _handles(self, session: Session, camera: Camera, corner: ImVec2, size: ImVec2) -> bool:
         tool = self.controller.move_tools.get(session.tool)
-        if tool is None or session.document is None:
+        if tool is None or session.document is None or session.document.waiting:
             self.gizmo.cancel()
             return False
         return self.gizmo.draw(session, tool, camera, corner, size)
