@@ -290,6 +290,7 @@ class Studio:
         self._autosave = autosave.Autosave()
         self._steps = first_steps.FirstSteps()
         self._guard = Guard(self._failed)
+        self._shortcuts = preferences.Shortcuts()
         self._backend = ""
         self._has_focus = True
         self._document: object = None
@@ -324,7 +325,7 @@ class Studio:
             fonts=theme.load_fonts,
             style=theme.apply_style,
             before_frame=self._before_frame,
-            keys=guarded("Keys", lambda: preferences.pressed(session, self._escape)),
+            keys=guarded("Keys", lambda: self._shortcuts.pressed(session, self._escape)),
             menu=guarded("Menu", lambda: menu.draw(session, self.window.reset_layout)),
             tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, self.ui.area)),
             status=guarded("Status bar", self._status),

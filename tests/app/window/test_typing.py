@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gaga_studio.features.commands import new_session
+from gaga_studio.features.selection import select_groups
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.studio import Studio
@@ -126,3 +127,42 @@ def test_fast_drags_do_what_slow_ones_do(display: str, grouped_copy: Path) -> No
         fast = _gestures(grouped_copy, in_a_frame, frame_s)
         assert [len(seen["chosen"]) for seen in fast] == taken, (in_a_frame, frame_s)
         assert fast == slow, (in_a_frame, frame_s)
+
+
+@pytest.mark.parametrize(
+    ("keys", "names", "unsaved"),
+    [
+        ("Return", [], False),  # nothing was typed: nothing is named
+        ("m Control_L+z Return", [], False),  # undo belongs to the field
+        ("m u g Control_L+s", ["mug"], False),
+        ("m u g Control_L+p", ["mug"], True),
+        ("Control_L+s", [], False),
+    ],
+)
+def test_a_name_that_is_typed_is_kept_by_what_is_done_next(
+    display: str, grouped_copy: Path, keys: str, names: list[str], unsaved: bool
+) -> None:
+    """Ctrl+S in the field enters the name and saves.
+    What is entered without a change does not overwrite a name that came while it was open."""
+
+    def see(studio: Studio) -> dict[str, Any]:
+        document, rows = studio.session.need(), studio.ui.scene.objects.rows
+        if not studio.session.selected_groups():
+            select_groups(studio.session, (1,))
+        seen = {
+            "names": list(document.scene.names.values()),
+            "unsaved": document.unsaved,
+            "is_open": rows.renaming is not None,
+        }
+        if rows.renaming is not None and not document.scene.names:  # as when it is described
+            document.scene.described = {document.focus: "orange thing"}
+            document.scene.revision.names += 1
+        return seen
+
+    session = new_session(Settings(first_steps_done=True))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    rest: Stroke = ("Rest", True)
+    script = [*strokes("F2"), rest, *strokes(keys)]
+    _, opened, after = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
+    assert opened["is_open"]
+    assert after == {"names": names, "unsaved": unsaved, "is_open": False}
