@@ -105,6 +105,35 @@ def test_advice_on_the_picture_goes_once_it_is_followed(
     drive(test, path=lone)
 
 
+@pytest.mark.parametrize("what", ["cleared", "made an object"])
+def test_clicks_on_a_scene_that_is_turned_then_are_still_the_tools(
+    display: str, balls: Path, tmp_path: Path, what: str
+) -> None:
+    lone = Path(shutil.copy(balls / "point_cloud.ply", tmp_path / "lone.ply"))
+
+    def test(d: Driver) -> None:
+        d.keys(KEY.o)
+        d.settle()
+        means = d.scene.gaussians.means.astype(np.float64)
+        nearest = means[np.linalg.norm(means - d.session.rig.eye, axis=1).argmin()]
+        d.click_picture(*d.project(nearest))
+        d.settle()
+        clicked = len(d.session.selected_indices())
+        assert clicked
+        d.menu("Tools/Turn upright")
+        d.settle()
+        assert len(d.session.selected_indices()) == clicked
+        d.keys(KEY.escape if what == "cleared" else KEY.enter)
+        d.settle()
+        if what == "cleared":
+            assert len(d.session.selected_indices()) == 0
+        else:
+            assert np.count_nonzero(d.scene.labels) == clicked
+        assert d.tool() is ToolName.OBJECT
+
+    drive(test, path=lone)
+
+
 def _endless(when_ended: Callable[[], object] = lambda: None) -> Stage[None]:
     try:
         for step in range(100_000):
