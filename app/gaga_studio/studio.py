@@ -290,7 +290,9 @@ class Studio:
         self._autosave = autosave.Autosave()
         self._steps = first_steps.FirstSteps()
         self._guard = Guard(self._failed)
-        self._shortcuts = preferences.Shortcuts()
+        self._shortcuts = preferences.Shortcuts(
+            lambda: self.picture.follow(self.session, self.ui.area)
+        )
         self._backend = ""
         self._has_focus = True
         self._document: object = None
@@ -325,7 +327,7 @@ class Studio:
             fonts=theme.load_fonts,
             style=theme.apply_style,
             before_frame=self._before_frame,
-            keys=guarded("Keys", lambda: self._shortcuts.pressed(session, self._escape)),
+            keys=guarded("Keys", self._keys),
             menu=guarded("Menu", lambda: menu.draw(session, self.window.reset_layout)),
             tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, self.ui.area)),
             status=guarded("Status bar", self._status),
@@ -335,6 +337,10 @@ class Studio:
             frame_rate=self._frame_rate,
             panels_shown=lambda: session.view.show_panels,
         )
+
+    def _keys(self) -> None:
+        if not self.picture.is_following:
+            self._shortcuts.pressed(self.session, self._escape)
 
     def _started(self) -> None:
         self._ctx = attach()

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gaga_core.scene.scene import State
 from gaga_studio.features.commands import new_session
 from gaga_studio.features.selection import select_groups
 from gaga_studio.session.settings import Settings
@@ -166,3 +167,43 @@ def test_a_name_that_is_typed_is_kept_by_what_is_done_next(
     _, opened, after = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
     assert opened["is_open"]
     assert after == {"names": names, "unsaved": unsaved, "is_open": False}
+
+
+_CLICK: list[Stroke] = [("Button1", True), ("Button1", False)]
+
+
+@pytest.mark.parametrize(
+    ("script", "moved"),
+    [
+        (strokes("g x 2 Return"), (2.0, 0.0, 0.0)),
+        (strokes("g x x y minus 1 period 5 Return"), (0.0, -1.5, 0.0)),
+        (strokes("g x Escape"), None),
+        (strokes("r z 9 0 Escape"), None),
+        ([*strokes("g z"), ("Mouse", (0.6, 0.3)), ("Rest", True), *_CLICK], "up"),
+    ],
+)
+def test_g_r_and_s_of_blender_follow_the_mouse_and_no_key_deletes(
+    display: str, grouped_copy: Path, script: list[Stroke], moved: Any
+) -> None:
+    def see(studio: Studio) -> Any:
+        session = studio.session
+        if not session.selected_groups():
+            select_groups(session, (1,))
+        centre, history = session.need().selected_centre(), session.need().history
+        assert not session.scene.has(State.DELETED).any()
+        return centre, history.cursor, history.is_previewing
+
+    session = new_session(Settings(first_steps_done=True, keys="blender"))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    at_rest: list[Stroke] = [("Mouse", (0.5, 0.5)), ("Rest", True)]
+    before, *_, (centre, n_done, is_previewing) = type_into(
+        studio, [*at_rest, *script], in_a_frame=1, frame_s=0.02, see=see
+    )
+    assert not is_previewing
+    assert n_done == (1 if moved is None else 2)
+    way = centre - before[0]
+    if moved == "up":
+        assert np.abs(way[:2]).max() < 1e-6
+        assert abs(way[2]) > 0.05
+    else:
+        np.testing.assert_allclose(way, moved or (0, 0, 0), atol=1e-5)

@@ -176,6 +176,7 @@ def all_keys() -> dict[str, imgui.Key]:
     return {name: key_of(name) for name in names}
 
 
+_FOLLOWING = {"tool.move", "tool.rotate", "tool.scale"}  # from their key on, as in Blender
 _OF_FIELDS = {"Ctrl+A", "Ctrl+C", "Ctrl+V", "Ctrl+X", "Ctrl+Z", "Ctrl+Y", "Ctrl+Shift+Z"}
 _ANY_POPUP = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
 
@@ -184,6 +185,7 @@ _ANY_POPUP = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
 class Shortcuts:
     """Runs the commands of the keys that are pressed."""
 
+    follow: Callable[[], object]  # lets the selection follow the mouse
     _after_text: str = ""  # id of the command that was asked for while a text was typed
 
     def pressed(self, session: Session, on_escape: Callable[[], bool]) -> None:
@@ -220,7 +222,9 @@ class Shortcuts:
             command = commands.for_shortcut(modifiers + name, session)
             is_new = imgui.is_key_pressed(key, False)
             if command is not None and (command.id in _REPEATING or is_new):
-                commands.run(command.id, session)
+                done = commands.run(command.id, session)
+                if done and session.settings.keys == "blender" and command.id in _FOLLOWING:
+                    self.follow()
 
     def _leave_field(self, session: Session, keys: str) -> None:
         """Enter the text that is typed, and run the command of ``keys`` in the next frame."""
