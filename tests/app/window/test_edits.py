@@ -88,21 +88,23 @@ def test_a_filling_stays_until_it_is_applied_or_cancelled(display: str, tmp_path
         def click() -> None:
             d.click_picture(width / 2, height / 2)
 
-        def drag() -> None:
+        def drag(key: KEY) -> None:
+            d.keys(key)
             d.drag_picture((width * 0.1, height * 0.2), (width * 0.7, height * 0.6))
 
         for act in (
             click,
             partial(d.click_picture, width / 2, height / 2, 1),
-            lambda: (d.keys(KEY.r), drag()),
-            lambda: (d.keys(KEY.b), drag()),
+            partial(drag, KEY.r),
+            partial(drag, KEY.b),
             partial(d.keys, KEY.delete),
             partial(d.keys, KEY.mod_ctrl, KEY.a),
             partial(d.keys, KEY.mod_ctrl, KEY.z),
             partial(d.click, f"**/object {other}/##row"),
-            lambda: (d.keys(KEY.mod_ctrl, KEY.s), d.settle()),
+            partial(d.keys, KEY.mod_ctrl, KEY.s),
         ):
             act()
+            d.settle()
             assert fill.shown(session) is found
             assert d.history.cursor == entries
         assert [n.text for n in session.notices if "waits" in n.text], "it is said"

@@ -190,7 +190,7 @@ def test_g_r_and_s_of_blender_follow_the_mouse_and_no_key_deletes(
         if not session.selected_groups():
             select_groups(session, (1,))
         centre, history = session.need().selected_centre(), session.need().history
-        assert not session.scene.has(State.DELETED).any()
+        assert not session.need().scene.has(State.DELETED).any()
         return centre, history.cursor, history.is_previewing
 
     session = new_session(Settings(first_steps_done=True, keys="blender"))
