@@ -18,7 +18,7 @@ from gaga_core.errors import GagaError
 from gaga_core.export.export import MeshForm
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.splats.splat_files import SplatFormat
-from gaga_studio.features import autosave, cleanup, level_of_detail, split_view
+from gaga_studio.features import autosave, cleanup, fill, level_of_detail, split_view
 from gaga_studio.features import camera as camera_path_actions
 from gaga_studio.features.cleanup import ReducePlan
 from gaga_studio.features.commands import new_session
@@ -27,7 +27,7 @@ from gaga_studio.features.find.search import find_here
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Pacing, Viewport
-from gaga_studio.session.notices import Level, Request
+from gaga_studio.session.notices import Level, PreviewWaitsError, Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, RenderRequests, ViewState
 from gaga_studio.system import paths, window
@@ -290,6 +290,9 @@ class Studio:
         self._autosave = autosave.Autosave()
         self._steps = first_steps.FirstSteps()
         self._guard = Guard(self._failed)
+        self._shortcuts = preferences.Shortcuts(
+            lambda: self.picture.follow(self.session, self.ui.area)
+        )
         self._backend = ""
         self._has_focus = True
         self._document: object = None
@@ -324,7 +327,7 @@ class Studio:
             fonts=theme.load_fonts,
             style=theme.apply_style,
             before_frame=self._before_frame,
-            keys=guarded("Keys", lambda: preferences.pressed(session, self._escape)),
+            keys=guarded("Keys", self._keys),
             menu=guarded("Menu", lambda: menu.draw(session, self.window.reset_layout)),
             tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, self.ui.area)),
             status=guarded("Status bar", self._status),
@@ -334,6 +337,10 @@ class Studio:
             frame_rate=self._frame_rate,
             panels_shown=lambda: session.view.show_panels,
         )
+
+    def _keys(self) -> None:
+        if not self.picture.is_following:
+            self._shortcuts.pressed(self.session, self._escape)
 
     def _started(self) -> None:
         self._ctx = attach()
@@ -368,7 +375,8 @@ class Studio:
     def _failed(self, place: str, error: Exception) -> None:
         """An error while something was drawn or done: a sentence, the rest in the log."""
         if isinstance(error, GagaError):
-            self.session.notify(Level.ERROR, str(error))
+            is_hint = isinstance(error, PreviewWaitsError)
+            self.session.notify(Level.HINT if is_hint else Level.ERROR, str(error))
             return
         _LOG.error("%s failed", place, exc_info=error)
         self.session.notify(
@@ -456,7 +464,7 @@ class Studio:
 
     def _escape(self) -> bool:
         """End a preview or a gesture, or close the compared photo; whether there was one."""
-        if cleanup.cancel(self.session):
+        if cleanup.cancel(self.session) or fill.cancel(self.session):
             return True
         if self.session.view.playback.is_playing:
             self.session.view.playback.is_playing = False

@@ -199,13 +199,14 @@ class Autosave:
                 self._pending = self._writer.submit(self._clear)
             self._next = time.monotonic() + every
             return
+        is_dragging = session.is_previewing and not document.waiting
         now = (document, document.save_state.content(document.history.state_id))
         # A drag is not an edit yet; only a state of the history is written.
-        if time.monotonic() < self._next or session.is_previewing or now == self._written:
+        if time.monotonic() < self._next or is_dragging or now == self._written:
             return
         self._next = time.monotonic() + every
         self._written = now
-        project = replace(document.project, scene=replace(document.scene))
+        project = replace(document.project, scene=replace(document.history.base))
         place = str(project.path) if project.path is not None else None
         quality, history = dict(document.feature(ObjectQuality).by_labels), copy_history(document)
         note = RecoveryNote(os.getpid(), document.name, place, time.time())

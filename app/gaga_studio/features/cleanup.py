@@ -61,6 +61,7 @@ def shown(session: Session) -> "CleanPreview | None":
     return session.document.feature(Cleaning).shown(session) if session.document else None
 
 
+@notifies
 def start(session: Session) -> None:
     """Compute what cleaning the selected object would change, and show it."""
     groups = session.selected_groups()

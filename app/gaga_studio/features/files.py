@@ -32,11 +32,13 @@ def save_script(session: Session, path: Path) -> bool:
     return True
 
 
+@notifies
 def add_splats(session: Session, path: Path) -> None:
     """Add the splats of another file to the open scene, selected, as one edit."""
     document = session.document
     if document is None:
         return
+    document.settled()  # a preview that waits would refuse the splats when they are read
 
     def done(read: tuple[Gaussians, str]) -> None:
         if session.document is not document:

@@ -79,6 +79,7 @@ def summary(found: "Filling") -> tuple[str, ...]:
     return tuple(lines)
 
 
+@notifies
 def start(session: Session, *, lighten: bool = True) -> None:
     """Compute what fills the place of the selection, and show it with the selection removed.
 
@@ -118,7 +119,7 @@ def start(session: Session, *, lighten: bool = True) -> None:
             text = f"There is nothing to fill: {_why(found)}"
             session.notify(Level.HINT, text, "edit.delete" if taken is not None else "")
             return
-        document.show(edit)
+        document.show(edit, waits_as="Delete and fill")
         document.feature(Fill).take(found, edit)
 
     session.jobs.start(title(session), stage(), on_done=done)

@@ -164,7 +164,7 @@ def preview_color(session: Session, group: int, rgb: Sequence[float]) -> None:
     """Show an object's color while it is being chosen."""
     document = session.need()
     title = f"Color {document.name_of(group)}"
-    document.history.preview_with(lambda scene: edits.set_color(scene, group, rgb, title))
+    document.preview_with(lambda scene: edits.set_color(scene, group, rgb, title))
 
 
 @notifies

@@ -150,7 +150,7 @@ def preview_move(session: Session, matrix: DoubleArray, verb: str = "Move") -> N
     """Show the selection moved by ``matrix`` (3, 4), counted from the drag's start."""
     document, taken = session.need(), folders.along(session)
     title = folders.title_along(document, verb, taken.groups)
-    document.history.preview_with(lambda scene: edits.transform(scene, taken.splats, matrix, title))
+    document.preview_with(lambda scene: edits.transform(scene, taken.splats, matrix, title))
 
 
 @notifies

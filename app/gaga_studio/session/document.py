@@ -24,7 +24,7 @@ from gaga_core.scene.orientation import Pose, up_of_moved
 from gaga_core.scene.project import Project, has_changed
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import OrientedBox
-from gaga_studio.session.notices import NothingSelectedError
+from gaga_studio.session.notices import NothingSelectedError, PreviewWaitsError
 from gaga_studio.session.scene_cache import SceneCache
 from gaga_studio.session.view import ViewState
 
@@ -103,6 +103,7 @@ class Document:
         self._lock: FolderLock | None = None  # of the saved project, see `claim`
         self._stamps = _stamps(project)  # of its files when they were last looked at
         self._tint: Edit | None = None  # a preview that is no edit to keep
+        self._held: tuple[str, Edit] | None = None  # name and edit of a preview that waits
         self._features: dict[type, object] = {}
 
     def feature(self, kind: type[T]) -> T:
@@ -182,6 +183,7 @@ class Document:
 
     def do(self, edit: Edit | None, *, is_content: bool = True) -> bool:
         """Apply an edit; False when it is None. ``is_content``: something that a save keeps."""
+        self._need_no_preview()
         before = self.history.state_id
         done = self.history.do(edit)
         self.save_state.note(before, self.history.state_id, is_content)
@@ -190,18 +192,21 @@ class Document:
 
     def undo(self) -> str | None:
         """Undo the newest edit; return its title, None if there is none."""
+        self._need_no_preview()
         title = self.history.undo()
         self._keep_focus()
         return title
 
     def redo(self) -> str | None:
         """Redo the next undone edit; return its title, None if there is none."""
+        self._need_no_preview()
         title = self.history.redo()
         self._keep_focus()
         return title
 
     def go_to(self, cursor: int) -> None:
         """Undo or redo until ``cursor`` entries are done."""
+        self._need_no_preview()
         self.history.go_to(cursor)
         self._keep_focus()
 
@@ -233,12 +238,27 @@ class Document:
         kept = known.get(shot)
         return carried_shot(shot, inverse(self.world)) if kept is None else kept
 
-    # --- previews: the frames of a drag
+    # --- previews: the frames of a drag, and results that wait to be applied or cancelled
+
+    @property
+    def waiting(self) -> str:
+        """Name of the preview that waits: only `commit_preview` and `cancel_preview` end it."""
+        held = self._held
+        return held[0] if held is not None and held[1] is self.history.preview_edit else ""
+
+    def _need_no_preview(self) -> None:
+        if self.waiting:
+            raise PreviewWaitsError(self.waiting)
+
+    def preview_with(self, build: Callable[[Scene], Edit | None]) -> None:
+        """Show the edit that ``build`` makes of the scene, without an entry."""
+        self._need_no_preview()
+        self.history.preview_with(build)
 
     def preview_selected(self, verb: str, build: Build) -> None:
         """Show the edit that ``build`` makes for the selected splats, without an entry."""
         indices, title = self.selected(), self.title_for(verb)
-        self.history.preview_with(lambda scene: build(scene, indices, title))
+        self.preview_with(lambda scene: build(scene, indices, title))
 
     def commit_preview(self) -> bool:
         """Make the preview an entry of the history; False if there is none."""
@@ -249,10 +269,14 @@ class Document:
         self.save_state.note(before, self.history.state_id, True)
         return done
 
-    def show(self, edit: Edit, *, is_tint: bool = False) -> None:
-        """Show an edit without an entry; a tint only shows something and is never kept."""
+    def show(self, edit: Edit, *, waits_as: str = "", is_tint: bool = False) -> None:
+        """Show an edit without an entry; a tint only shows something and is never kept.
+
+        With a name, ``waits_as``, it is not replaced by what is done next: its work would be lost.
+        """
         self.settled()
         self.history.preview(edit)
+        self._held = (waits_as, edit) if waits_as else None
         self._tint = edit if is_tint else None
 
     def cancel_preview(self) -> None:
@@ -260,7 +284,11 @@ class Document:
         self.history.preview(None)
 
     def settled(self) -> Project:
-        """Cancel the preview and return the project: what edits and files are made from."""
+        """Cancel the preview and return the project: what edits and files are made from.
+
+        Raises ``PreviewWaitsError`` when it waits to be applied or cancelled.
+        """
+        self._need_no_preview()
         self.history.preview(None)
         return self.project
 

@@ -1,7 +1,7 @@
 """Notices and questions for the user, errors that become notices, requests to the window."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, StrEnum, auto
 from functools import wraps
@@ -38,6 +38,13 @@ class NothingSelectedError(GagaError):
         super().__init__("Nothing is selected. Click an object first.")
 
 
+class PreviewWaitsError(GagaError):
+    """Something else was asked for while a preview waits to be applied or cancelled."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"The preview of {name} waits: apply it, or cancel it with Esc.")
+
+
 class Notifier(Protocol):
     """Something that shows notices: the session."""
 
@@ -60,7 +67,7 @@ def notifies(action: Callable[Concatenate[S, P], object]) -> Callable[Concatenat
     def notified(session: S, /, *args: P.args, **kwargs: P.kwargs) -> bool:
         try:
             return bool(action(session, *args, **kwargs))
-        except NothingSelectedError as error:
+        except (NothingSelectedError, PreviewWaitsError) as error:
             session.notify(Level.HINT, str(error))
         except GagaError as error:
             session.notify(Level.ERROR, str(error))
@@ -81,18 +88,14 @@ class UserQuestion:
     on_choice: Callable[[str], None]
 
 
-def unsaved_question(
-    text: str, save: Callable[[], None], discard: Callable[[], None]
-) -> UserQuestion:
-    """Build the question: save, discard, or cancel."""
+def choose_one(text: str, choices: Mapping[str, Callable[[], None]]) -> UserQuestion:
+    """Build the question that does one of ``choices``, or nothing ("Cancel")."""
 
     def chosen(choice: str) -> None:
-        if choice == "Save":
-            save()
-        elif choice == "Discard":
-            discard()
+        if choice in choices:
+            choices[choice]()
 
-    return UserQuestion(text, ("Save", "Discard", "Cancel"), chosen)
+    return UserQuestion(text, (*choices, "Cancel"), chosen)
 
 
 class Request(Enum):

@@ -40,8 +40,8 @@ from gaga_studio.session.notices import (
     Notice,
     Request,
     UserQuestion,
+    choose_one,
     notifies,
-    unsaved_question,
 )
 from gaga_studio.session.settings import Settings, load_settings, save_settings
 from gaga_studio.session.view import (
@@ -199,6 +199,9 @@ class Session:
     ) -> None:
         """Tell the user one sentence; offer the command with this id, or to show a file."""
         notice = Notice(level, plain_text(text), command, shows=shows)
+        waits = self.document is not None and self.document.waiting
+        if waits and self.notices and self.notices[-1].text == notice.text:
+            return  # it is said already, and a drag would say it in every frame
         self.notices = (*self.notices, notice)[-_MOST_NOTICES:]
 
     def answer(self, choice: str) -> None:
@@ -274,21 +277,29 @@ class Session:
         self._when_saved("before it is closed", self._forget)
 
     def quit(self) -> None:
-        """End the program (``should_quit``), after asking about a running job and unsaved edits."""
+        """End the program (``should_quit``), after asking about a running job and unsaved edits.
+
+        One question names both.
+        """
 
         def end() -> None:
             self.should_quit = True
 
-        def chosen(choice: str) -> None:
-            if choice == "Quit":
-                self._when_saved("before gaga-studio ends", end)
-
-        job = self.jobs.at_risk
+        job, document = self.jobs.at_risk, self.document
         if job is None:
-            chosen("Quit")
+            self._when_saved("before gaga-studio ends", end)
             return
-        text = f"{job.title} is still running; unfinished work is lost. Quit?"
-        self.pending_question = UserQuestion(text, ("Quit", "Cancel"), chosen)
+        text = f"{job.title} is still running; unfinished work is lost."
+        choices: dict[str, Callable[[], None]] = {"Quit": end}
+        if document is not None and document.waiting:
+            text += f" The preview of {document.waiting} is not applied."
+        if document is not None and self.unsaved:
+            text += f" {document.name} has unsaved changes."
+            choices = {
+                "Save and quit": lambda: self.save(then=end),
+                "Quit without saving": end,
+            }
+        self.pending_question = choose_one(text, choices)
 
     def save(
         self,
@@ -325,7 +336,10 @@ class Session:
             self.pending_question = question or self.pending_question
             return question is not None
 
-        stage = stages.save_stage(document.settled(), path, how.copies_model, how.overwrites)
+        if not document.waiting:
+            document.settled()
+        kept = replace(document.project, scene=document.history.base)
+        stage = stages.save_stage(kept, path, how.copies_model, how.overwrites)
         self.jobs.start_save("Save", stage, done, failed)
 
     def look_at_files(self) -> bool:
@@ -358,11 +372,11 @@ class Session:
     ) -> UserQuestion | None:
         """The question after a save failed with ``error``; None when there is no choice."""
         if isinstance(error, ModelChangedError):
-            choices: tuple[str, ...] = (COPY, ELSEWHERE, RELOAD, "Cancel")
+            choices: tuple[str, ...] = (COPY, ELSEWHERE, RELOAD)
         elif isinstance(error, SavedElsewhereError):
-            choices = (ELSEWHERE, "Overwrite", "Cancel")
+            choices = (ELSEWHERE, "Overwrite")
         elif isinstance(error, InUseError):
-            choices = (ELSEWHERE, "Try again", "Cancel")
+            choices = (ELSEWHERE, "Try again")
         else:
             return None
 
@@ -379,12 +393,11 @@ class Session:
             "Try again": lambda: self.save(path, then, how),
             ELSEWHERE: elsewhere,
             RELOAD: reload,
-            "Cancel": lambda: None,
         }
         text = str(error)
         if isinstance(error, ModelChangedError) and document.unsaved:
             text += " Reloading loses the unsaved edits."
-        return UserQuestion(text, choices, lambda choice: actions[choice]())
+        return choose_one(text, {choice: actions[choice] for choice in choices})
 
     def shut_down(self) -> None:
         """Stop the threads; the window is closing."""
@@ -396,16 +409,19 @@ class Session:
         self.hovering.shut_down()
 
     def _when_saved(self, when: str, action: Callable[[], None]) -> None:
-        """Do ``action``; with unsaved edits ask first."""
-        if self.document is None or not self.unsaved:
+        """Do ``action``; with unsaved edits, or a preview that waits, ask first."""
+        document = self.document
+        if document is None or not (document.unsaved or document.waiting):
             action()
             return
-
-        self.pending_question = unsaved_question(
-            f"Save the changes to {self.document.name} {when}?",
-            save=lambda: self.save(then=action),
-            discard=action,
-        )
+        text = f"The preview of {document.waiting} is not applied. " if document.waiting else ""
+        choices = {"Discard": action}
+        if document.unsaved:
+            text += f"Save the changes to {document.name} {when}?"
+            choices = {"Save": lambda: self.save(then=action), **choices}
+        else:
+            text += f"Discard it {when}?"
+        self.pending_question = choose_one(text, choices)
 
     def _start_opening(self, path: Path | None) -> None:
         """Open ``path``, or the demo."""

@@ -1,33 +1,33 @@
-"""Keys in the order in which they were typed, however slow the frames are.
+"""Keys and mouse in the order in which they were used, however slow the frames are.
 
 Dear ImGui takes all events since the last frame at once, so what was typed during a slow frame
 becomes one moment: a letter meets the Ctrl of the next shortcut, two shortcuts run in the order of
 a table, and letters reach the picture although the shortcut before them opened a text field.
-`KeyQueue` gives each frame at most one key with its modifiers; later events wait in Dear ImGui's
-own queue, in order.
+`KeyQueue` gives each frame at most one key with its modifiers, and a button of the mouse a frame
+after the motion before it: a press needs what was hovered, and a drag that is shorter than a frame
+is a drag. Later events wait in Dear ImGui's own queue, in order.
 """
 
 import ctypes
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from imgui_bundle import imgui
 
 SETTLE = 3  # frames that a key gets to open a popup or a text field before the next one counts
-_EVENT_BYTES, _KEY_AT, _DOWN_AT = 28, 12, 16  # ImGuiInputEvent: key and state of a key event
+# ImGuiInputEvent: its two values (key and state, button and state, or u and v), 4 bytes each.
+_EVENT_BYTES, _FIRST_AT, _SECOND_AT, _END = 28, 12, 16, 20
+_DRAG_PIXELS = 4.0  # a shorter way of the mouse is no motion
 _Type = imgui.internal.InputEventType
-_SHIFTS = frozenset((imgui.Key.mod_shift, imgui.Key.left_shift, imgui.Key.right_shift))
-_MODIFIERS = _SHIFTS | {
-    imgui.Key.mod_ctrl,
-    imgui.Key.mod_alt,
-    imgui.Key.mod_super,
-    imgui.Key.left_ctrl,
-    imgui.Key.left_alt,
-    imgui.Key.left_super,
-    imgui.Key.right_ctrl,
-    imgui.Key.right_alt,
-    imgui.Key.right_super,
+_SIDES = {  # of each modifier, the keys that hold it
+    imgui.Key.mod_ctrl: (imgui.Key.left_ctrl, imgui.Key.right_ctrl),
+    imgui.Key.mod_shift: (imgui.Key.left_shift, imgui.Key.right_shift),
+    imgui.Key.mod_alt: (imgui.Key.left_alt, imgui.Key.right_alt),
+    imgui.Key.mod_super: (imgui.Key.left_super, imgui.Key.right_super),
 }
+_SHIFTS = frozenset((imgui.Key.mod_shift, *_SIDES[imgui.Key.mod_shift]))
+_MODIFIERS = frozenset(key for mod, sides in _SIDES.items() for key in (mod, *sides))
 _COMMANDING = frozenset((imgui.Key.mod_ctrl, imgui.Key.mod_alt, imgui.Key.mod_super))
 _WITHOUT_TEXT = frozenset(  # keys that a text field takes as commands
     (
@@ -53,26 +53,40 @@ _WITHOUT_TEXT = frozenset(  # keys that a text field takes as commands
 
 
 @dataclass(frozen=True)
-class KeyEvent:
+class InputEvent:
     """One event of Dear ImGui's queue, as far as the order of keys needs it."""
 
     type: imgui.internal.InputEventType
     key: imgui.Key = imgui.Key.none  # of key events
+    button: int = 0  # of mouse buttons
     is_down: bool = False
+    at: tuple[float, float] = (0.0, 0.0)  # of mouse positions, pixels of the window
 
 
 class Portion:
     """Decides event by event what still belongs to this frame."""
 
-    def __init__(self, *, settles: bool, is_typing: bool, commands: set[imgui.Key]) -> None:
+    def __init__(
+        self,
+        *,
+        settles: bool,
+        is_typing: bool,
+        commands: set[imgui.Key],
+        presses: Mapping[int, tuple[float, float]],
+        mouse: tuple[float, float],
+    ) -> None:
         self._settles = settles  # a key of the frames before is still at work
         self._is_typing = is_typing  # a text field has the keys
         self._commands = commands  # of _COMMANDING, held now; kept up to date
+        self._presses = presses  # where the mouse buttons went down that are held, pixels
+        self._mouse = mouse  # where the last frame had it, pixels
+        self._has_dragged = False  # one of them, in this frame
+        self._has_come = False  # the mouse, from elsewhere, in this frame
         self._taken: set[imgui.Key] = set()  # keys that went down in this frame
         self._has_text = self._has_mouse = False
         self.has_command = False  # a key went down that may change who gets the next one
 
-    def takes(self, event: KeyEvent) -> bool:
+    def takes(self, event: InputEvent) -> bool:
         """Whether the event belongs to this frame; after the first that does not, none does."""
         match event.type:
             case _Type.key:
@@ -81,14 +95,20 @@ class Portion:
                 is_theirs = bool(self._taken) or (self._is_typing and not self.has_command)
                 self._has_text |= is_theirs or not self._settles
                 return is_theirs or not self._settles
+            case _Type.mouse_pos:
+                presses = self._presses.values()
+                self._has_dragged |= any(_is_far(event.at, place) for place in presses)
+                self._has_come |= _is_far(event.at, self._mouse)
             case _Type.mouse_button | _Type.mouse_wheel:
                 self._has_mouse = True
-                return not self.has_command
+                waits = self._has_come if event.is_down else self._has_dragged
+                is_button = event.type == _Type.mouse_button
+                return not self.has_command and not (is_button and waits)
             case _Type.focus:
                 return not self._taken
         return True
 
-    def _takes_key(self, event: KeyEvent) -> bool:
+    def _takes_key(self, event: InputEvent) -> bool:
         key = event.key
         if key >= imgui.Key.gamepad_start and key not in _MODIFIERS:
             return True
@@ -109,7 +129,7 @@ class Portion:
         self.has_command = True
         return True
 
-    def _takes_modifier(self, event: KeyEvent) -> bool:
+    def _takes_modifier(self, event: InputEvent) -> bool:
         if self.has_command or self._has_mouse:
             return False
         if self._is_typing and event.key in _SHIFTS:
@@ -133,7 +153,11 @@ class KeyQueue:
         self._return(queue)
         self._settles = max(self._settles - 1, 0)
         portion = Portion(
-            settles=self._settles > 0, is_typing=self._is_typing(), commands=self._commands
+            settles=self._settles > 0,
+            is_typing=self._is_typing(),
+            commands=self._commands,
+            presses=_presses(),
+            mouse=(imgui.get_io().mouse_pos.x, imgui.get_io().mouse_pos.y),
         )
         events = events_of(queue)
         n_taken = next((i for i, e in enumerate(events) if not portion.takes(e)), len(events))
@@ -165,17 +189,59 @@ class KeyQueue:
         self._held.clear()
 
 
-def events_of(queue: imgui.ImVector_InputEvent) -> list[KeyEvent]:
-    """The events of a queue. The binding shows their type only: keys are read from memory."""
+def events_of(queue: imgui.ImVector_InputEvent) -> list[InputEvent]:
+    """The events of a queue. The binding shows their type only: values are read from memory."""
     start = queue.data_address()
     found = []
     for i, event in enumerate(queue):
-        if event.type != _Type.key:
-            found.append(KeyEvent(event.type))
-            continue
         raw = ctypes.string_at(start + _EVENT_BYTES * i, _EVENT_BYTES)
-        key = int.from_bytes(raw[_KEY_AT:_DOWN_AT], "little")
-        found.append(KeyEvent(event.type, imgui.Key(key), bool(raw[_DOWN_AT])))
+        first, second = raw[_FIRST_AT:_SECOND_AT], raw[_SECOND_AT:_END]
+        if event.type == _Type.key:
+            key = imgui.Key(int.from_bytes(first, "little"))
+            found.append(InputEvent(event.type, key, is_down=bool(second[0])))
+        elif event.type == _Type.mouse_button:
+            button = int.from_bytes(first, "little")
+            found.append(InputEvent(event.type, button=button, is_down=bool(second[0])))
+        elif event.type == _Type.mouse_pos:
+            at = struct.unpack("ff", first + second)
+            found.append(InputEvent(event.type, at=at))
+        else:
+            found.append(InputEvent(event.type))
+    return found
+
+
+def correct_modifiers(n_before: int, held: Mapping[imgui.Key, bool]) -> None:
+    """Let the events after the first ``n_before`` of the queue have the modifiers ``held``.
+
+    A modifier whose release went to the window manager (Alt of Alt+F4) is released before them.
+    """
+    queue, io = imgui.get_current_context().input_events_queue, imgui.get_io()
+    events, kept = events_of(queue)[n_before:], imgui.ImVector_InputEvent()
+    for i in range(n_before):
+        kept.push_back(queue[i])
+    _refill(queue, kept)
+    for mod, is_held in held.items():
+        io.add_key_event(mod, is_held)
+        for side in () if is_held else _SIDES[mod]:
+            io.add_key_event(side, False)
+    for event in events:
+        if event.type == _Type.key and event.key not in held:
+            io.add_key_event(event.key, event.is_down)
+        elif event.type == _Type.mouse_button:
+            io.add_mouse_button_event(event.button, event.is_down)
+
+
+def _is_far(place: tuple[float, float], other: tuple[float, float]) -> bool:
+    return max(abs(place[0] - other[0]), abs(place[1] - other[1])) >= _DRAG_PIXELS
+
+
+def _presses() -> dict[int, tuple[float, float]]:
+    """Where each mouse button went down that is held, as far as Dear ImGui has been told."""
+    now, found = imgui.get_io().mouse_pos, {}
+    for button in range(imgui.MouseButton_.count):
+        if imgui.is_mouse_down(button):
+            way = imgui.get_mouse_drag_delta(button, 0.0)
+            found[button] = (now.x - way.x, now.y - way.y)
     return found
 
 

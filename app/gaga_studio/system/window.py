@@ -4,16 +4,18 @@ It knows nothing of the scene: ``studio.py`` hands it functions. Apart from ``gp
 only module that speaks to GLFW.
 """
 
+import ctypes
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import glfw
 from imgui_bundle import ImVec2, ImVec4, glfw_utils, hello_imgui, imgui, immapp
 
 from gaga_core.errors import GagaError, plain_text
-from gaga_studio.system.key_queue import KeyQueue
+from gaga_studio.system.key_queue import KeyQueue, correct_modifiers
 
 # --- Docking of the panels: a wide and a compact layout, sized for the text that they hold.
 # Docks keep their pixels when the window grows; text does not when its scale changes. So another
@@ -200,7 +202,7 @@ class Window:
     _layout: Layout = field(init=False)
     _title: str = ""
     _key_queue: KeyQueue = field(default_factory=KeyQueue)
-    _drop: object = None  # GLFW keeps no reference to its callback: we must
+    _callbacks_of_glfw: tuple[object, ...] = ()  # GLFW keeps no reference to them: we must
 
     def __post_init__(self) -> None:
         self._layout = Layout(self.panels, _dockable, self.options.compact_below)
@@ -278,8 +280,14 @@ class Window:
 
     def _started(self) -> None:
         handle = glfw_utils.glfw_window_hello_imgui()
-        self._drop = lambda _, names: self.hooks.dropped([Path(name) for name in names])
-        glfw.set_drop_callback(handle, self._drop)  # type: ignore[arg-type]  # names: a list
+
+        def dropped(_: _Handle, names: list[str]) -> None:
+            self.hooks.dropped([Path(name) for name in names])
+
+        self._callbacks_of_glfw = dropped, _on_key, _on_button
+        glfw.set_drop_callback(handle, dropped)  # type: ignore[arg-type]  # names: a list
+        glfw.set_key_callback(handle, _on_key)
+        glfw.set_mouse_button_callback(handle, _on_button)
         glfw.set_window_size_limits(handle, 480, 320, glfw.DONT_CARE, glfw.DONT_CARE)
         self.hooks.started()
 
@@ -306,6 +314,44 @@ class Window:
             if not panel.is_bare:
                 window = docking.dockable_window_of_name(panel.label)
                 window.is_visible = shown and self._layout.shows(panel)
+
+
+# --- Modifiers as the event says that they are held. Dear ImGui asks GLFW instead, which holds Alt
+# for ever when its release went to the window manager, as after Alt+F4.
+
+_MODIFIERS = {
+    imgui.Key.mod_ctrl: (glfw.MOD_CONTROL, glfw.KEY_LEFT_CONTROL, glfw.KEY_RIGHT_CONTROL),
+    imgui.Key.mod_shift: (glfw.MOD_SHIFT, glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT),
+    imgui.Key.mod_alt: (glfw.MOD_ALT, glfw.KEY_LEFT_ALT, glfw.KEY_RIGHT_ALT),
+    imgui.Key.mod_super: (glfw.MOD_SUPER, glfw.KEY_LEFT_SUPER, glfw.KEY_RIGHT_SUPER),
+}
+_Handle = Any  # of GLFW's window: a pointer of ctypes
+
+
+def _on_key(window: _Handle, key: int, scancode: int, action: int, mods: int) -> None:
+    n_before = imgui.get_current_context().input_events_queue.size()
+    imgui.backends.glfw_key_callback(_address(window), key, scancode, action, mods)
+    _correct(window, mods, n_before, key)
+
+
+def _on_button(window: _Handle, button: int, action: int, mods: int) -> None:
+    n_before = imgui.get_current_context().input_events_queue.size()
+    imgui.backends.glfw_mouse_button_callback(_address(window), button, action, mods)
+    _correct(window, mods, n_before)
+
+
+def _correct(window: _Handle, mods: int, n_before: int, key: int = glfw.KEY_UNKNOWN) -> None:
+    """Give the newest events the modifiers ``mods``; of ``key`` itself X11 tells the one before."""
+    said, asked = {}, {}
+    for mod, (bit, *sides) in _MODIFIERS.items():
+        asked[mod] = any(glfw.get_key(window, side) == glfw.PRESS for side in sides)
+        said[mod] = asked[mod] if key in sides else bool(mods & bit)
+    if said != asked:
+        correct_modifiers(n_before, said)
+
+
+def _address(window: _Handle) -> int:
+    return ctypes.cast(window, ctypes.c_void_p).value or 0
 
 
 def physical_keys() -> dict[str, str]:

@@ -1,8 +1,10 @@
 """Join mouse, keys, tools and camera: one call a frame for the picture."""
 
+from collections.abc import Sequence
+
 from gaga_core.arrays import DoubleArray
 from gaga_studio.features import camera, measure, selection
-from gaga_studio.session.notices import Request
+from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, RectShape, Tool, ViewportPoint
@@ -65,8 +67,18 @@ class ToolController:
         self.tool(session).cancel(session)
         return had
 
-    def update(self, session: Session, pointer: PointerState, keys: KeyState, dt: float) -> None:
-        """Do what this frame's mouse and keys mean. ``dt`` seconds since the last frame."""
+    def update(
+        self,
+        session: Session,
+        pointer: PointerState,
+        keys: KeyState,
+        dt: float,
+        way: Sequence[PointerState] = (),
+    ) -> None:
+        """Do what this frame's mouse and keys mean. ``dt`` seconds since the last frame.
+
+        ``way``: where the mouse was between the last frame and this one, in order.
+        """
         if session.tool is not self._active:
             self._tools[self._active].cancel(session)
             self._gestures.cancel()
@@ -75,12 +87,24 @@ class ToolController:
             return
         looks = session.rig.is_flying or bool(keys.held and not keys.ctrl)
         tool, is_open = self.tool(session), session.document is not None
-        drags = tool.takes_drag and is_open
-        for action in self._gestures.update(pointer, keys, tool_drags=drags, looks=looks):
-            if not _move_camera(session, action) and is_open:
-                _use(session, tool, action, pointer)
+        waits = session.document is not None and bool(session.document.waiting)
+        drags = tool.takes_drag and is_open and not waits
+        for state in (*way, pointer):
+            for action in self._gestures.update(state, keys, tool_drags=drags, looks=looks):
+                if _move_camera(session, action) or not is_open:
+                    continue
+                if waits and action.act in (Act.CLICK, Act.MENU):
+                    _say_that_it_waits(session)
+                else:
+                    _use(session, tool, action, state)
         move, speed = fly_move(keys, session.rig.is_flying)
         session.rig.fly(move, dt, speed * session.settings.fly_speed)
+
+
+@notifies
+def _say_that_it_waits(session: Session) -> None:
+    """Leave a preview as it is that waits: a click next to it would throw its work away."""
+    session.need().settled()
 
 
 def _move_camera(session: Session, action: Action) -> bool:

@@ -1,5 +1,7 @@
 """Turn mouse and keys over the picture into actions. Independent of the window toolkit.
 
+A gesture is made of every place that the mouse was at, however few frames saw it.
+
 Middle drag orbits, always; left drag orbits unless the tool wants it; Alt + left drag orbits too
 (trackpads). Right drag and Shift + middle drag pan; the wheel and Ctrl + middle drag zoom. A click
 is a press that moved less than ``CLICK_PIXELS``; a right click opens the menu of what is there.
@@ -21,7 +23,7 @@ Button = Literal["left", "right", "middle"]
 
 @dataclass(frozen=True)
 class PointerState:
-    """The mouse in one frame, in pixels of the picture from its top left corner."""
+    """The mouse at one moment, in pixels of the picture from its top left corner."""
 
     u: float
     v: float

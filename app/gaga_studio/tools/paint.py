@@ -69,7 +69,7 @@ class _Brush:
         self._last = (place.u, place.v)
         start = perf_counter()
         if start >= self._next and self._can_show():
-            self._document.history.preview_with(self._edit)
+            self._document.preview_with(self._edit)
             self._next = perf_counter() + (perf_counter() - start) / _SHARE
 
     def release(self, session: Session, place: ViewportPoint) -> None:

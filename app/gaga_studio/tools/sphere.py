@@ -46,7 +46,7 @@ class SphereTool:
             return
         self._radius = float(np.hypot(place.u - self._first.u, place.v - self._first.v))
         how, chosen = self._first.how, self._inside()
-        self._document.history.preview_with(
+        self._document.preview_with(
             lambda base: edits.select(base, chosen, how, f"Select {len(chosen):,} splats")
         )
 

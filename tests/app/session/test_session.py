@@ -259,9 +259,12 @@ def test_quitting_asks_while_a_job_runs(associated: Session) -> None:
     assert not associated.should_quit
     objects.rename(associated, objects_of(associated)[0], "mug")
     associated.quit()
-    associated.answer("Quit")
-    assert associated.pending_question is not None  # about the edits
-    associated.answer("Save")
+    question = associated.pending_question
+    assert question is not None
+    for lost in ("Film out.mp4 is still running", "has unsaved changes"):
+        assert lost in question.text
+    associated.answer("Save and quit")
+    assert associated.pending_question is None, "one question"
     end = time.monotonic() + 60
     while not associated.should_quit and time.monotonic() < end:
         associated.tick(0.01)

@@ -1,6 +1,7 @@
 """Delete and fill in the window: where the colors of the hole come from, and why not."""
 
 import os
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,12 @@ import pytest
 from gaga_core.arrays import DoubleArray, UInt8Array
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.io.splats.splat_files import write_splats
+from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.frame import scale_of
 from gaga_core.scene.orientation import degrees_of
-from gaga_core.scene.project import Project, save_project
+from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import cleanup, fill, measure
@@ -62,6 +64,57 @@ def test_a_model_is_chosen_in_the_preview_and_left_again(display: str, tmp_path:
         with models.no_torch():
             d.click(_MODEL)
             assert d.studio.ui.files.dialog is None, "it is off without PyTorch"
+
+    drive(walk, path=saved, size=(1100, 700))
+
+
+def test_a_filling_stays_until_it_is_applied_or_cancelled(display: str, tmp_path: Path) -> None:
+    """Clicks, drags, keys and lists leave the preview alone, and say what to do with it."""
+    table = table_with_box()
+    write_ply(tmp_path / "table.ply", table.gaussians)
+    scene = Scene.of(table.gaussians, table.labels)
+    saved = save_project(Project(scene, tmp_path / "table.ply"), tmp_path / "table.gaga")
+
+    def walk(d: Driver) -> None:
+        session = d.session
+        d.select(BOX)
+        d.menu("Object/Delete and fill")
+        d.settle()
+        found, entries = fill.shown(session), d.history.cursor
+        assert found is not None
+        width, height = d.size
+        other = next(int(g) for g in session.objects().ids if g)
+
+        def click() -> None:
+            d.click_picture(width / 2, height / 2)
+
+        def drag(key: KEY) -> None:
+            d.keys(key)
+            d.drag_picture((width * 0.1, height * 0.2), (width * 0.7, height * 0.6))
+
+        for act in (
+            click,
+            partial(d.click_picture, width / 2, height / 2, 1),
+            partial(drag, KEY.r),
+            partial(drag, KEY.b),
+            partial(d.keys, KEY.delete),
+            partial(d.keys, KEY.mod_ctrl, KEY.a),
+            partial(d.keys, KEY.mod_ctrl, KEY.z),
+            partial(d.click, f"**/object {other}/##row"),
+            partial(d.keys, KEY.mod_ctrl, KEY.s),
+        ):
+            act()
+            d.settle()
+            assert fill.shown(session) is found
+            assert d.history.cursor == entries
+        assert [n.text for n in session.notices if "waits" in n.text], "it is said"
+        d.keys(KEY.mod_ctrl, KEY.w)
+        d.click("Question/###Cancel")
+        assert fill.shown(session) is found
+        d.keys(KEY.escape)
+        assert fill.shown(session) is None
+        again = run_stage(open_path_stage(saved))
+        assert not again.scene.has(State.DELETED).any(), "a save has no preview"
 
     drive(walk, path=saved, size=(1100, 700))
 

@@ -3,14 +3,17 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from gaga_core.scene.scene import State
 from gaga_studio.features.commands import new_session
+from gaga_studio.features.selection import select_groups
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
-from tests.app.window.typist import strokes, type_into
+from tests.app.window.typist import Stroke, strokes, type_into
 
 pytestmark = pytest.mark.window
 SCRIPT = [
@@ -48,3 +51,159 @@ def test_a_typed_script_gives_the_same_result_at_any_frame_rate(
     before, after = type_into(studio, SCRIPT, in_a_frame=in_a_frame, frame_s=frame_s, see=_see)
     wanted = {"tool": ToolName.LASSO, "mode": list(Mode)[2], "history": ["Select all"]}
     assert after == {**before, **wanted, "selected": before["splats"]}
+
+
+@pytest.mark.parametrize(
+    ("keys", "wanted"),
+    [
+        ("Return", {"quits": True, "unsaved": False}),
+        # The Enter that opens the question does not answer it.
+        ("Escape Control_L+p q u i t Return", {"quits": False, "unsaved": True}),
+        ("Escape b", {"tool": ToolName.BRUSH}),
+        ("Escape Control_L+z", {"undo": "Select all"}),
+    ],
+)
+def test_alt_f4_leaves_the_keyboard_alive(
+    display: str, grouped_copy: Path, keys: str, wanted: dict[str, Any]
+) -> None:
+    """Alt goes down, the window is asked to close; the release goes to the window manager."""
+    script = [*strokes("Control_L+a m Delete"), ("Alt_L", True), ("Close", True), ("Rest", True)]
+
+    def see(studio: Studio) -> dict[str, Any]:
+        session = studio.session
+        return {
+            **_see(studio),
+            "quits": session.should_quit,
+            "unsaved": session.unsaved,
+            "undo": history.undo_title if (history := session.history) else "",
+        }
+
+    session = new_session(Settings(first_steps_done=True))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    *_, after = type_into(studio, [*script, *strokes(keys)], in_a_frame=1, frame_s=0.02, see=see)
+    assert {name: after[name] for name in wanted} == wanted
+
+
+def _along(places: list[tuple[float, float]], n: int = 40) -> list[Stroke]:
+    """A left drag through ``places`` in ``n`` steps, as a mouse tells it."""
+    at = np.linspace(0, len(places) - 1, n)
+    way = [np.interp(at, range(len(places)), [place[i] for place in places]) for i in (0, 1)]
+    moves: list[Stroke] = [("Mouse", (float(u), float(v))) for u, v in zip(*way, strict=True)]
+    return [moves[0], ("Button1", True), *moves[1:], ("Button1", False)]
+
+
+GESTURES = {
+    "r": _along([(0.02, 0.3), (0.6, 0.97)]),
+    "l": _along([(0.1, 0.2), (0.7, 0.3), (0.6, 0.9), (0.12, 0.8), (0.11, 0.22)]),
+    "b": _along([(0.2, 0.4), (0.7, 0.6), (0.2, 0.7)]),
+    "Escape": _along([(0.3, 0.4), (0.6, 0.45)]),  # an orbit
+}
+
+
+def _chosen(studio: Studio) -> dict[str, Any]:
+    session = studio.session
+    pose = session.rig.camera(64, 64).cam_from_world.round(6).tolist()
+    return {"chosen": session.selected_indices().tolist(), "pose": pose}
+
+
+def _gestures(scene: Path, in_a_frame: int, frame_s: float) -> list[Any]:
+    session = new_session(Settings(first_steps_done=True))
+    session.view.takes_splats = True
+    studio = Studio(scene, session=session, options=WindowOptions(size=(800, 500)))
+    drags = [
+        [*strokes(key), ("Rest", True), *drag, ("Rest", True)] for key, drag in GESTURES.items()
+    ]
+    script = [stroke for drag in drags for stroke in drag]
+    return type_into(studio, script, in_a_frame=in_a_frame, frame_s=frame_s, see=_chosen)
+
+
+def test_fast_drags_do_what_slow_ones_do(display: str, grouped_copy: Path) -> None:
+    """Streams of 42 events in 0.1 to 2 s, at frames of 10 ms to 1 s."""
+    slow = _gestures(grouped_copy, 1, 0.01)
+    taken = [len(seen["chosen"]) for seen in slow]
+    assert len(set(taken[2:7:2])) == 3, "each tool selects something else"
+    assert min(taken[2:7:2]) > 10
+    assert slow[-1]["pose"] != slow[0]["pose"], "it orbits"
+    for in_a_frame, frame_s in ((8, 0.2), (42, 1.0)):
+        fast = _gestures(grouped_copy, in_a_frame, frame_s)
+        assert [len(seen["chosen"]) for seen in fast] == taken, (in_a_frame, frame_s)
+        assert fast == slow, (in_a_frame, frame_s)
+
+
+@pytest.mark.parametrize(
+    ("keys", "names", "unsaved"),
+    [
+        ("Return", [], False),  # nothing was typed: nothing is named
+        ("m Control_L+z Return", [], False),  # undo belongs to the field
+        ("m u g Control_L+s", ["mug"], False),
+        ("m u g Control_L+p", ["mug"], True),
+        ("Control_L+s", [], False),
+    ],
+)
+def test_a_name_that_is_typed_is_kept_by_what_is_done_next(
+    display: str, grouped_copy: Path, keys: str, names: list[str], unsaved: bool
+) -> None:
+    """Ctrl+S in the field enters the name and saves.
+    What is entered without a change does not overwrite a name that came while it was open."""
+
+    def see(studio: Studio) -> dict[str, Any]:
+        document, rows = studio.session.need(), studio.ui.scene.objects.rows
+        if not studio.session.selected_groups():
+            select_groups(studio.session, (1,))
+        seen = {
+            "names": list(document.scene.names.values()),
+            "unsaved": document.unsaved,
+            "is_open": rows.renaming is not None,
+        }
+        if rows.renaming is not None and not document.scene.names:  # as when it is described
+            document.scene.described = {document.focus: "orange thing"}
+            document.scene.revision.names += 1
+        return seen
+
+    session = new_session(Settings(first_steps_done=True))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    rest: Stroke = ("Rest", True)
+    script = [*strokes("F2"), rest, *strokes(keys)]
+    _, opened, after = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
+    assert opened["is_open"]
+    assert after == {"names": names, "unsaved": unsaved, "is_open": False}
+
+
+_CLICK: list[Stroke] = [("Button1", True), ("Button1", False)]
+
+
+@pytest.mark.parametrize(
+    ("script", "moved"),
+    [
+        (strokes("g x 2 Return"), (2.0, 0.0, 0.0)),
+        (strokes("g x x y minus 1 period 5 Return"), (0.0, -1.5, 0.0)),
+        (strokes("g x Escape"), None),
+        (strokes("r z 9 0 Escape"), None),
+        ([*strokes("g z"), ("Mouse", (0.6, 0.3)), ("Rest", True), *_CLICK], "up"),
+    ],
+)
+def test_g_r_and_s_of_blender_follow_the_mouse_and_no_key_deletes(
+    display: str, grouped_copy: Path, script: list[Stroke], moved: Any
+) -> None:
+    def see(studio: Studio) -> Any:
+        session = studio.session
+        if not session.selected_groups():
+            select_groups(session, (1,))
+        centre, history = session.need().selected_centre(), session.need().history
+        assert not session.need().scene.has(State.DELETED).any()
+        return centre, history.cursor, history.is_previewing
+
+    session = new_session(Settings(first_steps_done=True, keys="blender"))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    at_rest: list[Stroke] = [("Mouse", (0.5, 0.5)), ("Rest", True)]
+    before, *_, (centre, n_done, is_previewing) = type_into(
+        studio, [*at_rest, *script], in_a_frame=1, frame_s=0.02, see=see
+    )
+    assert not is_previewing
+    assert n_done == (1 if moved is None else 2)
+    way = centre - before[0]
+    if moved == "up":
+        assert np.abs(way[:2]).max() < 1e-6
+        assert abs(way[2]) > 0.05
+    else:
+        np.testing.assert_allclose(way, moved or (0, 0, 0), atol=1e-5)

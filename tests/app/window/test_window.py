@@ -167,19 +167,49 @@ def test_advice_on_the_picture_goes_once_it_is_followed(
     drive(test, path=lone)
 
 
+@pytest.mark.parametrize("what", ["cleared", "made an object"])
+def test_clicks_on_a_scene_that_is_turned_then_are_still_the_tools(
+    display: str, balls: Path, tmp_path: Path, what: str
+) -> None:
+    lone = Path(shutil.copy(balls / "point_cloud.ply", tmp_path / "lone.ply"))
+
+    def test(d: Driver) -> None:
+        d.keys(KEY.o)
+        d.settle()
+        means = d.scene.gaussians.means.astype(np.float64)
+        nearest = means[np.linalg.norm(means - d.session.rig.eye, axis=1).argmin()]
+        d.click_picture(*d.project(nearest))
+        d.settle()
+        clicked = len(d.session.selected_indices())
+        assert clicked
+        d.menu("Tools/Turn upright")
+        d.settle()
+        assert len(d.session.selected_indices()) == clicked
+        d.keys(KEY.escape if what == "cleared" else KEY.enter)
+        d.settle()
+        if what == "cleared":
+            assert len(d.session.selected_indices()) == 0
+        else:
+            assert np.count_nonzero(d.scene.labels) == clicked
+        assert d.tool() is ToolName.OBJECT
+
+    drive(test, path=lone)
+
+
+def _endless(when_ended: Callable[[], object] = lambda: None) -> Stage[None]:
+    try:
+        for step in range(100_000):
+            time.sleep(0.002)
+            yield Progress("Counting", step, 100_000)
+    finally:
+        when_ended()
+
+
 def test_a_task_is_cancelled_by_its_button(display: str, balls: Path) -> None:
     ended = []
 
-    def endless() -> Stage[None]:
-        try:
-            for step in range(100_000):
-                time.sleep(0.002)
-                yield Progress("Counting", step, 100_000)
-        finally:
-            ended.append(True)
-
     def test(d: Driver) -> None:
-        d.session.jobs.start("Count", endless())
+        d.session.jobs.start("Count", _endless(lambda: ended.append(True)))
         d.frames(4)
         d.click("**/###Cancel")
         d.settle()
@@ -348,6 +378,15 @@ def _unsaved_edits_are_asked_about(d: Driver) -> None:
     assert d.exists("Question/###Discard")
     d.click("Question/###Cancel")
     assert d.session.unsaved
+    d.session.jobs.start("Count", _endless())
+    d.keys(KEY.mod_ctrl, KEY.q)
+    question = d.session.pending_question
+    assert question is not None
+    for lost in ("Count is still running", "has unsaved changes"):
+        assert lost in question.text, "one question names both"
+    d.click("Question/###Cancel")
+    d.session.jobs.cancel()
+    d.settle()
     assert not d.session.should_quit
     d.keys(KEY.mod_ctrl, KEY.w)
     d.click("Question/###Discard")

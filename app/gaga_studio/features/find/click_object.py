@@ -211,7 +211,7 @@ def prompt(session: Session) -> str:
         return "Analysing the scene; clicks are answered when it is done. Middle drag orbits."
     if document.feature(ClickState).is_asking:
         return "The model segments it from several views. Keep clicking, or press Esc to clear."
-    if not has_clicks(session):
+    if not is_clicking(session):
         return "Click an object, or drag a box around it. Middle drag orbits."
     return "Click adds, Alt click takes away. Enter makes it an object, Esc clears."
 
@@ -225,8 +225,13 @@ def has_clicks(session: Session) -> bool:
 
 
 def is_clicking(session: Session) -> bool:
-    """Whether the tool is in use and has something to confirm or to clear."""
-    return session.tool is ToolName.OBJECT and has_clicks(session)
+    """Whether the tool is in use and has something to confirm or to clear.
+
+    An edit after the clicks (Turn upright) leaves their selection, which is still the tool's.
+    """
+    if session.tool is not ToolName.OBJECT or session.document is None:
+        return False
+    return has_clicks(session) or len(session.selected_indices()) > 0
 
 
 @notifies
@@ -368,7 +373,7 @@ def _depth(scene: Scene, camera: Camera) -> FloatArray:
 
 def no_clicks(session: Session) -> str:
     """Needs splats that were selected with the tool Object."""
-    if has_clicks(session):
+    if has_clicks(session) or is_clicking(session):
         return no_selection(session)
     return no_scene(session) or "Nothing was clicked. Click with the tool Object (O) first."
 

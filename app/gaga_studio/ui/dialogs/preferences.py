@@ -176,32 +176,61 @@ def all_keys() -> dict[str, imgui.Key]:
     return {name: key_of(name) for name in names}
 
 
-def pressed(session: Session, on_escape: Callable[[], bool]) -> None:
-    """Run the command of the keys that went down in this frame.
+_FOLLOWING = {"tool.move", "tool.rotate", "tool.scale"}  # from their key on, as in Blender
+_OF_FIELDS = {"Ctrl+A", "Ctrl+C", "Ctrl+V", "Ctrl+X", "Ctrl+Z", "Ctrl+Y", "Ctrl+Shift+Z"}
+_ANY_POPUP = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
 
-    ``on_escape`` may end something of the window's own instead (a gesture, a card).
 
-    Nothing while a text is being typed or a popup is open; Ctrl combinations of text fields
-    (undo, copy) stay with the field.
-    """
-    io = imgui.get_io()
-    any_popup = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
-    if io.want_text_input or imgui.is_popup_open("", any_popup):
-        return
-    modifiers = "".join(
-        f"{name}+"
-        for name, down in (
-            ("Ctrl", io.key_ctrl),
-            ("Shift", io.key_shift),
-            ("Alt", io.key_alt),
+@dataclass
+class Shortcuts:
+    """Runs the commands of the keys that are pressed."""
+
+    follow: Callable[[], object]  # lets the selection follow the mouse
+    _after_text: str = ""  # id of the command that was asked for while a text was typed
+
+    def pressed(self, session: Session, on_escape: Callable[[], bool]) -> None:
+        """Run the command of the keys that went down in this frame.
+
+        ``on_escape`` may end something of the window's own instead (a gesture, a card).
+
+        Nothing while a popup is open. While a text is being typed, Ctrl combinations of text fields
+        (undo, copy) and keys without Ctrl stay with the field; others enter the text first.
+        """
+        io = imgui.get_io()
+        if imgui.is_popup_open("", _ANY_POPUP):
+            return
+        if self._after_text and not io.want_text_input:
+            command_id, self._after_text = self._after_text, ""
+            commands.run(command_id, session)
+        modifiers = "".join(
+            f"{name}+"
+            for name, down in (
+                ("Ctrl", io.key_ctrl),
+                ("Shift", io.key_shift),
+                ("Alt", io.key_alt),
+            )
+            if down
         )
-        if down
-    )
-    for name, key in all_keys().items():
-        if not imgui.is_key_pressed(key, True):
-            continue
-        if name == "Escape" and on_escape():
-            continue
-        command = commands.for_shortcut(modifiers + name, session)
-        if command is not None and (command.id in _REPEATING or imgui.is_key_pressed(key, False)):
-            commands.run(command.id, session)
+        for name, key in all_keys().items():
+            if not imgui.is_key_pressed(key, True):
+                continue
+            if io.want_text_input:
+                self._leave_field(session, modifiers + name)
+                continue
+            if name == "Escape" and on_escape():
+                continue
+            command = commands.for_shortcut(modifiers + name, session)
+            is_new = imgui.is_key_pressed(key, False)
+            if command is not None and (command.id in _REPEATING or is_new):
+                done = commands.run(command.id, session)
+                if done and session.settings.keys == "blender" and command.id in _FOLLOWING:
+                    self.follow()
+
+    def _leave_field(self, session: Session, keys: str) -> None:
+        """Enter the text that is typed, and run the command of ``keys`` in the next frame."""
+        command = commands.for_shortcut(keys, session)
+        # Alt with Ctrl types letters on some keyboards.
+        is_its_own = keys in _OF_FIELDS or "Ctrl+" not in keys or "Alt+" in keys
+        if command is not None and not is_its_own:
+            self._after_text = command.id
+            imgui.internal.clear_active_id()

@@ -65,17 +65,23 @@ def _question(session: Session) -> None:
         return
     imgui.text_wrapped(theme.plain(question.text))
     imgui.dummy(ImVec2(0, em(0.4)))
-    width, spacing = em(6), imgui.get_style().item_spacing.x
-    used = len(question.choices) * (width + spacing) - spacing
+    style = imgui.get_style()
+    pad = 2 * style.frame_padding.x
+    widths = [max(em(6), imgui.calc_text_size(choice).x + pad) for choice in question.choices]
+    used = sum(widths) + (len(widths) - 1) * style.item_spacing.x
     room = imgui.get_content_region_avail().x
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room - used, 0.0))
     answer = ""
-    for position, choice in enumerate(question.choices):
+    for position, (choice, width) in enumerate(zip(question.choices, widths, strict=True)):
         if position:
             imgui.same_line()
         if widgets.button(choice, Face(width=width, primary=position == 0)):
             answer = choice
-    if imgui.is_key_pressed(imgui.Key.escape):
+    if imgui.is_window_appearing():
+        pass  # the key of this frame opened it
+    elif widgets.enter_pressed():
+        answer = question.choices[0]
+    elif imgui.is_key_pressed(imgui.Key.escape):
         answer = question.choices[-1]
     if answer:
         imgui.close_current_popup()

@@ -70,7 +70,9 @@ class RowState:
     renaming: int | None = None  # group whose name is a text field now
     renaming_folder: str | None = None  # folder whose name is one
     text: str = ""  # of that field
-    has_keyboard: bool = False  # the field has taken it
+    shown: str = ""  # the name when the field was opened: entering it again names nothing
+    has_keyboard: bool = False  # it was asked to take it
+    is_active: bool = False  # it has it
     is_coloring: bool = False  # a group's color is being dragged
     splats: IntArray | None = None  # (K,) selection from before a menu was opened on a row
     menu: ObjectMenuState = field(default_factory=ObjectMenuState)
@@ -78,12 +80,16 @@ class RowState:
     def rename(self, group: int, name: str) -> None:
         """Turn the name of an object into a text field."""
         self.renaming, self.renaming_folder = group, None
-        self.text, self.has_keyboard = name, False
+        self._open(name)
 
     def rename_folder(self, folder: str) -> None:
         """Turn the name of a folder into a text field."""
         self.renaming, self.renaming_folder = None, folder
-        self.text, self.has_keyboard = name_of(folder), False
+        self._open(name_of(folder))
+
+    def _open(self, name: str) -> None:
+        self.text = self.shown = name
+        self.has_keyboard = self.is_active = False
 
 
 def select_area(is_selected: bool, is_partly: bool, height: float) -> bool:
@@ -106,10 +112,10 @@ def name_field(state: RowState, height: float) -> tuple[bool, str] | None:
     flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
     entered, state.text = imgui.input_text("##Name", state.text, flags)
     imgui.pop_style_var()
-    had_keyboard, state.has_keyboard = state.has_keyboard, True
-    if entered or (had_keyboard and imgui.is_item_deactivated_after_edit()):
-        return True, state.text.strip()
-    return (False, "") if had_keyboard and imgui.is_item_deactivated() else None
+    # A field that was not drawn in some frame has lost the keys without being told.
+    was_active, state.is_active, state.has_keyboard = state.is_active, imgui.is_item_active(), True
+    is_left = entered or (was_active and not state.is_active)
+    return (state.text != state.shown, state.text.strip()) if is_left else None
 
 
 def arrow(low: ImVec2, depth: int, columns: RowColumns, is_open: bool) -> bool:

@@ -12,9 +12,11 @@ from gaga_studio.features import measure as align_ground
 from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import CentreColors, Mode, ToolName
+from gaga_studio.system.key_queue import events_of
 from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
+from gaga_studio.tools.move import FollowTransform
 from gaga_studio.ui.chrome import command_buttons, toolbar
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
@@ -271,6 +273,14 @@ _BADGES = {
     Mode.RINGS: "Rims of the splats",
 }
 _TAP_S = 0.05  # flight of a key that has just gone down: a slow frame before it was not its own
+_FOLLOW_KEYS: dict[str, tuple[imgui.Key, ...]] = {
+    **{name: (imgui.Key[name.lower()],) for name in "XYZ"},
+    **{str(i): (imgui.Key[f"_{i}"], imgui.Key[f"keypad{i}"]) for i in range(10)},
+    ".": (imgui.Key.period, imgui.Key.keypad_decimal),
+    "-": (imgui.Key.minus, imgui.Key.keypad_subtract),
+    "Backspace": (imgui.Key.backspace,),
+}
+Buttons = tuple[bool, bool, bool]  # left, right, middle: whether it is down
 Render = Callable[[Camera], int]  # OpenGL name of the finished picture; 0 where there is none
 
 
@@ -288,6 +298,10 @@ class ViewportPanel:
         self.cube = ViewCube()
         self._fly_keys = FlyKeys(self.fly_keys)
         self._is_flying = False
+        self._held: Buttons = (False, False, False)
+        self._follow: FollowTransform | None = None
+        self._shown: object = None  # what it was shown for
+        self._is_ignored = False  # the button that ended it is still down
         self._on_handle = False  # the mouse is over the move handles, or drags one
 
     def draw(self, session: Session, state: PictureState, area: PictureArea) -> None:
@@ -335,6 +349,47 @@ class ViewportPanel:
         """Whether a drag or a fly key keeps the picture moving."""
         return self.controller.is_dragging or self._is_flying or self.cube.is_dragging
 
+    @property
+    def is_following(self) -> bool:
+        """Whether a transform follows the mouse: it has all keys until it ends."""
+        return self._follow is not None
+
+    def follow(self, session: Session, area: PictureArea) -> None:
+        """Let the selection follow the mouse, as the tool says; nothing without a selection."""
+        session.cancel_preview()
+        tool = self.controller.move_tools.get(session.tool)
+        handles = tool.handles(session) if tool is not None else None
+        if tool is None or handles is None or session.need().waiting:
+            return
+        io = imgui.get_io()
+        scale = io.display_framebuffer_scale
+        at = (io.mouse_pos.x - area.left) * scale.x, (io.mouse_pos.y - area.top) * scale.y
+        self._follow = FollowTransform(tool.name, at, handles)
+
+    def _go_on(self, session: Session, pointer: PointerState) -> bool:
+        """One frame of what follows the mouse; whether it has the mouse."""
+        pressed = pointer.left or pointer.right or pointer.middle
+        self._is_ignored &= pressed
+        if self._follow is None:
+            return self._is_ignored
+        if session.tool is not self._follow.name or session.document is None:
+            session.cancel_preview()
+            self._follow = None
+            return False
+        for name, keys in _FOLLOW_KEYS.items():
+            if any(imgui.is_key_pressed(key, False) for key in keys):
+                self._follow = self._follow.with_key(name)
+        camera = session.rig.camera(pointer.width, pointer.height)
+        shown = self._follow, pointer.u, pointer.v, session.rig.pose
+        if shown != self._shown:  # else the picture would never be at rest
+            self._shown = shown
+            self._follow.show(session, camera, (pointer.u, pointer.v))
+        is_cancelled = imgui.is_key_pressed(imgui.Key.escape, False) or pointer.right
+        if is_cancelled or pointer.left or widgets.enter_pressed():
+            session.cancel_preview() if is_cancelled else session.commit_preview()
+            self._follow, self._is_ignored = None, pressed
+        return True
+
     def cancel(self, session: Session) -> bool:
         """Escape: end the gesture without an edit; whether there was one."""
         self.gizmo.cancel()
@@ -342,7 +397,7 @@ class ViewportPanel:
 
     def _handles(self, session: Session, camera: Camera, corner: ImVec2, size: ImVec2) -> bool:
         tool = self.controller.move_tools.get(session.tool)
-        if tool is None or session.document is None:
+        if tool is None or session.document is None or session.document.waiting or self._follow:
             self.gizmo.cancel()
             return False
         return self.gizmo.draw(session, tool, camera, corner, size)
@@ -368,13 +423,33 @@ class ViewportPanel:
             is_double=imgui.is_mouse_double_clicked(imgui.MouseButton_.left),
             is_over=is_over and not self._on_handle,
         )
+        if self._go_on(session, pointer):
+            return
         held = self._fly_keys.held(is_flying=session.rig.is_flying)
         keys = KeyState(io.key_shift, io.key_ctrl, io.key_alt, held)
         if session.settings.keys == "blender" and not session.rig.is_flying:
             keys = replace(keys, held=frozenset())  # letters are shortcuts there
         self._is_flying = bool(keys.held)
         dt = min(io.delta_time, _TAP_S) if self._fly_keys.are_new else io.delta_time
-        self.controller.update(session, pointer, keys, dt)
+        way = _way(self._held, pointer, corner, density)
+        self._held = pointer.left, pointer.right, pointer.middle
+        self.controller.update(session, pointer, keys, dt, way)
+
+
+def _way(held: Buttons, now: PointerState, corner: ImVec2, density: ImVec2) -> list[PointerState]:
+    """Where the mouse was between the last frame and ``now`` with the buttons ``held``, in order.
+
+    A frame has at most one change of a button, at its end (`KeyQueue`).
+    """
+    if not any(held):
+        return []
+    events = events_of(imgui.get_current_context().input_events_trail)
+    left, right, middle = held
+    then = replace(now, left=left, right=right, middle=middle, wheel=0.0, is_double=False)
+    places = [event.at for event in events if event.type == imgui.internal.InputEventType.mouse_pos]
+    return [
+        replace(then, u=(x - corner.x) * density.x, v=(y - corner.y) * density.y) for x, y in places
+    ]
 
 
 def _mouse_area(size: ImVec2, has_handles: bool) -> bool:
