@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
@@ -27,6 +28,7 @@ _MOST: dict[str, tuple[int, int]] = {  # objects of a scene: from, to
 }
 _SMALL = 0.11  # metres: what goes into a bowl
 _SECTORS = 14  # pieces of a bowl's wall
+_PUSH = 1.1  # m/s
 _SPEED = 0.25  # m/s: what is faster in the end never came to rest, and is taken away
 _UPRIGHT = 0.6  # share of what is set down as it was scanned
 _BOARD, _DEEP, _FLOOR = 0.02, 0.32, -0.75  # metres: boards, their depth, floor under a table
@@ -70,7 +72,7 @@ def arrange(scans: Path, split: str, kind: Kind, rng: np.random.Generator) -> Ar
         kept = [
             k
             for k, place in enumerate(rest.places)
-            if place[2, 3] > _lowest(kind) - 0.02 and rest.speeds[k] < _SPEED
+            if place[2, 3] > -0.02 and rest.speeds[k] < _SPEED
         ]
         if len(kept) == len(falling) or not kept:
             break
@@ -83,18 +85,12 @@ def arrange(scans: Path, split: str, kind: Kind, rng: np.random.Generator) -> Ar
     return Arrangement(kind, tuple(falling), rest, tuple(blocks))
 
 
-def _lowest(kind: Kind) -> float:
-    return 0.0
-
-
 def _surroundings(kind: Kind, rng: np.random.Generator) -> list[Block]:
     """Floor, table or boards, walls; things stand on z = 0 and above."""
     if kind == "shelf":
         half, gap = rng.uniform(0.4, 0.6), rng.uniform(0.34, 0.42)
         n = int(rng.integers(2, 4))
-        boards = [
-            Block((-half, 0.0, k * gap - _BOARD), (half, _DEEP, k * gap)) for k in range(n)
-        ]
+        boards = [Block((-half, 0.0, k * gap - _BOARD), (half, _DEEP, k * gap)) for k in range(n)]
         sides = [
             Block((x - _BOARD, 0.0, -_BOARD), (x, _DEEP, n * gap)) for x in (-half, half + _BOARD)
         ]
@@ -156,8 +152,6 @@ def _turned(profile: DoubleArray, angles: DoubleArray) -> DoubleArray:
 
 def _drawn(name: str, pieces: list[DoubleArray], mass: float, color: DoubleArray) -> Placed:
     """A plain object of convex pieces."""
-    from scipy.spatial import ConvexHull
-
     vertices, faces, n = list[DoubleArray](), list[DoubleArray](), 0
     for piece in pieces:
         hull = ConvexHull(piece)
@@ -181,9 +175,6 @@ def _falling(
     """Objects at the beginning of their fall, none in another."""
     spots, found = list[tuple[float, float, float]](), list[Placed]()
     height = 0.02
-    levels = {0.0: 0.0}
-    if kind == "shelf":
-        levels = {}
     for scan in scans:
         hull = scan.mesh.corners
         center = (hull.min(axis=0) + hull.max(axis=0)) / 2
@@ -205,15 +196,18 @@ def _falling(
             at = np.array([x, y, z - low])
         else:
             at = np.array([*_spot(kind, radius, shape, spots, rng), 0.0])
-            base = 0.003
             if kind == "shelf":
                 at[1] = min(max(at[1], radius + 0.01), _DEEP - radius) if radius < 0.15 else 0.16
-            at[2] = base - low
+            at[2] = 0.003 - low
             spots.append((at[0], at[1], radius))
         place = np.eye(4)
         place[:3, :3] = turn
         place[:3, 3] = at - turn @ center
-        found.append(Placed(scan.name, scan.mesh, Body([hull], scan.mass, place)))
+        push = (0.0, 0.0)
+        if kind == "touching":  # towards the middle, until something is in the way
+            away = max(float(np.hypot(at[0], at[1])), 1e-6)
+            push = (-_PUSH * at[0] / away, -_PUSH * at[1] / away)
+        found.append(Placed(scan.name, scan.mesh, Body([hull], scan.mass, place, push)))
     return found
 
 
@@ -235,7 +229,7 @@ def _spot(
 ) -> tuple[float, float]:
     """A free place for a thing: anywhere, next to another, or at the wall."""
     reach = {"single": 0.03, "touching": 0.06, "shelf": 0.36}.get(kind, 0.22)
-    for attempt in range(400):
+    for _ in range(400):
         reach *= 1.006
         x, y = rng.uniform(-reach, reach, 2)
         if kind in ("box", "bowl") and np.hypot(x, y) < 0.27 + radius:
@@ -245,8 +239,7 @@ def _spot(
             y = max(y, 0.085 - float(shape[:, 1].max()) - 0.15 * rng.random())
         if kind == "shelf":
             y = _DEEP / 2
-        tight = 0.72 if kind == "touching" else 0.95  # of the sum of both radii
-        if all(np.hypot(x - a, y - b) > tight * (radius + r) for a, b, r in spots):
+        if all(np.hypot(x - a, y - b) > radius + r for a, b, r in spots):
             return float(x), float(y)
     return float(x), float(y)
 
@@ -256,7 +249,10 @@ def cameras(
 ) -> tuple[Camera, ...]:
     """``n`` cameras ``view_000.jpg`` ...: a ring, a half ring, or a walk by hand."""
     points = np.concatenate(
-        [t.body.pieces[0] @ p[:3, :3].T + p[:3, 3] for t, p in zip(found.objects, found.rest.places, strict=True)]
+        [
+            t.body.pieces[0] @ p[:3, :3].T + p[:3, 3]
+            for t, p in zip(found.objects, found.rest.places, strict=True)
+        ]
     )
     target = (points.min(axis=0) + points.max(axis=0)) / 2
     radius = max(float(np.linalg.norm(points - target, axis=1).max()), 0.08)

@@ -44,8 +44,10 @@ class Look:
     @staticmethod
     def drawn(n: int, rng: np.random.Generator) -> "Look":
         """A look for ``n`` blocks."""
-        base = rng.uniform(0.2, 0.85) + rng.normal(0, 0.08, (n, 3))
-        second = np.clip(base + rng.normal(0, 0.22, (n, 3)), 0.05, 0.95)
+        base = rng.uniform(0.2, 0.85, (n, 1)) * (1 + rng.normal(0, 0.12, (n, 3)))
+        second = np.clip(
+            base + rng.normal(0, 0.18, (n, 1)) + rng.normal(0, 0.07, (n, 3)), 0.05, 0.95
+        )
         clouds = sum(
             ndimage.gaussian_filter(rng.normal(size=(256, 256)), s, mode="wrap") * s
             for s in (1, 2, 4, 8, 16)
@@ -88,7 +90,11 @@ def _joined(parts: list[Discs]) -> Discs:
 
 
 def _ground(
-    blocks: tuple[Block, ...], things: DoubleArray, look: Look, factor: float, rng: np.random.Generator
+    blocks: tuple[Block, ...],
+    things: DoubleArray,
+    look: Look,
+    factor: float,
+    rng: np.random.Generator,
 ) -> list[Discs]:
     """Sides of the blocks that can be seen: finer near the things."""
     sides = []
@@ -121,7 +127,6 @@ def _ground(
     for b, axis, sign, u, v, at, w in trial:
         kept = rng.random(len(at)) < w * scale
         at, density = at[kept], weight(at[kept]) * scale
-        density = np.minimum(density, len(w) / max(float((w / weight(trial[0][5][:1])[0]).sum()), 1e-9)) if False else density
         normals = np.zeros_like(at)
         normals[:, axis] = sign
         colors = _printed(b, at[:, u], at[:, v], look)
@@ -134,7 +139,9 @@ def _printed(b: int, u: DoubleArray, v: DoubleArray, look: Look) -> DoubleArray:
     """Colors (N, 3) of block ``b`` at ``u``, ``v`` (N,) in metres."""
     fu, fv = look.prints[b]
     style = look.styles[b]
-    cells = look.clouds[(u * 220).astype(int) % 256, (v * (60 if style == 2 else 220)).astype(int) % 256]
+    cells = look.clouds[
+        (u * 220).astype(int) % 256, (v * (60 if style == 2 else 220)).astype(int) % 256
+    ]
     if style == 1:
         share = ((np.floor(u * fu) + np.floor(v * fu)) % 2).astype(float)
     elif style == 2:
@@ -171,7 +178,11 @@ def _lit(surface: Discs, things: DoubleArray, look: Look) -> Discs:
     under = things[things[:, 2] < 0.05]
     foot = np.clip((under[:, :2] - low) / _SHADOW, 0, n - 1).astype(np.int32)
     contact = blurred(foot, 4.0, 0.5) if len(foot) else np.zeros((n, n))
-    on_top = (surface.labels == 0) & (surface.normals[:, 2] > 0.5) & (np.abs(surface.points[:, 2]) < 0.01)
+    on_top = (
+        (surface.labels == 0)
+        & (surface.normals[:, 2] > 0.5)
+        & (np.abs(surface.points[:, 2]) < 0.01)
+    )
     at = cells(surface.points)
     shade, near = np.zeros(len(on_top)), np.zeros(len(on_top))
     shade[on_top] = cast[at[on_top, 0], at[on_top, 1]]
@@ -180,7 +191,9 @@ def _lit(surface: Discs, things: DoubleArray, look: Look) -> Discs:
     return replace(surface, colors=np.clip(surface.colors * light[:, None], 0, 1))
 
 
-def gaussians_of(surface: Discs, strength: float, rng: np.random.Generator) -> tuple[Gaussians, IntArray]:
+def gaussians_of(
+    surface: Discs, strength: float, rng: np.random.Generator
+) -> tuple[Gaussians, IntArray]:
     """Flat splats and their labels (N,); at a strength of 0 clean, at 1 as a short training
     leaves them: off the surface, of odd sizes and colors, with floaters."""
     n = len(surface.labels)

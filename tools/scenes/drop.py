@@ -12,6 +12,7 @@ from gaga_core.geometry import quats_to_matrices
 _STEP = 0.004  # s
 _SECONDS = 2.4  # of falling
 _MOST_SECONDS = 6.0  # ... where something still moves
+_FASTEST = 1.0  # m/s downwards: so that what falls late does not scatter what lies
 _AT_REST = 0.03  # m/s or rad/s
 _MOST_CORNERS = 48  # of a convex hull
 _FRICTION = "0.8 0.01 0.002"  # sliding, spinning, rolling: so that balls stop
@@ -24,6 +25,7 @@ class Body:
     pieces: Sequence[DoubleArray]  # (C, 3) corners of each, in the body's axes, metres
     mass: float  # kg
     place: DoubleArray  # (4, 4) world from body, at the beginning
+    push: tuple[float, float] = (0.0, 0.0)  # m/s along x and y, at the beginning
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,11 @@ def settle(bodies: Sequence[Body], blocks: Sequence[Block]) -> Rest:
     """Let bodies fall onto blocks until they rest, or for six seconds."""
     model = mujoco.MjModel.from_xml_string(_xml(bodies, blocks))
     data = mujoco.MjData(model)
+    velocities = data.qvel.reshape(len(bodies), 6)
+    velocities[:, :2] = np.array([body.push for body in bodies]).reshape(-1, 2)
     while data.time < _MOST_SECONDS:
         mujoco.mj_step(model, data)
+        np.maximum(velocities[:, 2], -_FASTEST, out=velocities[:, 2])
         if data.time > _SECONDS and np.abs(data.qvel).max(initial=0) < _AT_REST:
             break
     mujoco.mj_forward(model, data)

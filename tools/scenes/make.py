@@ -71,7 +71,7 @@ def _write(folder: Path, scans: Path, config: SceneConfig, facts: dict[str, obje
     splats, labels = gaussians_of(discs(found, look, 1.0, rng), strength, rng)
     for part in ("images", "gt/instance", "sparse/0"):
         (folder / part).mkdir(parents=True)
-    rasterizer, sky = choose("cpu"), rng.uniform(0.4, 0.9, 3)
+    rasterizer, sky = choose("cpu"), rng.uniform(0.4, 0.9) + rng.normal(0, 0.03, 3)
     for camera in views:
         image = rasterizer.render(dense, camera, background=sky).image
         write_rgb(folder / "images" / camera.name, image)
@@ -124,7 +124,10 @@ def main(
             config = SceneConfig(seed, split, config.kind, views=views)
             name = f"{split}_{seed:03d}_{config.kind}"
             new = make_scene(out.absolute() / name, scans, config)
-            print(f"{seed - first + 1}/{last - first + 1} {name}{'' if new else ' (there)'}", flush=True)
+            print(
+                f"{seed - first + 1}/{last - first + 1} {name}{'' if new else ' (there)'}",
+                flush=True,
+            )
     except GagaError as error:
         sys.exit(str(error))
 
