@@ -1,5 +1,6 @@
 """What stands, what falls where: the kinds of scenes, and where they are seen from."""
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -7,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from gaga_core.arrays import DoubleArray
+from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.geometry import quats_to_matrices
 from tools.demo.scene import posed
@@ -135,7 +136,7 @@ def _containers(kind: Kind, rng: np.random.Generator) -> list[Placed]:
         inner = np.array([(0.45 * r, t), (0.8 * r - t, 0.45 * h + t), (r - t, h)])
         angles = np.linspace(0, 2 * np.pi, _SECTORS + 1)
         pieces = [_turned(np.array([(0, 0), (0, t), outer[0], inner[0]]), angles[:-1])]
-        for one, other in zip(angles[:-1], angles[1:], strict=True):
+        for one, other in itertools.pairwise(angles):
             for k in range(2):
                 profile = np.concatenate([outer[k : k + 2], inner[k : k + 2]])
                 pieces.append(_turned(profile, np.array([one, other])))
@@ -152,15 +153,15 @@ def _turned(profile: DoubleArray, angles: DoubleArray) -> DoubleArray:
 
 def _drawn(name: str, pieces: list[DoubleArray], mass: float, color: DoubleArray) -> Placed:
     """A plain object of convex pieces."""
-    vertices, faces, n = list[DoubleArray](), list[DoubleArray](), 0
+    vertices, faces, n = list[DoubleArray](), list[IntArray](), 0
     for piece in pieces:
         hull = ConvexHull(piece)
-        triangles = hull.simplices.copy()
+        triangles = hull.simplices.astype(np.int32)
         a, b, c = (piece[triangles[:, k]] for k in range(3))
         inwards = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0
         triangles[inwards] = triangles[inwards][:, ::-1]
         vertices.append(piece)
-        faces.append(triangles + n)
+        faces.append(triangles + np.int32(n))
         n += len(piece)
     texture = np.broadcast_to(color, (1, 1, 3))
     mesh = Mesh(np.concatenate(vertices), np.concatenate(faces), np.zeros((n, 2)), texture)
@@ -248,12 +249,8 @@ def cameras(
     found: Arrangement, n: int, size: tuple[int, int], rng: np.random.Generator
 ) -> tuple[Camera, ...]:
     """``n`` cameras ``view_000.jpg`` ...: a ring, a half ring, or a walk by hand."""
-    points = np.concatenate(
-        [
-            t.body.pieces[0] @ p[:3, :3].T + p[:3, 3]
-            for t, p in zip(found.objects, found.rest.places, strict=True)
-        ]
-    )
+    at_rest = zip(found.objects, found.rest.places, strict=True)
+    points = np.concatenate([thing.body.pieces[0] @ p[:3, :3].T + p[:3, 3] for thing, p in at_rest])
     target = (points.min(axis=0) + points.max(axis=0)) / 2
     radius = max(float(np.linalg.norm(points - target, axis=1).max()), 0.08)
     fov = rng.uniform(42, 55)

@@ -111,7 +111,8 @@ def _ground(
 
     def weight(points: DoubleArray) -> DoubleArray:
         away = np.linalg.norm(points - middle, axis=1) / reach
-        return 1 / np.maximum(away, 1) ** 2
+        result: DoubleArray = 1 / np.maximum(away, 1) ** 2
+        return result
 
     found, trial = [], []
     for b, axis, sign, u, v, low, high in sides:
@@ -124,9 +125,9 @@ def _ground(
         w = weight(at) * area / n
         trial.append((b, axis, sign, u, v, at, w))
     scale = _GROUND * factor / sum(float(w.sum()) for *_, w in trial)
-    for b, axis, sign, u, v, at, w in trial:
-        kept = rng.random(len(at)) < w * scale
-        at, density = at[kept], weight(at[kept]) * scale
+    for b, axis, sign, u, v, drawn, w in trial:
+        at = drawn[rng.random(len(drawn)) < w * scale]
+        density = weight(at) * scale
         normals = np.zeros_like(at)
         normals[:, axis] = sign
         colors = _printed(b, at[:, u], at[:, v], look)
@@ -137,7 +138,7 @@ def _ground(
 
 def _printed(b: int, u: DoubleArray, v: DoubleArray, look: Look) -> DoubleArray:
     """Colors (N, 3) of block ``b`` at ``u``, ``v`` (N,) in metres."""
-    fu, fv = look.prints[b]
+    fu = look.prints[b, 0]
     style = look.styles[b]
     cells = look.clouds[
         (u * 220).astype(int) % 256, (v * (60 if style == 2 else 220)).astype(int) % 256
@@ -165,7 +166,8 @@ def _lit(surface: Discs, things: DoubleArray, look: Look) -> Discs:
 
     def cells(points: DoubleArray) -> IntArray:
         flat = points[:, :2] - look.light[:2] / look.light[2] * points[:, 2:]
-        return np.clip((flat - low) / _SHADOW, 0, n - 1).astype(np.int32)
+        result: IntArray = np.clip((flat - low) / _SHADOW, 0, n - 1).astype(np.int32)
+        return result
 
     def blurred(at: IntArray, sigma: float, gain: float) -> DoubleArray:
         counts = np.zeros((n, n))
@@ -210,7 +212,8 @@ def gaussians_of(
     points = surface.points + surface.normals * off[:, None]
     opacity = 4.0 + strength * (rng.normal(0, 1.3, n) - 1.0)
     sh = np.zeros((n, 4, 3))
-    sh[:, 0] = dc_from_rgb(surface.colors + strength * rng.normal(0, 0.025, (n, 3)))
+    colors = surface.colors + strength * rng.normal(0, 0.025, (n, 3))
+    sh[:, 0] = dc_from_rgb(colors.astype(np.float32))
     sh[:, 1:] = strength * rng.normal(0, 0.04, (n, 3, 3))
     labels = surface.labels
     floaters = rng.choice(n, int(0.004 * strength * n), replace=False)

@@ -124,10 +124,9 @@ def main(
             config = SceneConfig(seed, split, config.kind, views=views)
             name = f"{split}_{seed:03d}_{config.kind}"
             new = make_scene(out.absolute() / name, scans, config)
-            print(
-                f"{seed - first + 1}/{last - first + 1} {name}{'' if new else ' (there)'}",
-                flush=True,
-            )
+            there = "" if new else " (there)"
+            sys.stdout.write(f"{seed - first + 1}/{last - first + 1} {name}{there}\n")
+            sys.stdout.flush()
     except GagaError as error:
         sys.exit(str(error))
 
