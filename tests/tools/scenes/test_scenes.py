@@ -14,6 +14,7 @@ from tests.bench.figures import data_folder
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: the extra `tools`")
 from tools.scenes.arrange import KINDS, Kind, arrange
+from tools.scenes.draw import Look, discs
 from tools.scenes.make import SceneConfig, make_scene
 from tools.scenes.scans import held_out, scan_names
 
@@ -47,6 +48,13 @@ def test_things_rest_on_something_and_not_in_each_other(kind: Kind) -> None:
     assert found.objects
     assert all(found.rest.touches)
     assert found.rest.deepest < _OVERLAP
+    rng = np.random.default_rng(6)
+    drawn = discs(found, Look.drawn(len(found.blocks), rng), 0.1, rng)
+    for k, (thing, place) in enumerate(zip(found.objects, found.rest.places, strict=True), 1):
+        corners = np.concatenate(thing.body.pieces) @ place[:3, :3].T + place[:3, 3]
+        points = drawn.points[drawn.labels == k]  # drawn where physics left it
+        assert (points > corners.min(axis=0) - 1e-6).all()
+        assert (points < corners.max(axis=0) + 1e-6).all()
 
 
 def test_objects_kept_back_appear_in_test_scenes_alone() -> None:
