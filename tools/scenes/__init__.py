@@ -1,0 +1,1 @@
+"""Scenes of scanned objects that fell where physics lets them lie, with their truth."""
