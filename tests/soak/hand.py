@@ -9,7 +9,9 @@ import time
 from dataclasses import dataclass
 
 from gaga_studio.features import commands
-from tests.app.window.typist import Keyboard, XEvent
+from gaga_studio.ui.kit.picture_area import PictureArea
+from tests.app.window import typist
+from tests.app.window.typist import XEvent
 
 _BUTTON_PRESS, _BUTTON_RELEASE, _MOTION = 4, 5, 6  # X.h
 _MASKS = {_BUTTON_PRESS: 1 << 2, _BUTTON_RELEASE: 1 << 3, _MOTION: 1 << 6}
@@ -36,7 +38,7 @@ class Hand(threading.Thread):
         self._x = ctypes.CDLL(ctypes.util.find_library("X11") or "libX11.so.6")
         self._x.XOpenDisplay.restype = ctypes.c_void_p
         self._display = ctypes.c_void_p(self._x.XOpenDisplay(os.environ["DISPLAY"].encode()))
-        self._keyboard = Keyboard(window)
+        self._keyboard = typist.Hand(window, PictureArea())
         self._chords = [
             keys.split("+") for c in commands.COMMANDS for keys in (c.shortcut, *c.aliases) if keys
         ]
