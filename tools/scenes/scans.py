@@ -1,17 +1,16 @@
 """Scanned objects: textured meshes of a folder, which of them judge only, and points on them."""
 
-import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 from scipy.spatial import ConvexHull
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.errors import GagaError
+from gaga_core.io.images import open_image
 from gaga_core.io.splats.glb import Buffers
 
 _EVERY = 5  # of the names in order, the first and every fifth after it appear in tests only
@@ -99,7 +98,7 @@ def read_scan(folder: Path, name: str) -> Scan:
     vertices = _array(buffers, primitive["attributes"]["POSITION"]).astype(np.float64)
     uv = _array(buffers, primitive["attributes"]["TEXCOORD_0"]).astype(np.float64)
     content = bytes(buffers.view(gltf["images"][0]["bufferView"]))
-    texture = np.asarray(Image.open(io.BytesIO(content)).convert("RGB"), np.float64) / 255
+    texture = np.asarray(open_image(path, content).convert("RGB"), np.float64) / 255
     masses: Mapping[str, float] = json.loads((folder / "masses_kg.json").read_text("utf-8"))
     sides = vertices[faces]
     solid = np.linalg.norm(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1)

@@ -17,8 +17,8 @@ from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
+from tests.core.io.colmap_parts import bend
 from tests.core.io.splat_parts import write_unchecked
-from tests.core.io.test_colmap import bend
 from tests.scenes import random_gaussians
 
 _W, _H = 320, 240

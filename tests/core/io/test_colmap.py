@@ -9,16 +9,12 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras.cameras_json import read_cameras_json, write_cameras_json
-from gaga_core.io.cameras.colmap import ColmapReading, read_colmap, write_colmap
+from gaga_core.io.cameras.colmap import ColmapReading, read_colmap
 from gaga_core.io.folder.scene_folder import is_scene_folder, open_scene_folder
 from gaga_core.io.splats.ply import write_ply
 from tests.conftest import real_scene
+from tests.core.io.colmap_parts import bend, model_in
 from tests.scenes import orbit_cameras, random_gaussians
-
-
-def model_in(folder: Path, n: int = 10) -> Path:
-    write_colmap(folder, orbit_cameras(n), np.ones((3, 3)), np.full((3, 3), 9, np.uint8))
-    return folder
 
 
 def test_written_cameras_are_read_back(tmp_path: Path) -> None:
@@ -31,13 +27,6 @@ def test_written_cameras_are_read_back(tmp_path: Path) -> None:
         assert np.allclose(got.cam_from_world, want.cam_from_world, atol=1e-9)
     assert np.allclose(model.points, 1)
     assert (model.point_colors == 9).all()
-
-
-def bend(model: Path) -> None:
-    """Give the cameras of a text model the lens distortion of OpenCV."""
-    cameras = model / "cameras.txt"
-    lines = cameras.read_text().replace(" PINHOLE ", " OPENCV ").splitlines()
-    cameras.write_text("".join(f"{line} 0.1 0.01 0 0\n" for line in lines))
 
 
 @pytest.mark.parametrize("damage", ["truncate", "garbage", "gone"])
