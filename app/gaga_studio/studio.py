@@ -408,6 +408,8 @@ class Studio:
             self._masks = self.session.masks
             if self.images is not None:
                 self.images.clear()
+        if self.images is not None:
+            self.images.receive()
         self._shows_left = False  # it is away while the camera goes from photo to photo
         if split_view.left_drawn(self.session, self.session.view) is None:
             self._release_left()

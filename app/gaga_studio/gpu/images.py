@@ -40,7 +40,7 @@ class ImageStore:
         ``load`` gives (H, W, 3) or (H, W, 4) and runs in a thread of the store, once; without it
         only what is there is given. Row 0 of the texture is the picture's first row.
         """
-        self._receive()
+        self.receive()
         texture = self._textures.get(key)
         if texture is not None:
             self._textures.move_to_end(key)
@@ -51,7 +51,7 @@ class ImageStore:
 
     def cannot_read(self, key: str) -> bool:
         """Whether a picture was asked for and could not be read."""
-        self._receive()
+        self.receive()
         return key in self._failed
 
     @property
@@ -60,9 +60,23 @@ class ImageStore:
         with self._changed:
             return bool(self._loads) or self._decoding != "" or not self._decoded.empty()
 
+    def receive(self) -> None:
+        """Send decoded pictures to the card: once a frame, whether or not one of them is drawn."""
+        while not self._decoded.empty():
+            key, pixels = self._decoded.get_nowait()
+            if pixels is None:
+                self._failed.add(key)
+            elif key not in self._textures:
+                self._textures[key] = self._upload(pixels)
+        used = sum(4 * texture.width * texture.height for texture in self._textures.values())
+        while len(self._textures) > 1 and used > self._budget:
+            _, oldest = self._textures.popitem(last=False)
+            used -= 4 * oldest.width * oldest.height
+            oldest.release()
+
     def drop(self, key: str) -> None:
         """Forget one picture: it changed, or is of no use any more."""
-        self._receive()
+        self.receive()
         self._failed.discard(key)
         with self._changed:
             self._loads.pop(key, None)
@@ -100,20 +114,6 @@ class ImageStore:
             while len(self._loads) > _WAITING_MAX:
                 self._loads.popitem(last=False)
             self._changed.notify_all()
-
-    def _receive(self) -> None:
-        """Send decoded pictures to the card."""
-        while not self._decoded.empty():
-            key, pixels = self._decoded.get_nowait()
-            if pixels is None:
-                self._failed.add(key)
-            elif key not in self._textures:
-                self._textures[key] = self._upload(pixels)
-        used = sum(4 * texture.width * texture.height for texture in self._textures.values())
-        while len(self._textures) > 1 and used > self._budget:
-            _, oldest = self._textures.popitem(last=False)
-            used -= 4 * oldest.width * oldest.height
-            oldest.release()
 
     def _upload(self, pixels: UInt8Array) -> moderngl.Texture:
         height, width, channels = pixels.shape

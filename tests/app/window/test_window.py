@@ -405,6 +405,22 @@ def test_nothing_is_drawn_again_while_nothing_changes(display: str, balls: Path)
     drive(test, path=balls, settings=Settings(ui_scale=1.5))
 
 
+def test_a_picture_that_is_asked_for_and_not_shown_keeps_no_window_awake(
+    display: str, balls: Path
+) -> None:
+    """As the thumbnails of a list that another panel covers before they are there."""
+
+    def test(d: Driver) -> None:
+        d.settle()
+        images = d.studio.images
+        assert images is not None
+        pixels = np.zeros((4, 4, 3), np.uint8)
+        assert d.on_main(lambda: images.texture("asked for once", lambda: pixels)) is None
+        d.settle()
+
+    drive(test, path=balls)
+
+
 def _row(group: int) -> str:
     return f"**/object {group}/##row"
 
