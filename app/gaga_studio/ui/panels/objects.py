@@ -129,15 +129,18 @@ def _list(
     state.sort = row_kinds.sorting()
     _follow_selection(session, document, state, lines, height)
     rows = Rows(session, document, state.rows, masks, table, measured, lines.shown, columns, parts)
-    _draw_lines(rows, lines)
+    open_name = state.rows.renaming_folder or state.rows.renaming
+    _draw_lines(rows, lines, None if open_name is None else _line_at(lines, open_name))
     imgui.end_table()
 
 
-def _draw_lines(rows: Rows, lines: Lines) -> None:
-    """Those that can be seen."""
+def _draw_lines(rows: Rows, lines: Lines, renamed: int | None) -> None:
+    """Those that can be seen, and the line with an open text field: not drawn it loses the keys."""
     sums, chosen = folders.sums(rows.session), folders.chosen(rows.session)
     clipper = imgui.ListClipper()
     clipper.begin(len(lines.lines))
+    if renamed is not None:
+        clipper.include_item_by_index(renamed)
     while clipper.step():
         for at in range(clipper.display_start, clipper.display_end):
             line = lines.lines[at]
