@@ -391,17 +391,25 @@ def kept_groups(session: Session, table: ObjectTable) -> frozenset[int] | None:
 # --- lines of a session
 
 
-def lines(session: Session, table: ObjectTable, sort: SortKey, falls: bool) -> Lines:
-    """Return the lines of ``table``, sorted; ``falls``: descending."""
+def lines(
+    session: Session, table: ObjectTable, sort: SortKey, falls: bool, renamed: int | None = None
+) -> Lines:
+    """Return the lines of ``table``, sorted; ``falls``: descending.
+
+    The group whose name is typed (``renamed``) is neither filtered out nor folded away.
+    """
     document = session.need()
     view, found = document.feature(ObjectListView), document.feature(SearchState).described
     kept, quality = kept_rows(session, table), quality_column(session, table)
+    behind = found.description.background if found is not None else frozenset()
+    if renamed is not None:
+        behind, kept = behind - {renamed}, None if kept is None else kept | (table.ids == renamed)
     listing = Listing(
         table=table,
         rows=document.read.listed(table, "", sort, falls, quality).tolist(),
         folders=document.scene.folders,
         kept=kept,
-        behind=found.description.background if found is not None else frozenset(),
+        behind=behind,
         folds_background=session.settings.folds_background,
         falls=falls and sort == "name",
         parts=None if (index := part_index(session)) is None else index.parts,

@@ -318,6 +318,14 @@ def test_an_object_that_others_lie_under_is_no_background(laid: Session) -> None
         assert 4 not in shown, "folded"
 
 
+def test_no_filter_leaves_out_the_object_whose_name_is_typed(laid: Session) -> None:
+    table, view = laid.objects(), laid.need().feature(ObjectListView)
+    view.filter = ListFilter({"splats": (1e6, 2e6)})
+    for renamed in (None, 2):
+        lines = object_list.lines(laid, table, "name", False, renamed)
+        assert [group for group in lines.shown if group] == ([] if renamed is None else [2])
+
+
 def test_eye_lock_and_circle_of_an_object_act_on_what_lies_under_it(laid: Session) -> None:
     assert objects.set_hidden(laid, 2, True)
     assert _groups(laid, State.HIDDEN) == {2, 3}

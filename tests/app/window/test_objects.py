@@ -185,6 +185,11 @@ def _background_folds(d: Driver) -> None:
     assert behind
     row = f"Objects/**/object {min(behind)}/##row"
     assert not d.exists(row)
+    d.select(min(behind))
+    d.keys(KEY.f2)
+    d.until(lambda: d.exists(row), "a row whose name is typed is not folded away")
+    d.keys(KEY.escape)
+    d.until(lambda: not d.exists(row), "it is folded again")
     d.click("Objects/**/##background")
     assert d.exists(row)
     assert not load_settings()[0].folds_background

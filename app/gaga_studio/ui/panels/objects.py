@@ -112,7 +112,7 @@ def _list(
     table: ObjectTable,
 ) -> None:
     measured = memory_bank.quality_column(session, table)
-    lines = object_list.lines(session, table, *state.sort)
+    lines = object_list.lines(session, table, *state.sort, state.rows.renaming)
     height = row_kinds.height(imgui.get_content_region_avail().y)
     parts = object_list.part_index(session)
     order = document.scene.folders
@@ -229,6 +229,9 @@ def rename_selected(session: Session, state: ObjectListState) -> None:
     elif session.focus:
         state.rows.rename(session.focus, session.document.name_of(session.focus))
         state.scroll_to = session.focus
+        session.document.feature(ObjectListView).reveal_group(
+            session.document.scene.folders, session.focus
+        )
 
 
 def _foot_height(session: Session) -> float:
