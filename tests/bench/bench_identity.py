@@ -33,8 +33,8 @@ from gaga_core.raster.cpu.project_kernels import TILE
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from tests.bench.figures import Figure, median_ms
 from tests.bench.rerender_kernels import blend_wide_backward
-from tests.bench.rooms import Kind, bench_scene
 from tests.scenes import objects_scene, orbit_cameras
+from tools.scenes.rooms import Kind, bench_scene
 
 _N, _GROUPS, _VIEWS = 200_000, 100, 40
 _STEPS = 50  # that rasterize; 10,000 are extrapolated from them

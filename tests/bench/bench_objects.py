@@ -7,25 +7,22 @@ and what holds together was chosen on ycb_crowd and the demo, and then limited t
 harm to generated rooms, tables and contents, most of other seeds; levels of small pieces, surfaces
 that a thing lies across and rarely seen parts were chosen on the demo, how objects are divided on
 ycb_crowd, with a look at one draw or more of all scenes. The generated kinds: rooms, tables,
-objects of parts (`tests.bench.parts`), and contents, rows and chairs (`tests.bench.contents`).
+objects of parts (`tools.scenes.parts`), and contents, rows and chairs (`tools.scenes.contents`).
 Each figure is the mean over four draws (regions of two widths, of all views and of some), and the
 worst of them: a result that only one of them reaches is luck.
 Scenes that are not on this machine are left out (GAGA_TEST_DATA).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import get_args
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
+from gaga_core.arrays import DoubleArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
-from gaga_core.color import dc_from_rgb
 from gaga_core.evaluate.group_scores import HIT
 from gaga_core.gaussians import Gaussians
-from gaga_core.geometry import quats_to_matrices
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views
@@ -36,8 +33,7 @@ from gaga_core.raster import choose
 from gaga_core.segmentation.regions import FURTHER_STEPS, RegionsConfig, regions_at
 from tests.bench.figures import Figure
 from tests.bench.known_scenes import held_out_score, known_scenes, true_labels
-from tests.bench.parts import parts_scene
-from tests.bench.rooms import Bench, Kind, bench_scene
+from tools.scenes.painted import PAINTED_KINDS, Painted, painted_scene
 
 _BARS = {
     "ycb_table": (">= 0.87", ">= 0.82", ">= 0.95", ">= 0.97"),
@@ -47,7 +43,6 @@ _BARS = {
 _WIDTHS = (480, 560)  # pixels
 _SHARES = (1.0, 0.7)  # of the train views
 _ROOM_SEED = 0
-_ROOM_PARTS = 3  # labels of floor and walls, after those of the objects
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +71,7 @@ def figures() -> list[Figure]:
     return found
 
 
-def _scores(scene: _Set, width: int) -> Iterator[tuple[float, float, float, float]]:
+def _scores(scene: _Set | Painted, width: int) -> Iterator[tuple[float, float, float, float]]:
     """IoU, precision, recall, and recall at the best level, from regions of one width, of all views
     and of some of them."""
     masks = _regions(scene, width)
@@ -88,14 +83,11 @@ def _scores(scene: _Set, width: int) -> Iterator[tuple[float, float, float, floa
         yield score.iou, score.precision, score.recall, _best_recall(scene, association)
 
 
-def _sets() -> Iterator[tuple[str, _Set]]:
+def _sets() -> Iterator[tuple[str, _Set | Painted]]:
     for name, folder in known_scenes("ycb_table", "ycb_crowd", "demo"):
         yield name, _of_folder(folder)
-    kinds: tuple[Kind, ...] = get_args(Kind)
-    for kind in kinds:
-        made = bench_scene(kind, _ROOM_SEED, n_train=40, size=(480, 360))
-        yield kind, _painted_scene(made)
-    yield "parts", _painted_scene(parts_scene(_ROOM_SEED))
+    for kind in PAINTED_KINDS:
+        yield kind, painted_scene(kind, _ROOM_SEED)
 
 
 def _of_folder(folder: SceneFolder) -> _Set:
@@ -109,36 +101,7 @@ def _of_folder(folder: SceneFolder) -> _Set:
     )
 
 
-def _painted_scene(made: Bench) -> _Set:
-    """A generated scene whose objects are painted with stripes, lit from one side; splats have the
-    colors of the photos."""
-    n_things = int(made.labels.max()) - _ROOM_PARTS
-    colors = _painted(made.gaussians, np.where(made.labels > n_things, 0, made.labels))
-    photos = {}
-    for camera in made.train:
-        image = choose("cpu").render(made.gaussians, camera, channels=colors).image
-        photos[camera.name] = (np.clip(image, 0, 1) * 255).astype(np.uint8)
-    truth = {c.name: made.truth[c.name] for c in made.test}
-    objects = {name: np.where(t > n_things, 0, t).astype(np.int32) for name, t in truth.items()}
-    painted = replace(made.gaussians, sh=np.ascontiguousarray(dc_from_rgb(colors)[:, None]))
-    return _Set(painted, photos, made.train, made.test, objects)
-
-
-def _painted(gaussians: Gaussians, labels: IntArray) -> FloatArray:
-    """Colors (N, 3) by label, with stripes and light."""
-    rng = np.random.default_rng(_ROOM_SEED)
-    n = int(labels.max()) + 1
-    one = rng.uniform(0.1, 0.9, (n, 3))
-    two = np.clip(one + rng.normal(0, 0.2, (n, 3)), 0, 1)
-    wave: DoubleArray = (gaussians.means * rng.uniform(10, 60, (n, 3))[labels]).sum(axis=1)
-    thinnest = gaussians.log_scales.argmin(axis=1)
-    normals = quats_to_matrices(gaussians.quats)[np.arange(len(labels)), :, thinnest]
-    light = 0.45 + 0.55 * np.abs(normals @ np.array([0.3, -0.5, 0.8]))
-    color = np.where(np.sin(wave)[:, None] > 0, one[labels], two[labels]) * light[:, None]
-    return np.ascontiguousarray(color, dtype=np.float32)
-
-
-def _regions(scene: _Set, width: int) -> MaskSet:
+def _regions(scene: _Set | Painted, width: int) -> MaskSet:
     """Regions of the train views, at several levels of detail."""
     engine = choose("cpu")
     nothing = np.zeros((len(scene.gaussians), 1), np.float32)
@@ -153,13 +116,13 @@ def _regions(scene: _Set, width: int) -> MaskSet:
     return MaskSet(loaders, "regions", are_regions=True, further=others)
 
 
-def _associated(scene: _Set, views: Sequence[Camera], masks: MaskSet) -> Association:
+def _associated(scene: _Set | Painted, views: Sequence[Camera], masks: MaskSet) -> Association:
     """The groups of the regions of some train views."""
     config = AssociateConfig.of("robust")
     return run_stage(associate_stage(scene.gaussians, views, masks, choose("cpu"), config))
 
 
-def _best_recall(scene: _Set, association: Association) -> float:
+def _best_recall(scene: _Set | Painted, association: Association) -> float:
     """Share of the true objects that a group of some level covers with an IoU above `HIT`, as a
     mean over the views that show the object."""
     assert association.bank.levels is not None

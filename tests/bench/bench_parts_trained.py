@@ -7,7 +7,7 @@ import numpy as np
 
 from tests.bench.bench_quality_parts import KEYS, SEEDS, Spread, with_identities
 from tests.bench.figures import Figure
-from tests.bench.parts import parts_scene
+from tools.scenes.parts import parts_scene
 
 
 def figures() -> list[Figure]:

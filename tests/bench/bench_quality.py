@@ -1,4 +1,4 @@
-"""Quality of the presets on synthetic scenes with known groups (`tests.bench.rooms`).
+"""Quality of the presets on synthetic scenes with known groups (`tools.scenes.rooms`).
 
 Held-out views are scored by Algorithm 1 with void left out. Settings were chosen on `TUNING` seeds
 only; the figures are read on `REPORTING` seeds. Each row of a scene:
@@ -26,7 +26,7 @@ from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.bench.figures import Figure
 from tests.bench.known_scenes import held_out_score
-from tests.bench.rooms import Bench, Kind, bench_scene
+from tools.scenes.rooms import Bench, Kind, bench_scene
 
 KINDS: tuple[Kind, ...] = ("room", "table")
 TUNING = (0, 1, 2, 3, 4, 5)

@@ -29,8 +29,8 @@ from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.bench.figures import Figure
 from tests.bench.known_scenes import held_out_score
-from tests.bench.parts import parts_scene
-from tests.bench.rooms import Bench
+from tools.scenes.parts import parts_scene
+from tools.scenes.rooms import Bench
 
 SEEDS = (31, 32, 33, 34, 35)
 KEYS = ("iou", "precision", "recall")

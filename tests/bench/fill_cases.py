@@ -15,11 +15,11 @@ from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.raster import choose
 from gaga_core.scene.edits.values import joined
-from tests.bench.rooms import solid, surface_of
 from tools.demo.lighting import Lights, bake
 from tools.demo.objects import TABLE_TOP, table
 from tools.demo.scene import build, gaussians_of, photo_cameras
 from tools.demo.shapes import Item, Surface, pose
+from tools.scenes.rooms import solid, surface_of
 
 _BEHIND = 0.003  # of the depth: what lies deeper is hidden
 _LEFT = 0.5  # share of the light that a splat keeps that a training still makes

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import IntArray
-from tests.bench.parts import N_OBJECTS, SamFaults, Thing, View, objects_of, sam_masks
 from tools.demo.shapes import Item
+from tools.scenes.parts import N_OBJECTS, SamFaults, Thing, View, objects_of, sam_masks
 
 NONE = SamFaults(parts=0, wholes=0, merge=0, miss=0, miss_small=0)
 SIDE, N = 24, 12  # pixels of a tile, tiles along either side

@@ -53,6 +53,11 @@ class Arrangement:
     rest: Rest
     blocks: tuple[Block, ...]  # the surroundings
 
+    @property
+    def n_furniture(self) -> int:
+        """Tables, shelves and boards: objects that others stand on, numbered after the objects."""
+        return max((block.furniture for block in self.blocks), default=0)
+
 
 def kind_of(seed: int) -> Kind:
     """The kind of a seed of mixed scenes: every third is of one object alone."""
@@ -91,9 +96,12 @@ def _surroundings(kind: Kind, rng: np.random.Generator) -> list[Block]:
     if kind == "shelf":
         half, gap = rng.uniform(0.4, 0.6), rng.uniform(0.34, 0.42)
         n = int(rng.integers(2, 4))
-        boards = [Block((-half, 0.0, k * gap - _BOARD), (half, _DEEP, k * gap)) for k in range(n)]
+        boards = [
+            Block((-half, 0.0, k * gap - _BOARD), (half, _DEEP, k * gap), 1) for k in range(n)
+        ]
         sides = [
-            Block((x - _BOARD, 0.0, -_BOARD), (x, _DEEP, n * gap)) for x in (-half, half + _BOARD)
+            Block((x - _BOARD, 0.0, -_BOARD), (x, _DEEP, n * gap), 1)
+            for x in (-half, half + _BOARD)
         ]
         back = Block((-2.0, _DEEP, _FLOOR), (2.0, _DEEP + _BOARD, 1.6))
         return [*boards, *sides, back]
@@ -104,12 +112,12 @@ def _surroundings(kind: Kind, rng: np.random.Generator) -> list[Block]:
     else:
         deep = half * rng.uniform(0.7, 1.0)
         found = [
-            Block((-half, -deep, -0.04), (half, deep, 0.0)),
+            Block((-half, -deep, -0.04), (half, deep, 0.0), 1),
             Block((-2.0, -2.0, _FLOOR - 0.05), (2.0, 2.0, _FLOOR)),
         ]
     if kind == "leaning":
         y = rng.uniform(0.1, 0.16)
-        found.append(Block((-half, y, 0.0), (half, y + 0.03, 0.4)))
+        found.append(Block((-half, y, 0.0), (half, y + 0.03, 0.4), 1 + found[0].furniture))
     elif rng.random() < 0.4:
         found.append(Block((-2.0, 1.7, _FLOOR), (2.0, 1.75, 1.5)))
     return found

@@ -28,7 +28,7 @@ class Discs:
     normals: DoubleArray
     colors: DoubleArray  # 0..1
     sizes: DoubleArray  # metres to the next
-    labels: IntArray  # object 1.., 0 = surroundings
+    labels: IntArray  # object 1.., then furniture; 0 = the room
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,10 @@ def discs(found: Arrangement, look: Look, factor: float, rng: np.random.Generato
             )
         )
     objects = _joined(parts)
-    parts += _ground(found.blocks, objects.points, look, factor, rng)
+    for b, side in _ground(found.blocks, objects.points, look, factor, rng):
+        piece = found.blocks[b].furniture
+        label = len(found.objects) + piece if piece else 0
+        parts.append(replace(side, labels=np.full(len(side.labels), label, np.int32)))
     return _lit(_joined(parts), objects.points, look)
 
 
@@ -95,8 +98,8 @@ def _ground(
     look: Look,
     factor: float,
     rng: np.random.Generator,
-) -> list[Discs]:
-    """Sides of the blocks that can be seen: finer near the things."""
+) -> list[tuple[int, Discs]]:
+    """Sides of the blocks that can be seen, with the index of the block: finer near the things."""
     sides = []
     for b, block in enumerate(blocks):
         low, high = np.array(block.low), np.array(block.high)
@@ -132,7 +135,7 @@ def _ground(
         normals[:, axis] = sign
         colors = _printed(b, at[:, u], at[:, v], look)
         most = np.sqrt(1 / density)
-        found.append(Discs(at, normals, colors, most, np.zeros(len(at), np.int32)))
+        found.append((b, Discs(at, normals, colors, most, np.zeros(len(at), np.int32))))
     return found
 
 
@@ -180,11 +183,8 @@ def _lit(surface: Discs, things: DoubleArray, look: Look) -> Discs:
     under = things[things[:, 2] < 0.05]
     foot = np.clip((under[:, :2] - low) / _SHADOW, 0, n - 1).astype(np.int32)
     contact = blurred(foot, 4.0, 0.5) if len(foot) else np.zeros((n, n))
-    on_top = (
-        (surface.labels == 0)
-        & (surface.normals[:, 2] > 0.5)
-        & (np.abs(surface.points[:, 2]) < 0.01)
-    )
+    on_top = np.arange(len(surface.labels)) >= len(things)  # what comes after the objects
+    on_top &= (surface.normals[:, 2] > 0.5) & (np.abs(surface.points[:, 2]) < 0.01)
     at = cells(surface.points)
     shade, near = np.zeros(len(on_top)), np.zeros(len(on_top))
     shade[on_top] = cast[at[on_top, 0], at[on_top, 1]]

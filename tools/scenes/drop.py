@@ -34,6 +34,7 @@ class Block:
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]
+    furniture: int = 0  # the piece of furniture that it is a part of, 1..; 0 = the room
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from gaga_core.raster import choose
 from tools.scenes.arrange import KINDS, Kind, arrange, cameras, kind_of
 from tools.scenes.draw import Look, discs, gaussians_of
 
-VERSION = 1  # raise it whenever scenes change: older ones are made again
+VERSION = 2  # raise it whenever scenes change: older ones are made again
 Split = Literal["train", "val", "test"]
 _SPLITS: tuple[Split, ...] = ("train", "val", "test")  # each has seeds of its own
 _DENSE = 4.0  # times the splats: what photos are taken of
@@ -83,7 +83,8 @@ def _write(folder: Path, scans: Path, config: SceneConfig, facts: dict[str, obje
     colors = np.clip(rgb_from_dc(splats.sh[chosen, 0]), 0, 1) * 255
     points = splats.means[chosen].astype(np.float64)
     write_colmap(folder / "sparse" / "0", views, points, np.round(colors).astype(np.uint8))
-    things = [{"id": k, "name": thing.name} for k, thing in enumerate(found.objects, start=1)]
+    called = [thing.name for thing in found.objects] + ["furniture"] * found.n_furniture
+    things = [{"id": k, "name": name} for k, name in enumerate(called, start=1)]
     names = [camera.name for camera in views]
     test = names[4::8]
     told = {

@@ -1,39 +1,37 @@
-"""Two witnesses of a border between pieces: what the views say, and the shape of the surface.
+"""How likely the two sides of a border are one object, and in which order pieces join.
 
-Views: the share of them that show both sides in one region. Regions of several levels of detail
-count as so many views, because a single level is an accident of its threshold. Shape: concave
-creases and steps speak for two objects, even and bulging borders for one (local convexity: Stein et
-al., CVPR 2014). Where the surface is even, views say nothing against one object: print, shadows and
-texture part regions as well. Two pieces that both stand on a plane and meet in a crease are two
-objects, too.
-
-A piece of seven samples is no larger than what regions miss an outline by, so a border of larger
-pieces asks the views about all samples near it on either side. And splats that a training left
-rough have creases and steps everywhere: what pieces of one plane show of them is noise, and what of
-it goes beyond the scenes that the weights were fitted to is taken off. Of the borders that are left
-in rough splats after pieces have joined, noise made more the later, so they are not judged at each
-level (`is_calm`).
-
-The weights are a logistic regression with ridge 1, fitted to the true borders of ycb_table, of the
-demo scene and of one generated room, from regions of two widths each
-(`tests.bench.bench_objects` reports other widths and scenes).
+Small pieces of surface grow to objects in rounds. In each round the features of every border are
+measured with what has grown so far: the shape of the surface (creases, steps, whether both sides
+lie on one plane), the share of the views that show both sides in one region, at each level of
+detail of the regions, color, and sizes. An ensemble of trees that was learned from scenes with
+truth (`tools.learn_objects`) says the log odds that both sides are one object. Clusters join, best
+first, by the mean over their common border, not over all pairs of members, so that large surfaces
+hold together (as in GASP, Bailoni et al., CVPR 2022).
 """
 
 import heapq
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix, identity
+from scipy.sparse import coo_matrix, csr_matrix
 
-from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
-from gaga_core.camera import Camera
+from gaga_core.arrays import DoubleArray, LongArray
 from gaga_core.geometry import principal_axes
-from gaga_core.grouping.surfaces.surfels import Neighbourhood, Surfels, dense, outlines
+from gaga_core.grouping.surfaces.surfels import (
+    N_LEVELS,
+    Neighbourhood,
+    Surfels,
+    dense,
+    outlines,
+)
+from gaga_core.grouping.surfaces.surfels_kernels import products_of_rows, smooth_once
 
-# --- Average linkage over a graph with signed evidence: which clusters join, and in what order.
-# The evidence between two clusters is the mean over their common border, not over all pairs of
-# members, so that large surfaces hold together (as in GASP, Bailoni et al., CVPR 2022).
+_STEPS = 2  # from piece to piece, within which pieces of a cluster are asked together
+_PRIOR = 0.5  # views' worth of doubt about a share of views, on either side
+_HALF_VOICE = 1.0  # samples with which a view has half a voice about a piece
+_SMOOTHED = 2  # rounds of averaging over neighbours within a cluster
+GRID = 1 << 12  # steps of a unit of a feature: last bits differ between processors
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,65 +47,27 @@ class SignedGraph:
     def contracted(self, cluster: LongArray) -> "SignedGraph":
         """The graph of clusters (n,), dense ids from 0."""
         a, b = cluster[self.first], cluster[self.second]
-        first, second, cell = _pairs(a, b)
+        first, second, cell = pairs(a, b)
         length = np.bincount(cell, self.length[a != b], len(first)).astype(np.float64)
         total = np.bincount(cell, (self.length * self.evidence)[a != b], len(first))
         size = np.bincount(cluster, self.size).astype(np.float64)
         return SignedGraph(size, first, second, length, total / length)
 
-    def only(self, chosen: BoolArray) -> "SignedGraph":
-        """The same nodes with some of the borders (B,)."""
-        return replace(
-            self,
-            first=self.first[chosen],
-            second=self.second[chosen],
-            length=self.length[chosen],
-            evidence=self.evidence[chosen],
-        )
+
+def pairs(a: LongArray, b: LongArray) -> tuple[LongArray, LongArray, LongArray]:
+    """The distinct pairs of different ids, lower first, and the pair of each entry that has one."""
+    apart = a != b
+    n = int(max(a.max(initial=0), b.max(initial=0))) + 1
+    key = np.minimum(a, b)[apart] * n + np.maximum(a, b)[apart]
+    keys, cell = np.unique(key, return_inverse=True)
+    return keys // n, keys % n, cell.astype(np.int64)
 
 
-@dataclass(frozen=True, eq=False)
-class Clusters:
-    """Clusters of samples, and what is known of their borders."""
-
-    cluster: LongArray  # (S,) dense ids from 0
-    graph: SignedGraph
-
-    def joined(self, least_evidence: float, least_size: float = 0.0) -> "Clusters":
-        """After all joins of at least this evidence, as the function `joined` makes them."""
-        joins = joined(self.graph, least_evidence, least_size)
-        return Clusters(joins[self.cluster], self.graph.contracted(joins))
-
-    def levels(
-        self,
-        least_evidence: Sequence[float],
-        least_size: float = 0.0,
-        again: Callable[["Clusters"], "Clusters"] = lambda now: now,
-    ) -> list["Clusters"]:
-        """Levels of clusters that grow: one a number of ``least_evidence``, which descends.
-
-        The smallest cluster has ``least_size`` where it has neighbours; ``again`` judges borders
-        before each level but the first.
-        """
-        levels: list[Clusters] = []
-        for evidence in least_evidence:
-            now = (again(levels[-1]) if levels else self).joined(evidence)
-            grows = least_size > 0 and not levels
-            levels.append(now.joined(-np.inf, least_size) if grows else now)
-        return levels
-
-    def merged(self, into: LongArray) -> "Clusters":
-        """After joining clusters (n,) to those of dense ids ``into`` (n,)."""
-        return Clusters(into[self.cluster], self.graph.contracted(into))
-
-    def set_apart(self, outside: BoolArray) -> "Clusters":
-        """The same with no borders between some clusters (n,) and the others."""
-        inside = ~(outside[self.graph.first] | outside[self.graph.second])
-        return Clusters(self.cluster, self.graph.only(inside))
-
-
-def joined(graph: SignedGraph, least_evidence: float, least_size: float = 0.0) -> LongArray:
-    """Clusters (n,), dense ids from 0, after all joins of at least this evidence, best first.
+def linked(
+    graph: SignedGraph, least_evidence: float, least_size: float = 0.0
+) -> list[tuple[int, int, float, float]]:
+    """All joins of at least this evidence, best first: two nodes, the evidence and the length of
+    their border. What has joined is called by the first of both.
 
     With ``least_size`` only clusters that are smaller join, each the neighbour of best evidence.
     """
@@ -121,7 +81,7 @@ def joined(graph: SignedGraph, least_evidence: float, least_size: float = 0.0) -
         borders[a][b] = borders[b][a] = (total, length)
         heap.append((-total / length, a, b, length))
     heapq.heapify(heap)
-    parent, is_alive = np.arange(n), [True] * n
+    is_alive, joins = [True] * n, []
     while heap:
         value, a, b, length = heapq.heappop(heap)
         if not (is_alive[a] and is_alive[b]) or borders[a].get(b, (0.0, 0.0))[1] != length:
@@ -132,7 +92,8 @@ def joined(graph: SignedGraph, least_evidence: float, least_size: float = 0.0) -
             continue
         if len(borders[a]) < len(borders[b]):
             a, b = b, a
-        parent[b], is_alive[b] = a, False
+        is_alive[b] = False
+        joins.append((a, b, -value, length))
         size[a] += size[b]
         del borders[a][b]
         for other, (total, length) in borders[b].items():
@@ -144,182 +105,74 @@ def joined(graph: SignedGraph, least_evidence: float, least_size: float = 0.0) -
             borders[a][other] = borders[other][a] = both
             heapq.heappush(heap, (-both[0] / both[1], min(a, other), max(a, other), both[1]))
         borders[b] = {}
+    return joins
+
+
+def joined(graph: SignedGraph, least_evidence: float, least_size: float = 0.0) -> LongArray:
+    """Clusters (n,), dense ids from 0, after the joins of `linked`."""
+    parent = np.arange(len(graph.size))
+    for a, b, _, _ in linked(graph, least_evidence, least_size):
+        parent[b] = a
     while (parent[parent] != parent).any():
         parent = parent[parent]
     return dense(parent)
 
 
-KNOWN_NOISE = np.array([0.1, 0.16])  # crease and step by noise in the scenes of the fit
-
-_STEPS = 2  # from piece to piece, within which pieces of a cluster are asked together
-_CALM = 1.25  # times that crease up to which creases are those of objects
-_PRIOR = 0.5  # views' worth of doubt about a share of views, on either side
-_HALF_VOICE = 1.0  # samples with which a view has half a voice about a piece
-_SMOOTHED = 2  # rounds of averaging over neighbours within a piece
-_SHARP = 0.4  # crease or step that counts in full
-_EVEN = 0.3  # share of that from which on views for two regions count in full
-_DEEP = 0.4  # crease from which on more is said
-_STANDS = 0.3  # crease at which standing side by side counts in full
-_ON_PLANE = 0.6  # share of the samples of a piece that make it a part of a plane
-_SUPPORT_AREA, _SUPPORT_SIZE = 0.01, 0.002  # shares of the area and of the samples of a support
-_PATCH = 0.15  # share of the samples of either side on the same plane that makes it a patch
-_FOOT = 0.1  # least crease between an object and its support
-# Of small pieces: bias, crease, bulge, step, share of views in one region (-1..1).
-_FINE = np.array([1.56, -5.0, -0.5, -3.0, 3.7])
-# Of larger ones: bias, crease, bulge, step, views for one region, views for two where the surface
-# parts as well, both on one plane, deep crease, views for one region at a crease or step, both
-# standing on a plane at a crease.
-_COARSE = np.array([1.73, -2.25, 1.91, -1.4, 2.53, 4.22, 0.91, -2.61, 1.38, -1.08])
+# --- What the views say: how often they show both sides in one region.
 
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """Evidence of the views on pairs of neighbouring small pieces."""
+    """Evidence of the views on pairs of neighbouring pieces, by levels of detail of regions."""
 
     first: LongArray  # (B,) < second
     second: LongArray  # (B,)
     length: DoubleArray  # (B,) edges between them
-    same: DoubleArray  # (B,) summed chance that a sample of each shows in one region
-    voice: DoubleArray  # (B,) summed voice of the views that see both
+    same: DoubleArray  # (B, 4) summed chance that a sample of each shows in one region
+    voice: DoubleArray  # (B, 4) summed voice of the views that see both
 
     @staticmethod
     def of(
-        surfels: Surfels,
-        near: Neighbourhood,
-        piece: LongArray,
-        cluster: LongArray | None = None,
+        surfels: Surfels, near: Neighbourhood, piece: LongArray, cluster: LongArray
     ) -> "Agreement":
-        """Agreement about all borders of pieces (S,).
-
-        Each piece speaks for itself, or with what is near it in its ``cluster`` (S,) of pieces.
-        """
-        first, second, cell = _pairs(piece[near.first], piece[near.second])
-        n = int(piece.max()) + 1
-        together = None if cluster is None else _near_in_cluster(first, second, piece, cluster)
-        same, voice = np.zeros(len(first)), np.zeros(len(first))
-        for region in surfels.all_regions.T:
+        """Agreement about borders of pieces (S,) that are in two clusters (S,), each with what is
+        near it in its cluster: a piece of seven samples is no larger than what regions miss an
+        outline by."""
+        first, second, cell = pairs(piece[near.first], piece[near.second])
+        length = np.bincount(cell, minlength=len(first)).astype(np.float64)
+        cluster_of = coarser_of(piece, cluster)
+        apart = cluster_of[first] != cluster_of[second]
+        together = _near_in_cluster(first, second, cluster_of)
+        first, second, length = first[apart], second[apart], length[apart]
+        asked = np.unique(np.concatenate([first, second]))
+        a, b = np.searchsorted(asked, first), np.searchsorted(asked, second)
+        together = together[asked]
+        same, voice = np.zeros((len(first), N_LEVELS)), np.zeros((len(first), N_LEVELS))
+        for level, region in surfels.maps():
             rows = np.flatnonzero(region)
             if len(rows) == 0:
                 continue
-            shape = (n, int(region.max()) + 1)
+            shape = (len(cluster_of), int(region.max()) + 1)
             table = coo_matrix((np.ones(len(rows)), (piece[rows], region[rows])), shape).tocsr()
-            table = table if together is None else (together @ table).tocsr()
+            table = (together @ table).tocsr()
             total = np.asarray(table.sum(axis=1)).ravel()
-            both = np.flatnonzero((total[first] > 0) & (total[second] > 0))
-            a, b = first[both], second[both]
+            both = np.flatnonzero((total[a] > 0) & (total[b] > 0))
+            one, other = a[both], b[both]
+            chance = common_of(table, one, other) / (total[one] * total[other])
             weight = total / (total + _HALF_VOICE)
-            chance = np.asarray(table[a].multiply(table[b]).sum(axis=1)).ravel()
-            same[both] += weight[a] * weight[b] * chance / (total[a] * total[b])
-            voice[both] += weight[a] * weight[b]
-        length = np.bincount(cell, minlength=len(first)).astype(np.float64)
+            said = weight[one] * weight[other]
+            for k in range(N_LEVELS) if level is None else (level,):
+                same[both, k] += said * chance
+                voice[both, k] += said
         return Agreement(first, second, length, same, voice)
 
 
-def fine_graph(
-    surfels: Surfels, near: Neighbourhood, piece: LongArray, views: Agreement
-) -> SignedGraph:
-    """The small pieces (S,) and the evidence about their borders, by their mean normals."""
-    size = np.bincount(piece).astype(np.float64)
-    centre = _means(surfels.points, piece) / size[:, None]
-    normal = _means(surfels.normals, piece)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-    a, b = views.first, views.second
-    bend, step = _shape(centre, normal, a, b)
-    share = (views.same + _PRIOR) / (views.voice + 2 * _PRIOR)
-    features = [np.ones_like(bend), np.clip(-bend - 0.05, 0, 1), np.clip(bend, 0, 1)]
-    features += [np.clip(step, 0, 1), 2 * share - 1]
-    return SignedGraph(size, a, b, views.length, _weighted(features, _FINE))
-
-
-def coarse_graph(
-    surfels: Surfels,
-    near: Neighbourhood,
-    plane: IntArray,  # (S,) 0 = none
-    piece: LongArray,  # (S,) small pieces
-    views: Agreement,
-    cluster: LongArray,  # (S,) of small pieces
-    noise: DoubleArray | None = None,  # (2,) as `noise_of` finds it; None = as in the fit
-) -> SignedGraph:
-    """Clusters of pieces (S,) and the evidence about their borders.
-
-    Normals and places are averaged around each sample within its own cluster, so that a crease
-    stays sharp and noise does not make one.
-    """
-    normals, points = _smoothed(surfels, near, cluster)
-    a, b = near.first, near.second
-    apart = cluster[a] != cluster[b]
-    a, b = a[apart], b[apart]
-    first, second, cell = _pairs(cluster[a], cluster[b])
-    length = np.bincount(cell, minlength=len(first)).astype(np.float64)
-    bend, step = _shape(points, normals, a, b)
-    count = np.maximum(length, 1)
-    excess = np.maximum((KNOWN_NOISE if noise is None else noise) - KNOWN_NOISE, 0)
-    crease = np.bincount(cell, np.maximum(-bend, 0), len(first)) / count
-    crease = np.maximum(crease - excess[0], 0)
-    bend = np.bincount(cell, bend, len(first)) / count
-    step = np.maximum(np.bincount(cell, step, len(first)) / count - excess[1], 0)
-    size = np.bincount(cluster).astype(np.float64)
-    supports, on_plane = _supports(plane, cluster, near.spacing)
-    coplanar = (on_plane[first] == on_plane[second]) & (on_plane[first] > 0)
-    stand = _standing(first, second, length, crease, size, supports)
-    same, voice = _at_borders(views, coarser_of(piece, cluster))
-    view = 2 * (same + _PRIOR) / (voice + 2 * _PRIOR) - 1
-    crease, step = np.clip(crease, 0, 1), np.clip(step, 0, 1)
-    parts = np.clip(np.maximum(crease, step) / _SHARP, 0, 1)
-    one, two = np.maximum(view, 0), np.minimum(view, 0) * np.clip(parts / _EVEN, 0, 1)
-    features = [np.ones_like(bend), crease, np.clip(bend, 0, 1), step, one, two]
-    features += [coplanar, np.clip(crease - _DEEP, 0, 1), one * parts]
-    features += [stand * np.clip(crease / _STANDS, 0, 1)]
-    return SignedGraph(size, first, second, length, _weighted(features, _COARSE))
-
-
-def _weighted(features: list[DoubleArray], weights: DoubleArray) -> DoubleArray:
-    """The weighted sum (B,) of features (B,), added in their order on every processor."""
-    total: DoubleArray = (np.stack(features) * weights[:, None]).sum(axis=0)
-    return total
-
-
-def noise_of(
-    surfels: Surfels, near: Neighbourhood, plane: IntArray, cluster: LongArray
-) -> DoubleArray:
-    """Mean crease and step (2,) at borders of clusters (S,) that run across one plane (S,).
-
-    What `coarse_graph` would see there is noise, as a plane has neither. Those of the fit where no
-    border runs across a plane.
-    """
-    a, b = near.first, near.second
-    flat = (cluster[a] != cluster[b]) & (plane[a] == plane[b]) & (plane[a] > 0)
-    if not flat.any():
-        return KNOWN_NOISE
-    normals, points = _smoothed(surfels, near, cluster)
-    bend, step = _shape(points, normals, a[flat], b[flat])
-    return np.array([np.maximum(-bend, 0).mean(), step.mean()])
-
-
-def is_calm(noise: DoubleArray) -> bool:
-    """Whether splats of this ``noise`` (2,) make no more creases than those of the fit."""
-    return bool(noise[0] <= _CALM * KNOWN_NOISE[0])
-
-
-def in_one_plane(plane: IntArray, clusters: Clusters) -> BoolArray:
-    """Which borders (B,) run within one plane (S,) for a part: noise tears patches out of it, of
-    which some samples still lie on it, while objects that stand on it hardly have any there."""
-    graph, n_planes = clusters.graph, int(plane.max(initial=0)) + 1
-    n = len(graph.size)
-    table = np.bincount(clusters.cluster * n_planes + plane, minlength=n * n_planes)
-    share = table.reshape(n, n_planes) / np.bincount(clusters.cluster, minlength=n)[:, None]
-    share[:, 0] = 0  # no plane
-    result: BoolArray = np.minimum(share[graph.first], share[graph.second]).max(axis=1) > _PATCH
-    return result
-
-
-def _pairs(a: LongArray, b: LongArray) -> tuple[LongArray, LongArray, LongArray]:
-    """The distinct pairs of different ids, lower first, and the pair of each entry that has one."""
-    apart = a != b
-    n = int(max(a.max(initial=0), b.max(initial=0))) + 1
-    key = np.minimum(a, b)[apart] * n + np.maximum(a, b)[apart]
-    keys, cell = np.unique(key, return_inverse=True)
-    return keys // n, keys % n, cell.astype(np.int64)
+def common_of(table: csr_matrix, one: LongArray, other: LongArray) -> DoubleArray:
+    """Products (B,) of rows ``one`` and ``other`` (B,) of a table of counts."""
+    table.sort_indices()
+    out = np.empty(len(one))
+    products_of_rows(table.indptr, table.indices, table.data, one, other, out)
+    return out
 
 
 def coarser_of(level: LongArray, coarser: LongArray) -> LongArray:
@@ -329,11 +182,8 @@ def coarser_of(level: LongArray, coarser: LongArray) -> LongArray:
     return result
 
 
-def _near_in_cluster(
-    first: LongArray, second: LongArray, piece: LongArray, cluster: LongArray
-) -> csr_matrix:
+def _near_in_cluster(first: LongArray, second: LongArray, cluster_of: LongArray) -> csr_matrix:
     """Which pieces (n, n) are within `_STEPS` borders (B,) of each other inside one cluster."""
-    cluster_of = coarser_of(piece, cluster)
     n = len(cluster_of)
     inside = cluster_of[first] == cluster_of[second]
     a, b, every = first[inside], second[inside], np.arange(n)
@@ -346,9 +196,109 @@ def _near_in_cluster(
     return reach
 
 
-def _means(values: DoubleArray, cluster: LongArray) -> DoubleArray:
-    """Sums (n, 3) of values (S, 3) over clusters."""
-    return np.stack([np.bincount(cluster, column) for column in values.T], axis=1)
+# --- The shape of clusters and of the surface at their borders.
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Sums over the samples of clusters; those of a union are the sums of its parts."""
+
+    count: DoubleArray  # (n,)
+    shown: DoubleArray  # (n,) share of the views that see each sample: samples that a view shows
+    sums: DoubleArray  # (n, 3) places
+    products: DoubleArray  # (n, 6) of places: xx, xy, xz, yy, yz, zz
+    normals: DoubleArray  # (n, 3)
+    colors: DoubleArray  # (n, 3) CIE Lab
+    squares: DoubleArray  # (n,) of colors
+    spacing: DoubleArray  # (n,)
+
+    @staticmethod
+    def of(seen: "Seen", cluster: LongArray) -> "Moments":
+        """Of each cluster (S,)."""
+
+        def total(values: DoubleArray) -> DoubleArray:
+            if values.ndim == 1:
+                return np.bincount(cluster, values).astype(np.float64)
+            return np.stack([np.bincount(cluster, column) for column in values.T], axis=1)
+
+        x, y, z = seen.points.T
+        products = np.stack([x * x, x * y, x * z, y * y, y * z, z * z], axis=1)
+        return Moments(
+            np.bincount(cluster).astype(np.float64),
+            total(seen.shown),
+            total(seen.points),
+            total(products),
+            total(seen.surfels.normals),
+            total(seen.color),
+            total((seen.color**2).sum(axis=1)),
+            total(seen.near.spacing),
+        )
+
+    def of_sets(self, sets: csr_matrix) -> "Moments":
+        """Of sets (K, n) of clusters."""
+        return Moments(*(np.asarray(sets @ getattr(self, name)) for name in _MOMENTS))
+
+    def taken(self, rows: LongArray) -> "Moments":
+        """Of some clusters (K,)."""
+        return Moments(*(getattr(self, name)[rows] for name in _MOMENTS))
+
+    def plus(self, other: "Moments") -> "Moments":
+        """Of the unions with others, one by one."""
+        return Moments(*(getattr(self, name) + getattr(other, name) for name in _MOMENTS))
+
+    @property
+    def centre(self) -> DoubleArray:
+        """Means (n, 3) of the places."""
+        return self.sums / self.count[:, None]
+
+    def covariance(self) -> DoubleArray:
+        """(n, 3, 3) of the places."""
+        x, y, z = self.centre.T
+        mean = np.stack([x * x, x * y, x * z, y * y, y * z, z * z], axis=1)
+        flat = self.products / self.count[:, None] - mean
+        result: DoubleArray = flat[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+        return result
+
+    def axes(self) -> tuple[DoubleArray, DoubleArray]:
+        """Standard deviations (n, 3), ascending, and their directions (n, 3, 3), columns."""
+        values, basis = principal_axes(self.covariance())
+        return np.sqrt(np.maximum(values, 0)), basis
+
+
+_MOMENTS = ("count", "shown", "sums", "products", "normals", "colors", "squares", "spacing")
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """All that is known of the samples of a scene."""
+
+    surfels: Surfels
+    near: Neighbourhood
+    color: DoubleArray  # (S, 3) CIE Lab
+    piece: LongArray  # (S,) small pieces
+    n_views: int
+    middle: DoubleArray  # (3,) of the samples, world
+    spacing: float  # median, scene units
+    points: DoubleArray  # (S, 3) of the samples, from their middle, in spacings
+
+    @staticmethod
+    def of(
+        surfels: Surfels, near: Neighbourhood, color: DoubleArray, piece: LongArray, n_views: int
+    ) -> "Seen":
+        """With what follows from them."""
+        spacing, middle = float(np.median(near.spacing)), np.median(surfels.points, axis=0)
+        points = np.round((surfels.points - middle) / spacing * GRID) / GRID
+        return Seen(surfels, near, color, piece, n_views, middle, spacing, points)
+
+    @property
+    def shown(self) -> DoubleArray:
+        """Share (S,) of the views that see each sample."""
+        result: DoubleArray = self.surfels.n_views / self.n_views
+        return result
+
+    def in_scene(self, points: DoubleArray) -> DoubleArray:
+        """Points (K, 3) in world coordinates."""
+        return points * self.spacing + self.middle
 
 
 def _shape(
@@ -363,280 +313,137 @@ def _shape(
     return bend, np.abs((middle * way).sum(axis=1)) / length
 
 
-def _smoothed(
-    surfels: Surfels, near: Neighbourhood, cluster: LongArray
-) -> tuple[DoubleArray, DoubleArray]:
-    """Normals and points (S, 3) averaged over neighbours of the same cluster."""
-    normals, points = surfels.normals, surfels.points
-    same = (cluster[near.around] == cluster[:, None]).astype(np.float64)
-    count = 1 + same.sum(axis=1, keepdims=True)
+def _smoothed(seen: Seen, cluster: LongArray) -> tuple[DoubleArray, DoubleArray]:
+    """Normals and points (S, 3) averaged over neighbours of the same cluster, so that a crease
+    stays sharp and noise does not make one."""
+    normals, points = seen.surfels.normals, seen.surfels.points
+    count = np.empty(len(points))
     for _ in range(_SMOOTHED):
-        normals = normals + np.einsum("sk,ski->si", same, normals[near.around])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-        points = (points + np.einsum("sk,ski->si", same, points[near.around])) / count
+        sums = np.empty_like(points)
+        smooth_once(normals, seen.near.around, cluster, sums, count)
+        normals = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-9)
+        sums = np.empty_like(points)
+        smooth_once(points, seen.near.around, cluster, sums, count)
+        points = sums / count[:, None]
     return normals, points
 
 
-def _supports(
-    plane: IntArray, cluster: LongArray, spacing: DoubleArray
-) -> tuple[BoolArray, LongArray]:
-    """Which clusters (n,) others may stand on, and the plane (n,) of each, 0 = none."""
-    n, n_planes = int(cluster.max()) + 1, int(plane.max(initial=0)) + 1
-    table = np.bincount(cluster * n_planes + plane, minlength=n * n_planes).reshape(n, n_planes)
-    size = table.sum(axis=1)
-    table[:, 0] = 0
-    best = table.argmax(axis=1)
-    flat = table[np.arange(n), best] > _ON_PLANE * size
-    area = np.bincount(plane, spacing**2, n_planes)
-    large = area > _SUPPORT_AREA * area.sum()
-    supports = flat & large[best] & (size > _SUPPORT_SIZE * len(cluster))
-    return supports, np.where(flat, best, 0)
+@dataclass(frozen=True, eq=False)
+class Borders:
+    """The borders of clusters, and their features."""
+
+    size: DoubleArray  # (n,) samples of each cluster that a view shows, mean
+    first: LongArray  # (B,) < second
+    second: LongArray  # (B,)
+    length: DoubleArray  # (B,) edges
+    features: DoubleArray  # (B, F)
+
+    def judged(self, evidence: Callable[[DoubleArray], DoubleArray]) -> SignedGraph:
+        """The graph with what ``evidence`` says of the features."""
+        said = evidence(self.features)
+        return SignedGraph(self.size, self.first, self.second, self.length, said)
+
+    def column(self, name: str) -> DoubleArray:
+        """One of the `FEATURES` (B,)."""
+        return self.features[:, FEATURES.index(name)]
+
+    @property
+    def roughness(self) -> float:
+        """Of the scene, a feature of each border; 0 without borders."""
+        return float(self.column("roughness of the scene").max(initial=0))
 
 
-def _standing(
-    first: LongArray,
-    second: LongArray,
-    length: DoubleArray,
-    crease: DoubleArray,
-    size: DoubleArray,
-    supports: BoolArray,
-) -> DoubleArray:
-    """How far both sides of each border stand on supports, 0..1: the lesser share of outlines."""
-    foot = np.zeros(len(size))
-    for thing, below in ((first, second), (second, first)):
-        on = supports[below] & ~supports[thing] & (crease > _FOOT)
-        foot += np.bincount(thing[on], length[on], len(size))
-    share = foot / outlines(size)
-    least = np.clip(np.minimum(share[first], share[second]), 0, 1)
-    return np.where(supports[first] | supports[second], 0, least)
+FEATURES = (  # of one side "smaller" and one "larger", by samples
+    *("crease", "bulge", "step", "sharp", "rough", "roughness of the scene"),
+    *(f"views, level {k}" for k in range(N_LEVELS)),
+    *("voice", "color across", "color of both", "color inside"),
+    *("size of the smaller", "size of the larger"),
+    *("length", "share of the smaller", "share of the larger"),
+    *("height over the larger", "thickness over the larger"),
+    *("flatness of the larger", "flatness of the smaller", "flatness of both"),
+    *("planes", "facing", "views of the smaller", "views of the larger"),
+)
+
+
+def borders_of(seen: Seen, cluster: LongArray) -> Borders:
+    """All borders of clusters (S,) of pieces."""
+    near = seen.near
+    agreement = Agreement.of(seen.surfels, near, seen.piece, cluster)
+    a, b = near.first, near.second
+    apart = cluster[a] != cluster[b]
+    normals, points = _smoothed(seen, cluster)
+    bend, step = _shape(points, normals, a, b)
+    unlike = np.linalg.norm(seen.color[a] - seen.color[b], axis=1)
+    first, second, cell = pairs(cluster[a], cluster[b])
+    length = np.bincount(cell, minlength=len(first)).astype(np.float64)
+
+    def mean(values: DoubleArray) -> DoubleArray:
+        """Means (B,) over borders of values (E,) of edges."""
+        result: DoubleArray = np.bincount(cell, values[apart], len(first)) / length
+        return result
+
+    n = int(cluster.max()) + 1
+    crease, rough = np.maximum(-bend, 0), np.maximum(np.abs(bend), step)
+
+    def inside(values: DoubleArray) -> DoubleArray:
+        """Means (n,) over edges inside clusters of values (E,), the mean of all where few are."""
+        own = cluster[a[~apart]]
+        every = float(values[~apart].mean()) if len(own) else 0.0
+        total = np.bincount(own, values[~apart], n) + 5 * every
+        result: DoubleArray = total / (np.bincount(own, minlength=n) + 5)
+        return result
+
+    rough_in, unlike_in = inside(rough), inside(unlike)
+    moments = Moments.of(seen, cluster)
+    # The smaller side first.
+    swap = moments.count[first] > moments.count[second]
+    one, other = np.where(swap, second, first), np.where(swap, first, second)
+    small, large = moments.taken(one), moments.taken(other)
+    outline = np.bincount(first, length, n) + np.bincount(second, length, n)
+    deviation, basis = moments.axes()
+    normal = basis[:, :, 0]
+    both, _ = small.plus(large).axes()
+    across = normal[other]
+    height = ((small.centre - large.centre) * across).sum(axis=1)
+    seen_from = np.where((across * large.normals).sum(axis=1) < 0, -1.0, 1.0)
+    thick = np.sqrt(
+        np.maximum((across[:, :, None] * across[:, None] * small.covariance()).sum((1, 2)), 0)
+    )
+    facing = (small.normals * large.normals).sum(axis=1) / (small.count * large.count)
+    mean_color = small.colors / small.count[:, None] - large.colors / large.count[:, None]
+    same, voice = _at_borders(agreement, coarser_of(seen.piece, cluster))
+    view = 2 * (same + _PRIOR) / (voice + 2 * _PRIOR) - 1
+    columns = [
+        mean(crease), mean(np.maximum(bend, 0)), mean(step),
+        mean(np.clip(np.maximum(crease, step) / 0.4, 0, 1)),
+        np.maximum(rough_in[one], rough_in[other]), np.full(len(first), rough_in.mean()),
+        *view.T, np.log1p(voice.sum(axis=1)),
+        mean(unlike), np.linalg.norm(mean_color, axis=1),
+        np.maximum(unlike_in[one], unlike_in[other]),
+        np.log(small.shown + 0.1), np.log(large.shown + 0.1),
+        length / outlines(small.count), length / outline[one], length / outline[other],
+        seen_from * height / np.sqrt(small.count), thick / np.sqrt(small.count),
+        np.log(deviation[other, 0] + 0.05), np.log(deviation[one, 0] + 0.05),
+        np.log(both[:, 0] + 0.05) - np.log(deviation[other, 0] + 0.05),
+        np.abs((normal[one] * across).sum(axis=1)), facing,
+        small.shown / small.count, large.shown / large.count,
+    ]  # fmt: skip
+    features = np.round(np.stack(columns, axis=1) * GRID) / GRID
+    return Borders(moments.shown, first, second, length, features)
 
 
 def _at_borders(views: Agreement, cluster_of: LongArray) -> tuple[DoubleArray, DoubleArray]:
-    """Agreement (B,) and voice (B,) at borders of clusters, of the pieces (n,) that these hold:
-    means over the length."""
+    """Agreement and voice (B, 4) at borders of clusters, of the pieces (n,) that these hold: means
+    over the length."""
     a, b = cluster_of[views.first], cluster_of[views.second]
-    first, _, cell = _pairs(a, b)
-    length = views.length[a != b]
+    first, _, cell = pairs(a, b)
+    apart = a != b
+    length = views.length[apart]
     total = np.maximum(np.bincount(cell, length, len(first)), 1e-9)
-    same = np.bincount(cell, views.same[a != b] * length, len(first)) / total
-    return same, np.bincount(cell, views.voice[a != b] * length, len(first)) / total
 
+    def mean(values: DoubleArray) -> DoubleArray:
+        columns = [np.bincount(cell, column * length, len(first)) for column in values[apart].T]
+        result: DoubleArray = np.stack(columns, axis=1) / total[:, None]
+        return result
 
-# --- The surroundings of the scene: walls, floors, shrubs, the sky.
-# Photos of objects look at them from around: objects of interest are seen whole in most views. What
-# lies outside of the ring of cameras and is cut by the borders of the pictures, or is seen in few
-# views, is background. Where views look outwards or along a way, nothing is.
-
-
-_AROUND = 0.15  # most sine between the views' axes and the way to their focus; half are less
-_PARALLEL = 1e-12  # of the largest eigenvalue: axes that meet nowhere
-_IN_FRONT = 0.3  # least way to the focus, of the distance of the cameras
-_OUTSIDE, _AT_EDGE = 1.0, 0.7  # distances from the focus, of that of the cameras
-_CUT, _ALWAYS_CUT = 0.5, 0.75  # shares of the views of a cluster that cut it
-_RARE = 0.3  # share of all views
-_MARGIN = 0.03  # of the longer side of a view: its border
-_AT_BORDER = 0.03  # share of the samples in a view that must lie at its border
-_SHOWN = 3  # samples of a cluster that a view must show
-
-
-def is_background(surfels: Surfels, views: Sequence[Camera], cluster: LongArray) -> BoolArray:
-    """Which clusters (n,) of samples (S,) are background."""
-    n = int(cluster.max()) + 1
-    focus, radius = _focus(views)
-    if radius == 0:
-        return np.zeros(n, np.bool_)
-    distance = np.linalg.norm(surfels.points - focus, axis=1) / radius
-    order = np.lexsort((distance, cluster))
-    count = np.bincount(cluster, minlength=n)
-    start = np.cumsum(count) - count
-    away = distance[order[start + count // 2]]
-    cut, seen = _cut_views(surfels, views, cluster, n)
-    rare = seen < _RARE * len(views)
-    far = (away > _OUTSIDE) & ((cut > _CUT) | rare)
-    result: BoolArray = far | ((away > _AT_EDGE) & (rare | (cut > _ALWAYS_CUT)))
-    return result
-
-
-def _focus(views: Sequence[Camera]) -> tuple[DoubleArray, float]:
-    """The point (3,) that the views look at from around and their median distance from it, 0 when
-    there is none."""
-    positions = np.array([camera.position for camera in views])
-    axes = np.array([camera.forward for camera in views])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    values, basis = (found[0] for found in principal_axes(across.sum(axis=0)[None]))
-    parts = (basis * np.einsum("vij,vj->i", across, positions)[:, None]).sum(axis=0)
-    known = values > _PARALLEL * values[2]
-    focus = (basis[:, known] * (parts[known] / values[known])).sum(axis=1)
-    way = focus - positions
-    distance = np.maximum(np.linalg.norm(way, axis=1), 1e-12)
-    radius = float(np.median(distance))
-    missed = np.median(np.linalg.norm(np.cross(axes, way), axis=1) / distance)
-    in_front = np.median((way * axes).sum(axis=1))
-    looks_around = missed <= _AROUND and in_front >= _IN_FRONT * radius
-    return focus, radius if looks_around else 0.0
-
-
-def _cut_views(
-    surfels: Surfels, views: Sequence[Camera], cluster: LongArray, n: int
-) -> tuple[DoubleArray, DoubleArray]:
-    """Share (n,) of the views that cut each cluster among those that show it, and their number."""
-    cut, seen = np.zeros(n), np.zeros(n)
-    for v, camera in enumerate(views):
-        rows = np.flatnonzero(surfels.regions[:, v])
-        pixels = camera.project(surfels.points[rows])[0]
-        size = np.array([camera.width, camera.height])
-        margin = _MARGIN * size.max()
-        outer = ((pixels < margin) | (pixels > size - margin)).any(axis=1)
-        count = np.bincount(cluster[rows], minlength=n)
-        at_border = np.bincount(cluster[rows[outer]], minlength=n)
-        shown = count >= _SHOWN
-        seen += shown
-        cut += shown & (at_border >= np.maximum(1, _AT_BORDER * count))
-    return cut / np.maximum(seen, 1), seen
-
-
-# --- Thin objects on a surface: a clock on a wall, a saucer on a tray.
-# The crease around them is hardly more than noise, so the mean over their border joins them to
-# what they lie on, or they lie so far out that they count as background. A part that one other
-# cluster encloses stays apart where the views show it whole as one region, with nothing else in
-# it. A print has mostly joined before parts are asked, as pieces of an even surface do; where
-# nearly all views show it whole it is such a part, as nothing tells it from a flat object.
-
-
-_ENCLOSED = 0.75  # share of its outline along which one other cluster encloses an object ...
-_LARGER = 4.0  # ... that is at least so many times larger
-_SEEN = 0.1  # share of the views that show a sample of it, mean
-_WHOLE_IOU = 0.7  # mean IoU with the best region of each view
-
-
-def is_enclosed_thing(
-    surfels: Surfels, near: Neighbourhood, now: Clusters, least_size: float
-) -> BoolArray:
-    """Which clusters (n,) of ``least_size`` at least are enclosed objects."""
-    seen = _SEEN * np.bincount(now.cluster)
-    found: BoolArray = now.graph.size >= np.maximum(seen, least_size)
-    found &= _is_enclosed(near, now.cluster)
-    if found.any():
-        one_each = identity(len(found), format="csr")[found]
-        found[found] = shown_whole(surfels, now.cluster, one_each) > _WHOLE_IOU
-    return found
-
-
-def keep_enclosed(
-    surfels: Surfels, near: Neighbourhood, now: Clusters, least_size: float
-) -> Clusters:
-    """The same clusters, with nothing that speaks for joining an enclosed object to another."""
-    found = is_enclosed_thing(surfels, near, now, least_size)
-    graph = now.graph
-    evidence = np.where(found[graph.first] | found[graph.second], -np.inf, graph.evidence)
-    return replace(now, graph=replace(graph, evidence=evidence))
-
-
-def is_outside(
-    surfels: Surfels,
-    near: Neighbourhood,
-    views: Sequence[Camera],
-    now: Clusters,
-    least_size: float,
-) -> BoolArray:
-    """Which clusters (n,) are background, enclosed objects left out: a clock is no part of a wall,
-    however far away it hangs."""
-    outside = is_background(surfels, views, now.cluster)
-    if outside.any():
-        outside &= ~is_enclosed_thing(surfels, near, now, least_size)
-    return outside
-
-
-def _is_enclosed(near: Neighbourhood, cluster: LongArray) -> BoolArray:
-    """Which clusters (n,) of samples (S,) have most of their outline with one that is larger."""
-    size = np.bincount(cluster)
-    n = len(size)
-    a, b = cluster[near.first], cluster[near.second]
-    one, other = np.concatenate([a, b]), np.concatenate([b, a])
-    apart = one != other
-    key, length = np.unique(one[apart] * n + other[apart], return_counts=True)
-    outline = np.bincount(key // n, length, n)
-    most = (size[key % n] >= _LARGER * size[key // n]) & (length >= _ENCLOSED * outline[key // n])
-    return np.bincount(key[most] // n, minlength=n) > 0
-
-
-def shown_whole(surfels: Surfels, cluster: LongArray, sets: csr_matrix) -> DoubleArray:
-    """Mean IoU (K,) of the samples of sets (K, n) of clusters (S,) with the region of each view
-    that fits best, at any level of detail; views count by the samples that they show."""
-    n_sets, n = sets.shape
-    own = np.bincount(sets.indices, minlength=n)[cluster] > 0
-    total, weight = np.zeros(n_sets), np.zeros(n_sets)
-    for v in range(surfels.regions.shape[1]):
-        best, seen = np.zeros(n_sets), np.zeros(n_sets)
-        for region in surfels.maps_of(v).T:
-            rows = np.flatnonzero(own & (region > 0))
-            area = np.bincount(region)
-            table = coo_matrix((np.ones(len(rows)), (cluster[rows], region[rows])), (n, len(area)))
-            common = (sets @ table.tocsr()).tocoo()
-            seen = np.asarray(common.sum(axis=1), np.float64).ravel()
-            iou = common.data / (seen[common.row] + area[common.col] - common.data)
-            np.maximum.at(best, common.row, iou)
-        total += best * seen
-        weight += seen
-    return total / np.maximum(weight, 1)
-
-
-# --- How clusters grow to parts: their borders are judged, they join, and borders are judged
-# again.
-# A mean over borders of small pieces joins a bowl and the box next to it, so borders are judged
-# again with the surroundings of what has grown. Noise of the splats speaks in that as well, and
-# two rules depend on how much of it there is (`is_calm`). Where splats are calm, borders are
-# judged again at each level of parts. Where they are rough, most borders that are left after each
-# join are noise, so that is done once, before whole objects join, and within one plane the better
-# of both judgements counts, because noise tears patches out of tables.
-
-
-@dataclass(frozen=True, eq=False)
-class Judge:
-    """What is known of the samples, and the judgement of borders by it."""
-
-    surfels: Surfels
-    near: Neighbourhood
-    plane: IntArray  # (S,) that each sample lies on, 0 = none
-    piece: LongArray  # (S,) small pieces
-    shown: DoubleArray  # (S,) share of the views that see each sample
-    noise: DoubleArray  # (2,) as `noise_of` finds it
-
-    def judged(self, cluster: LongArray) -> Clusters:
-        """Clusters (S,) of small pieces with the evidence about their borders; their size is how
-        many samples a view shows of them, on average."""
-        views_say = Agreement.of(self.surfels, self.near, self.piece, cluster)
-        graph = coarse_graph(
-            self.surfels, self.near, self.plane, self.piece, views_say, cluster, self.noise
-        )
-        size = np.bincount(cluster, self.shown).astype(np.float64)
-        return Clusters(cluster, replace(graph, size=size))
-
-    def again(self, before: Clusters) -> Clusters:
-        """The same clusters with their borders judged again."""
-        now = self.judged(before.cluster)
-        if is_calm(self.noise):
-            return now
-        kept = in_one_plane(self.plane, now) & (before.graph.evidence > now.graph.evidence)
-        evidence = np.where(kept, before.graph.evidence, now.graph.evidence)
-        return Clusters(now.cluster, replace(now.graph, evidence=evidence))
-
-    def parts(
-        self,
-        cluster: LongArray,
-        least_evidence: tuple[float, ...],
-        least_size: float,
-        least_thing: float,
-    ) -> list[Clusters]:
-        """Levels of parts that grow from clusters (S,): one a number of ``least_evidence``, which
-        descends.
-
-        The smallest part has ``least_size`` where it has neighbours; enclosed objects of at least
-        ``least_thing`` stay apart (`keep_enclosed`).
-        """
-
-        def again(now: Clusters) -> Clusters:
-            now = self.again(now) if is_calm(self.noise) else now
-            return keep_enclosed(self.surfels, self.near, now, least_thing)
-
-        return self.judged(cluster).levels(least_evidence, least_size, again)
+    return mean(views.same), mean(views.voice)

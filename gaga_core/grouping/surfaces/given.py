@@ -17,32 +17,26 @@ from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.grouping.robust.surface_graph import finite
 from gaga_core.grouping.robust.surface_points import DepthMaps
-from gaga_core.grouping.surfaces.borders import (
-    KNOWN_NOISE,
-    Agreement,
-    Clusters,
-    Judge,
-    SignedGraph,
-    coarser_of,
-    fine_graph,
-    joined,
-    keep_enclosed,
+from gaga_core.grouping.surfaces.boosted_trees import learned
+from gaga_core.grouping.surfaces.borders import Seen, borders_of, joined
+from gaga_core.grouping.surfaces.objects import (
+    CHOSEN,
+    LEAST_SURFELS,
+    HierarchyConfig,
+    colors_of_samples,
+    cuts,
+    grown,
+    node_features,
 )
-from gaga_core.grouping.surfaces.objects import LEAST_SURFELS, HierarchyConfig
-from gaga_core.grouping.surfaces.surfels import (
-    Neighbourhood,
-    Surfels,
-    dense,
-    planes_of,
-    sample_surfels,
-    small_pieces,
-)
+from gaga_core.grouping.surfaces.surfels import Neighbourhood, dense, sample_surfels, small_pieces
 from gaga_core.grouping.views import GatedViews, load_further
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.threads import n_threads
 
 STAGE = "Find levels"
 _NEAREST = 8  # samples among which a Gaussian seeks one of its own group
+_LEAVES = 7.0  # log odds at which pieces join to leaves: more than regions ask, as models part less
+_TOGETHER = (-2.0, -1.0, 0.0)  # least log odds at which groups join, coarse to fine
 
 
 def levels_around_stage(
@@ -64,43 +58,38 @@ def levels_around_stage(
     nearest = cKDTree(means).query(surfels.points, workers=n_threads())[1]
     given = labels[rows[np.asarray(nearest)]].astype(np.int64)
     yield Progress(STAGE, 1, 3, "parts of groups")
-    clusters = _nested_clusters(surfels, len(gated.views), given, config)
+    around = np.asarray(cKDTree(surfels.points).query(means, k=_NEAREST, workers=n_threads())[1])
+    near = Neighbourhood.of(surfels.points)
+    piece = dense(small_pieces(surfels, near) * (int(given.max()) + 1) + given)
+    color = colors_of_samples(gaussians, rows, surfels.points)
+    seen = Seen.of(surfels, near, color, piece, len(gated.views))
+    n_splats = np.bincount(around[:, 0], minlength=len(surfels.points))
+    clusters = _nested_clusters(seen, gated, given, n_splats)
     yield Progress(STAGE, 2, 3, "label Gaussians")
-    around = cKDTree(surfels.points).query(means, k=_NEAREST, workers=n_threads())[1]
     every = np.full((len(clusters), len(gaussians)), -1, np.int64)
-    every[:, rows] = _spread(clusters, given, np.asarray(around, np.int64), labels[rows])
-    levels = Levels.around(every, labels, len(config.coarser))
+    every[:, rows] = _spread(clusters, given, around.astype(np.int64), labels[rows])
+    levels = Levels.around(every, labels, len(_TOGETHER))
     bank = replace(bank, levels=levels)
     return bank if config.detail is None else at_level(bank, levels.at(config.detail))
 
 
 def _nested_clusters(
-    surfels: Surfels, n_views: int, given: LongArray, config: HierarchyConfig
+    seen: Seen, gated: GatedViews, given: LongArray, n_splats: LongArray
 ) -> LongArray:
-    """Clusters (L, S) of samples, coarse to fine, ids from 0; level ``len(coarser)`` is ``given``
+    """Clusters (L, S) of samples, coarse to fine, ids from 0; level ``len(_TOGETHER)`` is ``given``
     (S,)."""
-    near = Neighbourhood.of(surfels.points)
-    piece = small_pieces(surfels, near)
-    piece = dense(piece * (int(given.max()) + 1) + given)
-    plane = planes_of(surfels, near)
-    judge = Judge(surfels, near, plane, piece, surfels.n_views / n_views, KNOWN_NOISE)
-    fine = fine_graph(surfels, near, piece, Agreement.of(surfels, near, piece))
-
-    def within(graph: SignedGraph, cluster: LongArray) -> SignedGraph:
-        """Without the borders of clusters (S,) of two groups."""
-        group = coarser_of(cluster, given)
-        return graph.only(group[graph.first] == group[graph.second])
-
-    now = judge.judged(joined(within(fine, piece), config.pieces)[piece])
-    now = Clusters(now.cluster, within(now.graph, now.cluster))
-    parts = now.levels(
-        config.finer,
-        config.least_part,
-        lambda part: keep_enclosed(surfels, near, part, config.least_object),
-    )
-    whole = judge.judged(dense(given))
-    levels = [*parts, whole, *whole.levels(config.coarser)]
-    return np.stack([level.cluster for level in levels[::-1]])
+    whole = dense(given)
+    graph = borders_of(seen, whole).judged(learned().borders)
+    coarser = [joined(graph, least)[whole] for least in _TOGETHER]
+    near = seen.near
+    one_group = given[near.first] == given[near.second]
+    columns = {name: getattr(near, name)[one_group] for name in ("first", "second", "length")}
+    inside = replace(seen, near=replace(near, **columns))
+    tree = grown(inside, _LEAVES)
+    objectness = learned().objects(node_features(inside, tree, gated.views, n_splats))
+    nothing = np.zeros(len(tree.parent), np.bool_)
+    finer = cuts(tree, objectness, nothing, -np.inf)[0][CHOSEN + 1 :]
+    return np.stack([*coarser, whole, *finer])
 
 
 def _spread(

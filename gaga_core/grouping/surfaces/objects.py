@@ -1,12 +1,20 @@
-"""Objects of regions: pieces of surface join, best evidence first, to levels of objects."""
+"""Objects of regions: pieces of surface join to a tree, and the best cut through it is the objects.
+
+No threshold for a whole scene divides a toy plane and a plate. So each node of the tree of joins
+gets its objectness, the IoU that it is expected to have with a true object, from what views and
+surfaces show of it: how well regions fit it at each level of detail, how it is bounded, its shape,
+and how it compares to its parts and to what it is a part of. An ensemble of trees was learned for
+that from scenes with truth (`tools.learn_objects`). Objects are the disjoint nodes with the
+greatest sum of what they are worth, found by dynamic programming. A price for each object gives the
+other levels of detail, which refine one another (cost-complexity pruning: Breiman et al.,
+Classification and Regression Trees, 1984). What is no object is background.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix, vstack
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import coo_matrix, csr_matrix
 from scipy.spatial import cKDTree
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
@@ -14,363 +22,389 @@ from gaga_core.camera import Camera
 from gaga_core.color import lab_from_rgb, rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.geometry import along, axes_of_points
+from gaga_core.geometry import principal_axes
 from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.robust.surface_graph import finite
 from gaga_core.grouping.robust.surface_points import DepthMaps, LoadMasks
+from gaga_core.grouping.surfaces.boosted_trees import BoostedTrees, learned
 from gaga_core.grouping.surfaces.borders import (
-    Agreement,
-    Clusters,
-    Judge,
-    coarser_of,
-    fine_graph,
-    is_outside,
+    GRID,
+    Borders,
+    Moments,
+    Seen,
+    SignedGraph,
+    borders_of,
     joined,
-    keep_enclosed,
-    noise_of,
-    shown_whole,
+    linked,
 )
 from gaga_core.grouping.surfaces.surfels import (
+    N_LEVELS,
     LoadFurther,
     Neighbourhood,
-    Surfels,
     dense,
     outlines,
-    planes_of,
     sample_surfels,
     small_pieces,
 )
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.threads import n_threads
 
-# --- Clusters that are two objects: an orange and the half of a drill that it touches.
-# Evidence is a mean over a border, and the small pieces of two objects that touch may straddle it,
-# so that each later join looks right. The object that comes out does not: views show a part of it
-# and the rest as one region each, and both together as none, and the two meet in a narrow neck. A
-# neck is asked for because regions part stripes of paint as well, which meet along their whole
-# length.
+# --- The tree of joins.
 
 
-_WHOLE_IOU = 0.62  # mean IoU of both sides with the best region of each view ...
-_BETTER_IOU = 0.05  # ... by which they are better than together
-_NECK = 2.0  # outlines of the smaller side along which both touch, at most
+ROUNDS = (4.0, 2.5, 1.0, 0.0, -1.5, -np.inf)  # least log odds of joins, round by round
+_CRUMB = 1.0  # samples that a view shows of the smallest leaf, mean
+_CERTAIN = 8.0  # log odds that stand for a leaf's own, and against a join of roots
 
 
-def divided(
-    surfels: Surfels,
-    near: Neighbourhood,
-    cluster: LongArray,
-    parts: list[LongArray],
-    shown: DoubleArray,
-    least_size: float,
-) -> LongArray:
-    """Dense ids (S,) of the clusters (S,) after those that are two objects have been divided, each
-    once.
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """Nodes 0..L-1 are leaves, each later one joins two earlier ones."""
 
-    ``parts`` are levels (S,) that refine the clusters, fine to coarse, ``shown`` (S,) is how much
-    each sample counts for the size of an object, which is ``least_size`` at least.
+    leaf: LongArray  # (S,) of each sample
+    parent: LongArray  # (n,) -1 = none
+    evidence: DoubleArray  # (n,) at which both parts of a node joined
+    length: DoubleArray  # (n,) of the border along which they did
+    borders: Borders  # of the leaves
+    judged: DoubleArray  # (B,) evidence about them, log odds
+
+    @property
+    def n_leaves(self) -> int:
+        """L."""
+        return int(self.leaf.max()) + 1
+
+    def leaves(self) -> csr_matrix:
+        """Which leaves (n, L) each node consists of."""
+        node = leaf = np.arange(self.n_leaves)
+        rows, columns = list[LongArray](), list[LongArray]()
+        while len(node):
+            rows.append(node)
+            columns.append(leaf)
+            up = self.parent[node]
+            node, leaf = up[up >= 0], leaf[up >= 0]
+        row, column = np.concatenate(rows), np.concatenate(columns)
+        return csr_matrix((np.ones(len(row)), (row, column)), (len(self.parent), self.n_leaves))
+
+    def children(self) -> LongArray:
+        """Both parts (n, 2) of each node, -1 of leaves."""
+        order = np.argsort(self.parent, kind="stable")
+        found = np.full((len(self.parent), 2), -1, np.int64)
+        found[self.n_leaves :] = order[self.parent[order] >= 0].reshape(-1, 2)
+        return found
+
+    def first_common(self, a: LongArray, b: LongArray) -> LongArray:
+        """The first node (B,) that both nodes (B,) are parts of, n = none."""
+        n = len(self.parent)
+        up = np.append(np.where(self.parent < 0, n, self.parent), n)
+        while (apart := a != b).any():  # of two nodes the lower one has not been joined later
+            a, b = np.where(apart & (a < b), up[a], a), np.where(apart & (b < a), up[b], b)
+        return a
+
+
+def join_crumbs(graph: SignedGraph, least_evidence: float) -> LongArray:
+    """Clusters (n,) after all joins of at least this evidence, and of what is left too small."""
+    cluster = joined(graph, least_evidence)
+    return joined(graph.contracted(cluster), -np.inf, _CRUMB)[cluster]
+
+
+def grown(
+    seen: Seen,
+    least: float = ROUNDS[0],  # log odds at which pieces join to leaves
+    pieces: BoostedTrees | None = None,
+    borders: BoostedTrees | None = None,
+) -> Tree:
+    """Join pieces round by round, borders judged again before each; by what is `learned`, unless
+    other ensembles are given."""
+    pieces, borders = pieces or learned().pieces, borders or learned().borders
+    graph = borders_of(seen, seen.piece).judged(pieces)
+    leaf = cluster = join_crumbs(graph, least)[seen.piece]
+    node = np.arange(int(leaf.max()) + 1)  # of each cluster
+    parent, evidence, length = [-1] * len(node), [_CERTAIN] * len(node), [0.0] * len(node)
+    leaves = borders_of(seen, leaf)
+    judged = borders(leaves.features)
+    for least in ROUNDS[1:]:
+        graph = borders_of(seen, cluster).judged(borders)
+        into = np.arange(len(node))
+        for a, b, value, edges in linked(graph, least):
+            parent[node[a]] = parent[node[b]] = len(parent)
+            node[a], into[b] = len(parent), a
+            parent.append(-1)
+            evidence.append(value)
+            length.append(edges)
+        while (into[into] != into).any():
+            into = into[into]
+        node, cluster = node[np.unique(into)], dense(into)[cluster]
+    numbers = np.array(evidence), np.array(length)
+    return Tree(leaf, np.array(parent, np.int64), *numbers, leaves, judged)
+
+
+# --- What nodes of the tree look like.
+
+
+_MARGIN = 0.03  # of the longer side of a view: its border
+_AT_BORDER = 0.03  # share of the samples in a view at its border that make a node cut
+_SHOWN = 3  # samples of a node that a view must show
+_FITS = 0.7  # IoU with a region from which on a view shows a node as one
+_PARALLEL = 1e-12  # of the largest eigenvalue: axes of cameras that meet nowhere
+
+
+def node_features(
+    seen: Seen, tree: Tree, views: Sequence[Camera], n_splats: LongArray
+) -> DoubleArray:
+    """Features (n, F) of the nodes; ``n_splats`` (S,) is how many Gaussians are next to each
+    sample."""
+    n, leaves = len(tree.parent), tree.leaves()
+    moments = Moments.of(seen, tree.leaf).of_sets(leaves)
+    count, shown = moments.count, moments.shown
+    fit, good, seen_by, cut = _in_views(seen, tree.leaf, leaves, views)
+    bounds, outline = _outer_borders(tree)
+    has_whole, child = tree.parent >= 0, tree.children()
+    whole = np.where(has_whole, tree.parent, 0)
+
+    def of_whole(values: DoubleArray) -> DoubleArray:
+        """Values (n,) that depend on what a node is a part of, 0 where it is a part of nothing."""
+        return np.where(has_whole, values, 0)
+
+    other = child[whole].sum(axis=1) - np.arange(n)
+    other = np.where(has_whole, other, 0)
+    parts = np.where(child >= 0, fit[child, 0], 0)
+    smaller = np.where(child[:, 0] >= 0, count[child].min(axis=1) / count, 0)
+    above, below = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        if has_whole[k]:
+            below[whole[k]] = max(below[whole[k]], below[k], fit[k, 0])
+    for k in range(n - 1, -1, -1):
+        if has_whole[k]:
+            above[k] = max(above[whole[k]], fit[whole[k], 0])
+    deviation, basis = moments.axes()
+    normal, color = basis[:, :, 0], moments.colors / count[:, None]
+    over = ((moments.centre - moments.centre[other]) * normal[other]).sum(axis=1)
+    over = np.where((normal[other] * moments.normals[other]).sum(axis=1) < 0, -over, over)
+    flat = deviation[:, 0] / np.maximum(deviation[:, 1], 1e-6)
+    focus, radius, missed, in_front = _focus(views)
+    away = np.linalg.norm(seen.in_scene(moments.centre) - focus, axis=1) / radius
+    logs = np.log(deviation + 0.05)
+    features = {
+        "samples that a view shows": np.log(shown + 0.1),
+        "samples": np.log(count),
+        "share of the largest": np.log(count / count.max()),
+        "fit": fit[:, 0],
+        **{f"fit at level {k}": fit[:, 1 + k] for k in range(N_LEVELS)},
+        "views that fit": good,
+        "views that show it": seen_by,
+        "views that cut it": cut,
+        **dict(zip(_BOUNDS, bounds.T, strict=True)),
+        "evidence inside": tree.evidence,
+        "evidence of the join": np.where(has_whole, tree.evidence[whole], -_CERTAIN),
+        "outline that joins": of_whole(
+            np.minimum(tree.length[whole] / np.maximum(outline, 1), 1.5)
+        ),
+        "size of the other part": of_whole(np.log((shown[other] + 0.1) / (shown + 0.1))),
+        "fit of the whole": of_whole(fit[whole, 0]) - fit[:, 0],
+        "fit of the other part": of_whole(fit[other, 0]) - fit[:, 0],
+        "fit of the better part": parts.max(axis=1) - fit[:, 0],
+        "fit of the worse part": parts.min(axis=1) - fit[:, 0],
+        "size of the smaller part": smaller,
+        "best fit of what it is in": above - fit[:, 0],
+        "best fit of what is in it": below - fit[:, 0],
+        "open": np.linalg.norm(moments.normals, axis=1) / count,
+        "flat": logs[:, 0] - logs[:, 1],
+        "long": logs[:, 1] - logs[:, 2],
+        "thick": logs[:, 0],
+        "contact": np.minimum(outline / outlines(count), 5),
+        "color inside": np.sqrt(np.maximum(moments.squares / count - (color**2).sum(axis=1), 0)),
+        "color of the other part": of_whole(np.linalg.norm(color - color[other], axis=1)),
+        "height over the other part": of_whole(np.clip(over / np.sqrt(count), -9, 9)),
+        "flatness of the other part": of_whole(np.minimum(flat[other], 2)),
+        "way to the focus": np.minimum(away, 5),
+        "extent": np.minimum(deviation[:, 2] * seen.spacing / radius, 3),
+        "cameras that miss the focus": np.full(n, min(missed, 1.0)),
+        "focus in front": np.full(n, in_front),
+        "splats": np.log((leaves @ np.bincount(tree.leaf, n_splats) + 1) / count),
+        "views": np.full(n, np.log(seen.n_views)),
+        "roughness of the scene": np.full(n, tree.borders.roughness),
+        "leaves": np.log(np.diff(leaves.indptr)),
+    }
+    return np.round(np.stack(list(features.values()), axis=1) * GRID) / GRID
+
+
+def _in_views(
+    seen: Seen, leaf: LongArray, leaves: csr_matrix, views: Sequence[Camera]
+) -> tuple[DoubleArray, DoubleArray, DoubleArray, DoubleArray]:
+    """How views show nodes: the mean IoU (n, 1 + 4) with the region that fits best, of all levels
+    and of each, where views count by the samples that they show; the share (n,) of views that fit;
+    the share (n,) that show it, and of those the share (n,) that cut it."""
+    n, n_leaves = leaves.shape
+    fit, weight = np.zeros((n, 1 + N_LEVELS)), np.zeros(n)
+    good, shows, cuts = np.zeros(n), np.zeros(n), np.zeros(n)
+    for v, camera in enumerate(views):
+        best, now = np.zeros((n, 1 + N_LEVELS)), np.zeros(n)
+        for level, region in seen.surfels.maps_of(v):
+            rows = np.flatnonzero(region)
+            area = np.bincount(region)
+            table = coo_matrix(
+                (np.ones(len(rows)), (leaf[rows], region[rows])), (n_leaves, len(area))
+            )
+            common = (leaves @ table.tocsr()).tocsr()
+            count = np.asarray(common.sum(axis=1)).ravel()
+            node = np.repeat(np.arange(n), np.diff(common.indptr))
+            iou = common.data / (count[node] + area[common.indices] - common.data)
+            found = np.zeros(n)
+            np.maximum.at(found, node, iou)
+            best[:, 0] = np.maximum(best[:, 0], found)
+            best[:, slice(1, None) if level is None else 1 + level] = (
+                found[:, None] if level is None else found
+            )
+            now = np.maximum(now, count)
+        fit += best * now[:, None]
+        good += (best[:, 0] > _FITS) * now
+        weight += now
+        rows = np.flatnonzero(seen.surfels.regions[:, v])
+        pixels = camera.project(seen.surfels.points[rows])[0]
+        size = np.array([camera.width, camera.height])
+        margin = _MARGIN * float(size.max())
+        outer = rows[((pixels < margin) | (pixels > size - margin)).any(axis=1)]
+        count = leaves @ np.bincount(leaf[rows], minlength=n_leaves)
+        at_border = leaves @ np.bincount(leaf[outer], minlength=n_leaves)
+        shows += count >= _SHOWN
+        cuts += (count >= _SHOWN) & (at_border >= np.maximum(1, _AT_BORDER * count))
+    weight = np.maximum(weight, 1)
+    return fit / weight[:, None], good / weight, shows / seen.n_views, cuts / np.maximum(shows, 1)
+
+
+_BOUNDS = ("crease", "bulge", "step", "sharp", "evidence", "color across", "views across")
+
+
+def _outer_borders(tree: Tree) -> tuple[DoubleArray, DoubleArray]:
+    """Means (n, 7) of `_BOUNDS` over the outer borders of nodes, 0 where there are none; and their
+    lengths (n,)."""
+    n, borders = len(tree.parent), tree.borders
+    one, views = np.ones(len(borders.length)), [f"views, level {k}" for k in range(N_LEVELS)]
+    across = borders.column("color across"), sum(map(borders.column, views)) / N_LEVELS
+    values = [one, *map(borders.column, _BOUNDS[:4]), tree.judged, *across]
+    sums = np.stack(values, axis=1) * borders.length[:, None]
+    total = np.zeros((n + 1, sums.shape[1]))
+    np.add.at(total, borders.first, sums)
+    np.add.at(total, borders.second, sums)
+    # Counted from both sides, what is inside a node counts as nothing.
+    np.add.at(total, tree.first_common(borders.first, borders.second), -2 * sums)
+    for k, up in enumerate(tree.parent):
+        if up >= 0:
+            total[up] += total[k]
+    outline = np.maximum(total[:n, 0], 0)
+    some = outline > 0.5
+    return np.where(some[:, None], total[:n, 1:] / np.maximum(outline, 0.5)[:, None], 0), outline
+
+
+def _focus(views: Sequence[Camera]) -> tuple[DoubleArray, float, float, float]:
+    """The point (3,) that the views look at from around, their median distance from it, and the
+    medians of the sine by which their axes miss it and of the cosine by which it is in front."""
+    positions = np.array([camera.position for camera in views])
+    axes = np.array([camera.forward for camera in views])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    values, basis = (found[0] for found in principal_axes(across.sum(axis=0)[None]))
+    parts = (basis * np.einsum("vij,vj->i", across, positions)[:, None]).sum(axis=0)
+    known = values > _PARALLEL * values[2]
+    focus = (basis[:, known] * (parts[known] / values[known])).sum(axis=1)
+    way = focus - positions
+    distance = np.maximum(np.linalg.norm(way, axis=1), 1e-12)
+    radius = float(np.median(distance))
+    missed = float(np.median(np.linalg.norm(np.cross(axes, way), axis=1) / distance))
+    return focus, radius, missed, float(np.median((way * axes).sum(axis=1))) / radius
+
+
+# --- The best cut.
+
+
+_POWER = 2.5  # of the objectness in what a node is worth: 2 and 3 lose up to a point of IoU or precision
+OBJECT = 0.18  # objectness below which a node of the best cut is background: 0.3 loses a point of recall
+PRICES = (0.45, 0.25, 0.12, 0.0, -0.06, -0.15, -0.4, -2.0)  # of an object, coarse to fine
+CHOSEN = 3  # of them: no price
+
+
+def best_cut(tree: Tree, worth: DoubleArray) -> LongArray:
+    """The nodes (K,), ascending, that together hold all leaves with the greatest sum of ``worth``
+    (n,)."""
+    n = len(tree.parent)
+    below, is_best = np.zeros(n), np.zeros(n, np.bool_)
+    for k in range(n):
+        is_best[k] = k < tree.n_leaves or worth[k] >= below[k]
+        if tree.parent[k] >= 0:
+            below[tree.parent[k]] += worth[k] if is_best[k] else below[k]
+    is_open = np.ones(n, np.bool_)
+    for k in range(n - 1, -1, -1):
+        up = tree.parent[k]
+        is_open[k] = up < 0 or (is_open[up] and not is_best[up])
+    return np.flatnonzero(is_open & is_best)
+
+
+def cuts(
+    tree: Tree, objectness: DoubleArray, is_rest: BoolArray, least: float = OBJECT
+) -> tuple[LongArray, BoolArray, DoubleArray]:
+    """Clusters (L, S) of the samples at all levels, coarse to fine, and of level `CHOSEN` which
+    samples (S,) are background and the objectness (S,) of what they are in.
+
+    Background is what is worth less than ``least``, and nodes (n,) that are rest however they look.
+    Finer levels have more and more of it as objects.
     """
-    leaf, levels, n = parts[0], [cluster, *parts], int(cluster.max()) + 1
-    members = vstack([_members(level, leaf) for level in levels], format="csr")
-    inside = np.concatenate([coarser_of(level, cluster) for level in levels])
-    whole = shown_whole(surfels, leaf, members)  # of the clusters, then of all parts
-    count, size = members @ np.bincount(leaf), members @ np.bincount(leaf, shown)
-    outline = outlines(np.minimum(count, count[inside] - count))
-    neck = np.concatenate([_necks(near, cluster, level) for level in levels])
-    asked = (whole > _WHOLE_IOU) & (whole > whole[inside] + _BETTER_IOU) & (neck < _NECK * outline)
-    found = np.flatnonzero(asked & (np.minimum(size, size[inside] - size) >= least_size))
-    if len(found) == 0:
-        return cluster
-    rests = members[inside[found]] - members[found]
-    rests.eliminate_zeros()
-    least = np.minimum(whole[found], shown_whole(surfels, leaf, rests))
-    better = least - whole[inside[found]]
-    side = cluster.copy()
-    for k in np.argsort(better, kind="stable"):  # the best of each cluster last
-        if least[k] > _WHOLE_IOU and better[k] > _BETTER_IOU:
-            own = inside[found[k]]
-            side[cluster == own] = own
-            side[np.isin(leaf, members[found[k]].indices)] = n + own
-    return dense(side)
+    n, leaves, worth = len(tree.parent), tree.leaves(), np.maximum(objectness, 0) ** _POWER
+    levels = np.empty((len(PRICES), tree.n_leaves), np.int64)
+    for node_of, price in zip(levels, PRICES, strict=True):
+        for k in best_cut(tree, worth - price):
+            node_of[leaves[k].indices] = k
+    sure = objectness[levels[CHOSEN]]
+    behind = (sure < least) | is_rest[levels[CHOSEN]]
+    for i, node_of in enumerate(levels):
+        finer = (i - CHOSEN) / (len(PRICES) - 1 - CHOSEN)
+        still = (objectness[node_of] < (1 - finer) * least) | is_rest[node_of]
+        node_of[behind & (still | (i <= CHOSEN))] = n
+    return levels[:, tree.leaf], behind[tree.leaf], sure[tree.leaf]
 
 
-def _members(level: LongArray, leaf: LongArray) -> csr_matrix:
-    """Which leaves (n, m) each cluster of a level (S,) consists of."""
-    of_leaf = coarser_of(leaf, level)
-    return csr_matrix((np.ones(len(of_leaf)), (of_leaf, np.arange(len(of_leaf)))))
-
-
-def _necks(near: Neighbourhood, cluster: LongArray, part: LongArray) -> LongArray:
-    """Edges (n,) from each part (S,) to others in its cluster (S,)."""
-    a, b = near.first, near.second
-    across = (part[a] != part[b]) & (cluster[a] == cluster[b])
-    ends = np.concatenate([part[a[across]], part[b[across]]])
-    return np.bincount(ends, minlength=int(part.max()) + 1).astype(np.int64)
-
-
-# --- Objects whose parts only hold each other: leaves, blossoms, the back of a chair.
-# What lies or stands on a plane touches it all around its foot. A part that does not, and that
-# only touches others of the kind, cannot be an object alone where all of them together are held
-# by a border that is short for their size. Fruit in a bowl or a box on a box have longer borders.
-# A part that hardly a view shows may well stand on something: it holds together with others of
-# that kind only, as the pot of a plant does, but not with the leaves over it.
-
-
-_SUPPORT_AREA = 0.01  # share of the area of all samples of a plane to stand on
-_IN_PLANE = 0.3  # share of its samples that makes a cluster a part of such a plane
-_FOOT = 0.25  # share of its outline that an object has in common at least with what it stands on
-_HELD = 1.5  # ... that parts have in common with what holds them, below which they are one object
-_SEEN = 0.12  # share of the views that show a sample, mean: less says nothing of the foot
-_HANGING_SHARE_MAX = (
-    0.05  # share of all samples: larger ones are the ground or the subject, not a hanging part
-)
-
-
-def held_together(
-    near: Neighbourhood, plane: IntArray, cluster: LongArray, shown: DoubleArray
-) -> LongArray:
-    """Dense ids (n,) of the clusters (S,) after parts that hold each other up have joined.
-
-    ``plane`` (S,) is the plane that each sample lies on, 0 = none; ``shown`` (S,) the share of the
-    views that see it.
-    """
-    n = int(cluster.max()) + 1
-    apart = cluster[near.first] != cluster[near.second]
-    a, b = near.first[apart], near.second[apart]
-    one, other = cluster[a], cluster[b]
-    stands = _standing(near, plane, cluster, a, b)
-    rare = np.bincount(cluster, shown) < _SEEN * np.bincount(cluster)
-    links = ~stands[one] & ~stands[other] & (rare[one] == rare[other])
-    ones = np.ones(int(links.sum()), np.int8)
-    graph = coo_matrix((ones, (one[links], other[links])), shape=(n, n))
-    part = connected_components(graph, directed=False)[1].astype(np.int64)
-    outer = part[one] != part[other]
-    size = np.bincount(part[cluster], minlength=n)
-    held = np.bincount(part[np.concatenate([one[outer], other[outer]])], minlength=n)
-    joins = (held > 0) & (held < _HELD * outlines(size))
-    joins &= size < _HANGING_SHARE_MAX * len(cluster)
-    ids = np.where(joins[part], part, n + np.arange(n))
-    return dense(ids)
-
-
-def _standing(
-    near: Neighbourhood, plane: IntArray, cluster: LongArray, a: LongArray, b: LongArray
-) -> BoolArray:
-    """Which clusters (n,) are a part of a large plane, or touch one at edges (B,) along a foot."""
-    n = int(cluster.max()) + 1
-    area = np.bincount(plane, near.spacing**2)
-    large = area > _SUPPORT_AREA * area.sum()
-    large[0] = False
-    foot = np.zeros(n)
-    for thing, below in ((a, b), (b, a)):
-        on = large[plane[below]] & (plane[thing] != plane[below])
-        foot += np.bincount(cluster[thing[on]], minlength=n)
-    size = np.bincount(cluster, minlength=n)
-    flat = np.bincount(cluster, large[plane], n) > _IN_PLANE * size
-    return flat | (foot >= _FOOT * outlines(size))
-
-
-# --- Levels below the smallest parts: objects of few samples, distinguished by color, too.
-# A book in a row or a toy block shows some twenty samples. Its small pieces straddle its outline,
-# and what borders of parts ask (a crease, a region in most views) is lost in so few. Here pieces
-# end where the color changes, and color is a witness of their borders as well. At the levels of
-# objects it is none, because print and shadows have colors of their own; these levels only offer
-# pieces to choose from, inside of parts that are found without color.
+# --- Colors of samples, and the sample that stands for each Gaussian.
 
 
 _AROUND = 4  # splats whose median is the color of a sample
 _OPAQUE = 0.3  # opacity of such splats
-_OF_LAB = 1024  # steps of a unit of CIE Lab: last bits of powers differ between processors
 _LIGHTNESS = 0.4  # weight of lightness against hue: faces of one object are lit differently
-_AGAINST = 0.05  # log odds against one object for a unit of CIE Lab between two pieces
-_LAB_PER_SPACING = 10.0  # difference in CIE Lab that counts as much as the spacing of the samples
-_CHUNK = 1 << 16
+_NEAREST = 3  # samples that a Gaussian takes its groups from
+_BOTH_NEAR = 2.0  # times the distance of the nearest one at which the two others may outvote it
 
 
-def hue_of(rgb: FloatArray) -> DoubleArray:
-    """Colors (K, 3) of sRGB (K, 3) to compare: CIE Lab, lightness weighted down."""
-    lab = lab_from_rgb(rgb)
+def colors_of_samples(gaussians: Gaussians, rows: LongArray, points: DoubleArray) -> DoubleArray:
+    """Color (S, 3) of points (S, 3) by the splats around them, of ``rows`` (K,), K > 0: CIE Lab,
+    lightness weighted down."""
+    opaque = rows[gaussians.opacities[rows] > _OPAQUE]
+    opaque = opaque if len(opaque) >= _AROUND else rows
+    lab = lab_from_rgb(rgb_from_dc(gaussians.sh[opaque, 0]))
     lab[:, 0] *= _LIGHTNESS
-    return np.round(lab * _OF_LAB) / _OF_LAB
-
-
-def colors_of_samples(
-    gaussians: Gaussians, rows: LongArray, rgb: FloatArray, points: DoubleArray
-) -> DoubleArray:
-    """Color (S, 3), as of `hue_of`, of points (S, 3) by the splats around them, of ``rows`` (K,)
-    with sRGB (K, 3); K > 0."""
-    opaque = np.flatnonzero(gaussians.opacities[rows] > _OPAQUE)
-    opaque = opaque if len(opaque) >= _AROUND else np.arange(len(rows))
+    lab = np.round(lab * GRID) / GRID
+    tree = cKDTree(gaussians.means[opaque].astype(np.float64))
     ranks = list(range(1, min(_AROUND, len(opaque)) + 1))
-    tree = cKDTree(gaussians.means[rows[opaque]].astype(np.float64))
-    nearest = opaque[np.asarray(tree.query(points, k=ranks, workers=n_threads())[1])]
-    around = np.stack([hue_of(rgb[rank]) for rank in nearest.T])
-    return np.median(around, axis=0)
+    nearest = np.asarray(tree.query(points, k=ranks, workers=n_threads())[1])
+    return np.median(lab[nearest], axis=1)
 
 
-def smaller_levels(
-    surfels: Surfels,
-    near: Neighbourhood,
-    part: LongArray,
-    color: DoubleArray,
-    shown: DoubleArray,
-    least_evidence: tuple[float, ...],
-    least_size: float,
-) -> LongArray:
-    """Clusters (L, S) of samples that refine the parts (S,), coarse to fine, one a number of
-    ``least_evidence``, which ascends; a part of id -1 stays whole.
-
-    ``color`` (S, 3) is that of each sample, ``shown`` (S,) how much it counts for the size of a
-    cluster, which is ``least_size`` at least where the part has as much.
-    """
-    if not least_evidence:
-        return np.zeros((0, len(part)), np.int64)
-    piece = small_pieces(surfels, near, color)
-    piece = np.where(part < 0, 0, 1 + piece * (int(part.max()) + 1) + part)
-    piece = dense(piece)
-    graph = fine_graph(surfels, near, piece, Agreement.of(surfels, near, piece))
-    part_of = coarser_of(piece, part)
-    count = np.bincount(piece)
-    mean = np.stack([np.bincount(piece, column) / count for column in color.T], axis=1)
-    unlike = np.linalg.norm(mean[graph.first] - mean[graph.second], axis=1)
-    size = np.bincount(piece, shown).astype(np.float64)
-    graph = replace(graph, size=size, evidence=graph.evidence - _AGAINST * unlike)
-    now = Clusters(piece, graph.only(part_of[graph.first] == part_of[graph.second]))
-    levels = now.levels(least_evidence[::-1], least_size)
-    return np.stack([level.cluster for level in levels[::-1]])
-
-
-def carriers_by_color(
-    distance: DoubleArray,
-    samples: IntArray,
-    carriers: LongArray,
-    part: LongArray,
-    colors: tuple[FloatArray, DoubleArray],
-    spacing: DoubleArray,
-) -> LongArray:
-    """The sample (K,) that stands for each splat at the smaller levels, of the nearest ``samples``
-    (K, k) at ``distance`` (K, k), which hold its ``carriers`` (K,) at the other levels.
-
-    It is near and alike in color, and in the ``part`` (S,) of that carrier. ``colors`` are sRGB
-    (K, 3) of the splats and `colors_of_samples` (S, 3), ``spacing`` (S,) is that of the samples.
-    """
-    rgb, of_sample = colors
-    chosen = np.empty_like(carriers)
-    for start in range(0, len(carriers), _CHUNK):
-        rows = slice(start, start + _CHUNK)
-        near = samples[rows]
-        unlike = np.linalg.norm(of_sample[near] - hue_of(rgb[rows])[:, None], axis=2)
-        cost = distance[rows] / spacing[near] + unlike / _LAB_PER_SPACING
-        cost[part[near] != part[carriers[rows]][:, None]] = np.inf
-        chosen[rows] = near[np.arange(len(near)), cost.argmin(axis=1)]
-    return chosen
-
-
-# --- Surfaces that an object lies across: a table top under its runner, a floor under a carpet.
-# Both sides of the runner never touch, so no border says that they are one. They join where they
-# lie on one plane and have one color, and where what fills the whole gap between them is one object
-# that lies on that plane and is smaller than they are together. Open air joins nothing, and
-# neither do two plates on a table: the table is lower than they are, and larger.
-
-
-_SIDE_SHARE_MIN = 0.002  # share of all samples that either side has on the plane
-_ONE_SURFACE_LAB = 5.0  # difference in CIE Lab (`hue_of`) from which on they are two surfaces
-_WIDTH = 1.2  # times the least gap: how far apart opposite samples are at most
-_ALONG = (0.25, 0.5, 0.75)  # of the way between them that are looked at
-_COVERED = 0.8  # share of the ways that the object covers
-_HEIGHT = 0.1  # spacings that it lies above the plane, mean: less is the plane itself
-
-
-def spanned(
-    surfels: Surfels, near: Neighbourhood, plane: IntArray, color: DoubleArray, cluster: LongArray
-) -> LongArray:
-    """Dense ids (n,) of the clusters (S,) after surfaces that an object lies across have joined.
-
-    ``plane`` (S,) is the plane that each sample lies on, 0 = none; ``color`` (S, 3) CIE Lab as of
-    `hue_of`.
-    """
-    n, pairs = int(cluster.max()) + 1, []
-    for p in range(1, int(plane.max(initial=0)) + 1):
-        rows = np.flatnonzero(plane == p)
-        own = cluster[rows]
-        large = np.flatnonzero(np.bincount(own) >= _SIDE_SHARE_MIN * len(cluster))
-        for one, other in combinations([rows[own == k] for k in large], 2):
-            unlike = np.median(color[one], axis=0) - np.median(color[other], axis=0)
-            if np.linalg.norm(unlike) > _ONE_SURFACE_LAB:
-                continue
-            if _is_spanned(surfels, near, plane, cluster, one, other):
-                pairs.append((cluster[one[0]], cluster[other[0]]))
-    first, second = np.array(pairs, np.int64).reshape(-1, 2).T
-    graph = coo_matrix((np.ones(len(pairs)), (first, second)), (n, n))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
-
-
-def _is_spanned(
-    surfels: Surfels,
-    near: Neighbourhood,
-    plane: IntArray,
-    cluster: LongArray,
-    one: LongArray,
-    other: LongArray,
-) -> bool:
-    """Whether one smaller cluster fills the gap between samples (A,) and (B,) of one plane (S,),
-    and lies on it."""
-    points, both = surfels.points, np.concatenate([one, other])
-    spacing = float(np.median(near.spacing[both]))
-    found = cKDTree(points[other]).query(points[one])
-    apart, opposite = np.asarray(found[0]), np.asarray(found[1], np.int64)
-    facing = np.flatnonzero(apart <= _WIDTH * apart.min())
-    start, way = points[one[facing]], points[other[opposite[facing]]] - points[one[facing]]
-    places = np.concatenate([start + share * way for share in _ALONG])
-    between = np.asarray(cKDTree(points).query(places)[1], np.int64)
-    thing = int(np.bincount(cluster[between]).argmax())
-    covers = (cluster[between] == thing) & (plane[between] == plane[one[0]])
-    middle = points[both].mean(axis=0)
-    normal = axes_of_points(points[both])[:, 0]
-    seen = (normal * surfels.normals[both].sum(axis=0)).sum() > 0
-    height = along(points[between[covers]] - middle, normal if seen else -normal)
-    if covers.mean() < _COVERED or height.mean() < _HEIGHT * spacing:
-        return False
-    return int(((cluster == thing) & (plane == plane[one[0]])).sum()) < len(both)
-
-
-# --- All levels, from the finest pieces to what surrounds the scene.
+# --- All of it.
 
 
 STAGE = "Find objects"
-_STEPS = 5
+_STEPS = 4
 LEAST_SURFELS = 32  # fewer show no surface
-_NEAREST = 3  # samples that a Gaussian takes its groups from ...
-_NEAREST_SMALL = 6  # ... and its pieces smaller than parts
-_BOTH_NEAR = 2.0  # times the distance of the nearest sample at which two others may outvote it
+_LEAST_SPLATS = 10  # Gaussians of the smallest object: fewer are rest, however large
 
 
 @dataclass(frozen=True)
 class HierarchyConfig:
-    """Settings. Evidence is in log odds that two neighbouring pieces are one object."""
+    """Settings of how regions that no model made become objects."""
 
     surfels: int = 60_000  # most samples of the surfaces; time grows with them
-    pieces: float = 2.3  # evidence at which small pieces join to those that are judged in full
-    smaller: tuple[float, ...] = (1.5, 3.0)  # levels in parts, by color as well, ascending
-    finer: tuple[float, ...] = (3.0, 2.0, 1.2)  # levels of parts, descending
-    objects: float = 0.6  # the level of whole objects
-    coarser: tuple[float, ...] = (0.0, -1.0, -2.0)  # levels of objects together, descending
-    least_piece: float = 1.0  # samples that a view shows of the smallest piece in a part, mean ...
-    least_part: float = 1.5  # ... of the smallest part ...
-    least_object: float = 6.0  # ... and of the smallest object
-    least_splats: int = 10  # Gaussians of the smallest object: fewer are rest, however large
-    background: bool = True  # gather what surrounds the scene in one group
+    background: bool = True  # gather what is no object in one group
     detail: float | None = None  # level to choose, 0 coarse .. 1 fine; None = objects
 
     def __post_init__(self) -> None:
-        steps = (self.pieces, *self.finer, self.objects, *self.coarser)
-        if not self.finer or list(steps[1:]) != sorted(steps[1:], reverse=True):
-            raise ValueError("finer, objects, coarser: evidence must descend")
-        if list(self.smaller) != sorted(self.smaller):
-            raise ValueError("smaller: evidence must ascend")
-        sizes = (self.least_piece, self.least_part, self.least_object)
-        if self.surfels < LEAST_SURFELS or min(sizes) < 0:
-            raise ValueError("surfels, least_piece, least_part and least_object: too small")
+        if self.surfels < LEAST_SURFELS:
+            raise ValueError(f"surfels: {self.surfels} is under {LEAST_SURFELS}")
         if self.detail is not None and not 0 <= self.detail <= 1:
             raise ValueError(f"detail: {self.detail} is not between 0 and 1")
 
@@ -380,7 +414,7 @@ class FoundObjects:
     """Levels of groups, and the samples of the surfaces that carry them."""
 
     levels: Levels
-    confidence: FloatArray  # (N,) share of the nearest samples that are in the Gaussian's group
+    confidence: FloatArray  # (N,) objectness of the group, times the nearest samples' share in it
     regions: IntArray  # (S, V) dense mask id that each view shows at each sample, 0 = none
     groups: IntArray  # (S,) group of each sample at the chosen level, 1..
 
@@ -404,118 +438,42 @@ def objects_stage(
     surfels = yield from part(sample, 0, _STEPS, STAGE)
     if len(surfels.points) < LEAST_SURFELS:
         raise GagaError("The views show almost none of the splats. Check poses and model.")
-    around = _Around.of(gaussians, surfels.points)
+    yield Progress(STAGE, 1, _STEPS, "small pieces")
+    rows = np.flatnonzero(finite(gaussians))
+    around = cKDTree(surfels.points).query(
+        gaussians.means[rows].astype(np.float64), k=_NEAREST, workers=n_threads()
+    )
+    distance, samples = np.asarray(around[0]), np.asarray(around[1], np.int64)
+    n_splats = np.bincount(samples[:, 0], minlength=len(surfels.points))
     near = Neighbourhood.of(surfels.points)
-    n_splats = np.bincount(around.samples[:, 0], minlength=len(surfels.points))
-    chosen, rows = len(config.coarser), around.rows
-    rgb = rgb_from_dc(gaussians.sh[rows, 0])
-    colors = rgb, colors_of_samples(gaussians, rows, rgb, surfels.points)
-    clusters, behind = yield from part(
-        _nested_clusters(surfels, near, views, n_splats, colors[1], config), 1, _STEPS, STAGE
-    )
-    background = behind > 0
-    groups = clusters[chosen][around.samples[:, :_NEAREST]].astype(np.int32)
-    nearest = around.carriers(groups)
+    piece = small_pieces(surfels, near)
+    color = colors_of_samples(gaussians, rows, surfels.points)
+    seen = Seen.of(surfels, near, color, piece, len(views))
+    yield Progress(STAGE, 2, _STEPS, "borders")
+    tree = grown(seen)
+    yield Progress(STAGE, 3, _STEPS, "objects")
+    objectness = learned().objects(node_features(seen, tree, views, n_splats))
+    is_rest = tree.leaves() @ np.bincount(tree.leaf, n_splats, tree.n_leaves) < _LEAST_SPLATS
+    least = OBJECT if config.background else -np.inf
+    clusters, behind, sure = cuts(tree, objectness, is_rest, least)
+    groups = clusters[CHOSEN][samples]
+    nearest = np.where(_is_outvoted(groups, distance), samples[:, 1], samples[:, 0])
     confidence = np.zeros(len(gaussians), np.float32)
-    confidence[rows] = (groups == clusters[chosen][nearest][:, None]).mean(axis=1)
-    yield Progress(STAGE, _STEPS - 2, _STEPS, "small objects")
-    parts = np.where(background, -1, clusters[-1])
-    shown = surfels.n_views / len(views)
-    smaller = smaller_levels(
-        surfels, near, parts, colors[1], shown, config.smaller, config.least_piece
-    )
-    alike = carriers_by_color(around.distance, around.samples, nearest, parts, colors, near.spacing)
-    yield Progress(STAGE, _STEPS - 1, _STEPS, "label Gaussians")
-    every = np.arange(len(surfels.points))
-    nearest, alike = np.append(nearest, every), np.append(alike, every)
-    nested = np.empty((len(clusters) + len(smaller), len(nearest)), np.int64)
-    for level, of_samples in enumerate(clusters):
-        nested[level] = of_samples[nearest]
-    for level, of_samples in enumerate(smaller, start=len(clusters)):
-        inside = np.where(background, of_samples.max() + behind, of_samples)
-        nested[level] = inside[alike]
-    found = Levels.of(nested, chosen, background[nearest].astype(np.int64))
+    share = (groups == clusters[CHOSEN][nearest][:, None]).mean(axis=1)
+    confidence[rows] = share * np.clip(sure[nearest], 0, 1)
+    carriers = np.append(nearest, np.arange(len(surfels.points)))
+    found = Levels.of(clusters[:, carriers], CHOSEN, behind[carriers].astype(np.int64))
     if config.detail is not None:
         found = found.choose(config.detail)
-    labels = np.zeros((len(nested), len(gaussians)), np.int32)
+    labels = np.zeros((len(PRICES), len(gaussians)), np.int32)
     labels[:, rows] = found.labels[:, : len(rows)]
-    return FoundObjects(
-        levels=replace(found, labels=labels),
-        confidence=confidence,
-        regions=surfels.regions,
-        groups=found.labels[found.chosen, len(rows) :],
-    )
+    of_samples = found.labels[found.chosen, len(rows) :]
+    return FoundObjects(replace(found, labels=labels), confidence, surfels.regions, of_samples)
 
 
-@dataclass(frozen=True, eq=False)
-class _Around:
-    """The samples around each Gaussian."""
-
-    rows: LongArray  # (K,) Gaussians that are finite
-    distance: DoubleArray  # (K, 6) ascending, scene units
-    samples: IntArray  # (K, 6)
-
-    @staticmethod
-    def of(gaussians: Gaussians, points: DoubleArray) -> "_Around":
-        rows = np.flatnonzero(finite(gaussians))
-        means = gaussians.means[rows].astype(np.float64)
-        found = cKDTree(points).query(means, k=_NEAREST_SMALL, workers=n_threads())
-        return _Around(rows, np.asarray(found[0]), np.asarray(found[1], np.int32))
-
-    def carriers(self, groups: IntArray) -> LongArray:
-        """The sample (K,) that stands for each Gaussian, where those around are in ``groups``
-        (K, 3).
-
-        The nearest one does, unless the next two agree on another cluster and are about as near.
-        """
-        outvoted = (groups[:, 1] == groups[:, 2]) & (groups[:, 1] != groups[:, 0])
-        outvoted &= self.distance[:, 2] < _BOTH_NEAR * self.distance[:, 0]
-        chosen = np.where(outvoted, self.samples[:, 1], self.samples[:, 0])
-        return chosen.astype(np.int64)
-
-
-def _nested_clusters(
-    surfels: Surfels,
-    near: Neighbourhood,
-    views: Sequence[Camera],
-    n_splats: LongArray,
-    color: DoubleArray,
-    config: HierarchyConfig,
-) -> Stage[tuple[LongArray, LongArray]]:
-    """Clusters (L, S) of samples, coarse to fine, and what is background (S,): 0 = not, 1 = rest,
-    each object in it another number.
-
-    ``n_splats`` (S,) is how many Gaussians are next to each sample, ``color`` (S, 3) as of
-    `colors_of_samples`.
-    """
-    yield Progress(STAGE, 0, 4, "small pieces")
-    piece = small_pieces(surfels, near)
-    agreement = Agreement.of(surfels, near, piece)
-    yield Progress(STAGE, 1, 4, "planes")
-    plane = planes_of(surfels, near)
-    yield Progress(STAGE, 2, 4, "parts")
-    fine = joined(fine_graph(surfels, near, piece, agreement), config.pieces)[piece]
-    noise = noise_of(surfels, near, plane, fine)
-    judge = Judge(surfels, near, plane, piece, surfels.n_views / len(views), noise)
-    parts = judge.parts(fine, config.finer, config.least_part, config.least_object)
-    yield Progress(STAGE, 3, 4, "objects")
-    now = keep_enclosed(surfels, near, judge.again(parts[-1]), config.least_object)
-    now = now.joined(config.objects).joined(-np.inf, config.least_object)
-    fine_to_coarse = [level.cluster for level in parts]
-    two = divided(surfels, near, now.cluster, fine_to_coarse, judge.shown, config.least_object)
-    if two.max() > now.cluster.max():
-        now = keep_enclosed(surfels, near, judge.judged(two), config.least_object)
-        fine_to_coarse = [dense(level * (int(two.max()) + 1) + two) for level in fine_to_coarse]
-    now = now.merged(held_together(near, plane, now.cluster, judge.shown))
-    now = now.merged(spanned(surfels, near, plane, color, now.cluster))
-    splats = np.bincount(now.cluster, n_splats)
-    crumbs = (now.graph.size < config.least_object) | (splats < config.least_splats)
-    outside = crumbs
-    if config.background:
-        outside = crumbs | is_outside(surfels, near, views, now, config.least_object)
-    background = outside[now.cluster]
-    behind = np.where(outside, 1 + np.cumsum(outside & ~crumbs) * ~crumbs, 0)[now.cluster]
-    now = now.set_apart(outside)
-    fine_to_coarse += [level.cluster for level in (now, *now.levels(config.coarser))]
-    levels = np.stack(fine_to_coarse[::-1])
-    return np.where(background, levels.max() + 1, levels), behind
+def _is_outvoted(groups: LongArray, distance: DoubleArray) -> BoolArray:
+    """Where (K,) the second and the third sample agree on another group (K, 3) than the nearest
+    one's, and are about as near."""
+    agree = (groups[:, 1] == groups[:, 2]) & (groups[:, 1] != groups[:, 0])
+    result: BoolArray = agree & (distance[:, 2] < _BOTH_NEAR * distance[:, 0])
+    return result

@@ -4,18 +4,18 @@ Normals of single splats are too rough to tell a crease from noise. Those of pla
 rendered depth maps, averaged over all views that see a point, are not.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
-from gaga_core.geometry import along, axes_of_points, turned
+from gaga_core.geometry import turned
 from gaga_core.grouping.robust.surface_graph import edges_once
 from gaga_core.grouping.robust.surface_points import (
     DepthMaps,
@@ -27,13 +27,13 @@ from gaga_core.grouping.robust.surface_points import (
 )
 from gaga_core.grouping.surfaces.surfels_kernels import (
     choose_seeds,
-    count_on_planes,
     keep_apart,
     normals_at,
 )
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads
 
+N_LEVELS = 4  # of detail, of regions without a model
 LoadFurther = Callable[[Camera], Sequence[IntArray]]  # label maps (H, W) of a view, dense
 
 _ACROSS = 213  # samples along the longer side of a view
@@ -57,18 +57,19 @@ class Surfels:
     n_views: IntArray  # (S,) views that see it
     further: IntArray  # (S, F) the same at other levels of detail, view by view
 
-    @property
-    def all_regions(self) -> IntArray:
-        """Regions (S, V + F) at all levels of detail."""
-        return np.concatenate([self.regions, self.further], axis=1)
+    def maps_of(self, v: int) -> Iterator[tuple[int | None, IntArray]]:
+        """The maps (S,) of a view with their levels of detail, 0 = that of `regions`; None where
+        views do not have `N_LEVELS` of them."""
+        n, odd = divmod(self.further.shape[1], self.regions.shape[1])
+        has_levels = not odd and n == N_LEVELS - 1
+        yield (0 if has_levels else None), self.regions[:, v]
+        for k in range(0 if odd else n):
+            yield (1 + k if has_levels else None), self.further[:, v * n + k]
 
-    def maps_of(self, v: int) -> IntArray:
-        """Regions (S, 1 + F / V) of one view at all levels of detail, where views have equally
-        many."""
-        levels, odd = divmod(self.further.shape[1], self.regions.shape[1])
-        levels = 0 if odd else levels
-        further = self.further[:, v * levels : (v + 1) * levels]
-        return np.concatenate([self.regions[:, v : v + 1], further], axis=1)
+    def maps(self) -> Iterator[tuple[int | None, IntArray]]:
+        """Those of all views."""
+        for v in range(self.regions.shape[1]):
+            yield from self.maps_of(v)
 
 
 def sample_surfels(
@@ -194,9 +195,6 @@ _AROUND = 16  # ... that are its surroundings
 _FAR = 3.0  # an edge is at most so many times longer than the spacing around either end
 _TURN, _PARTED = 3.0, 2.0  # cost of an edge that turns by 90 degrees, that all views part ...
 _ALONG = 0.3  # ... next to that of its length
-_RECOLORED = 0.075  # cost of an edge for a unit of CIE Lab, where color counts ...
-_OTHER_COLOR = 60.0  # ... up to so many
-_SLICE = 1 << 16  # edges compared at once
 _OUTLINE = 3.0  # edges along the border of a piece of n samples, times sqrt(n)
 
 
@@ -241,21 +239,16 @@ def outlines(n_samples: AnyArray) -> DoubleArray:
     return _OUTLINE * np.sqrt(n_samples)
 
 
-def small_pieces(
-    surfels: Surfels, near: Neighbourhood, color: DoubleArray | None = None
-) -> LongArray:
+def small_pieces(surfels: Surfels, near: Neighbourhood) -> LongArray:
     """The piece (S,) of each sample, dense ids from 0: some seven samples each.
 
     Samples go to the seed that is nearest along the surface, where turning and leaving a region
-    make the way longer, so that pieces end at creases and outlines; with colors (S, 3), CIE Lab,
-    also where these change.
+    make the way longer, so that pieces end at creases and outlines.
     """
     n = len(surfels.points)
     a, b = near.first, near.second
     cosine = (surfels.normals[a] * surfels.normals[b]).sum(axis=1)
     cost = _ALONG + _TURN * np.clip(1 - cosine, 0, 1.5) + _PARTED * _parted(surfels, a, b)
-    if color is not None:
-        cost += _RECOLORED * np.minimum(np.linalg.norm(color[a] - color[b], axis=1), _OTHER_COLOR)
     cost *= near.length / np.sqrt(near.spacing[a] * near.spacing[b])
     graph = coo_matrix((cost, (a, b)), shape=(n, n)).tocsr()
     seeds = np.empty(n, np.bool_)
@@ -276,90 +269,10 @@ def _sources(graph: csr_matrix, seeds: BoolArray) -> LongArray:
 
 def _parted(surfels: Surfels, a: LongArray, b: LongArray) -> DoubleArray:
     """Share (E,) of the views of both ends that show them in two regions; 1/3 if there are none."""
-    shares, regions = np.empty(len(a)), surfels.all_regions
-    for start in range(0, len(a), _SLICE):
-        rows = slice(start, start + _SLICE)
-        one, other = regions[a[rows]], regions[b[rows]]
-        both = (one > 0) & (other > 0)
-        n_parted = (both & (one != other)).sum(axis=1)
-        shares[rows] = (n_parted + 0.5) / (both.sum(axis=1) + 1.5)
-    return shares
-
-
-# --- Large planes: what other objects stand on, found first so that noise does not break it to
-# pieces.
-# Planes are sought from single samples outwards, not from three points of the whole scene, so
-# shelves and seats are found like floors.
-
-
-_FLAT = 0.6  # length of the mean normal around a sample that may be part of a plane
-_AWAY = 1.5  # times the spacing around: distance from the plane of a sample on it
-_TURNED = np.cos(np.radians(30.0))  # cosine between normals of the plane and of a sample on it
-_TRIED, _PROBED = 150, 8000  # planes tried at a time, and samples counted for each
-_FITTED, _FITS = 6, 4  # best ones that are fitted, and how often
-_PLANE_SAMPLES_MIN = 150  # samples of a plane
-_PLANES_MAX = 24  # planes
-_MISSES = 3  # searches in vain that end it
-_FIT_POINTS = 3000
-
-
-def planes_of(surfels: Surfels, near: Neighbourhood) -> IntArray:
-    """The plane (S,) that each sample lies on, ids from 1 in the order found, large ones first;
-    0 = none. A plane hangs together."""
-    points = surfels.points
-    mean = surfels.normals + surfels.normals[near.around].mean(axis=1)
-    length = np.linalg.norm(mean, axis=1)
-    normals = mean / np.maximum(length, 1e-9)[:, None]
-    free = length > 2 * _FLAT
-    plane, n_planes, n_misses = np.zeros(len(points), np.int32), 0, 0
-    rng = np.random.default_rng(0)
-    while n_planes < _PLANES_MAX and n_misses < _MISSES and int(free.sum()) >= _PLANE_SAMPLES_MIN:
-        rows = np.flatnonzero(free)
-        best, most = np.zeros(0, np.int64), 0.0
-        for seed in _promising(points, normals, near.spacing, rows, rng):
-            found = _grown(points, normals, near, free, seed)
-            area = float((near.spacing[found] ** 2).sum())
-            if area > most:
-                best, most = found, area
-        if len(best) == 0:
-            n_misses += 1
-            continue
-        n_planes += 1
-        plane[best], free[best] = n_planes, False
-    return plane
-
-
-def _promising(
-    points: DoubleArray,
-    normals: DoubleArray,
-    spacing: DoubleArray,
-    rows: LongArray,
-    rng: np.random.Generator,
-) -> LongArray:
-    """Samples whose tangent planes hold most others of ``rows``, best first."""
-    probe = rows[rng.integers(0, len(rows), min(len(rows), _PROBED))]
-    tried = rng.choice(rows, min(_TRIED, len(rows)), replace=False)
-    count = np.empty(len(tried), np.int64)
-    count_on_planes(points, normals, _AWAY * spacing, _TURNED, probe, tried, count)
-    return tried[np.argsort(-count, kind="stable")[:_FITTED]]
-
-
-def _grown(
-    points: DoubleArray, normals: DoubleArray, near: Neighbourhood, free: BoolArray, seed: int
-) -> LongArray:
-    """Samples of the plane through a seed after some fits; none if it is too small."""
-    origin, normal = points[seed], normals[seed]
-    found = np.zeros(0, np.int64)
-    for _ in range(_FITS):
-        on = free & (np.abs(along(points - origin, normal)) < _AWAY * near.spacing)
-        rows = np.flatnonzero(on & (along(normals, normal) > _TURNED))
-        if len(rows) < _PLANE_SAMPLES_MIN:
-            return np.zeros(0, np.int64)
-        part = connected_components(near.adjacency(rows), directed=False)[1]
-        found = rows[part == np.bincount(part, near.spacing[rows] ** 2).argmax()]
-        if len(found) < _PLANE_SAMPLES_MIN:
-            return np.zeros(0, np.int64)
-        origin = points[found].mean(axis=0)
-        fitted = axes_of_points(points[found[:: max(1, len(found) // _FIT_POINTS)]])[:, 0]
-        normal = fitted if (fitted * normal).sum() > 0 else -fitted
-    return found
+    parted, both = np.zeros(len(a), np.int64), np.zeros(len(a), np.int64)
+    for _, region in surfels.maps():
+        one, other = region[a], region[b]
+        shown = (one > 0) & (other > 0)
+        parted += shown & (one != other)
+        both += shown
+    return (parted + 0.5) / (both + 1.5)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, LongArray
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.kernels import exact_kernel, kernel
 
 
@@ -102,21 +102,67 @@ def choose_seeds(
 
 
 @exact_kernel
-def count_on_planes(
-    points: DoubleArray,  # (S, 3)
-    normals: DoubleArray,  # (S, 3)
-    away: DoubleArray,  # (S,) distance up to which a sample is on a plane
-    cosine: float,  # between the normals from which on it is
-    probe: LongArray,  # (P,) samples that count
-    tried: LongArray,  # (T,) samples whose tangent planes are tried
-    count: LongArray,  # (T,) written
+def sum_of_trees(
+    features: DoubleArray,  # (R, F)
+    roots: IntArray,  # (T,)
+    feature: IntArray,  # (n,)
+    threshold: DoubleArray,  # (n,)
+    right: IntArray,  # (n,) 0 = a leaf
+    value: DoubleArray,  # (n,)
+    out: DoubleArray,  # (R,) written
 ) -> None:
-    """Count the samples on the tangent planes of others."""
-    for t, i in enumerate(tried):
-        x, y, z = points[i]
-        a, b, c = normals[i]
-        count[t] = 0
-        for j in probe:
-            height = (points[j, 0] - x) * a + (points[j, 1] - y) * b + (points[j, 2] - z) * c
-            alike = normals[j, 0] * a + normals[j, 1] * b + normals[j, 2] * c
-            count[t] += abs(height) < away[j] and alike > cosine
+    """The sum of what each tree says of each row."""
+    for r in range(len(features)):
+        total = 0.0
+        for root in roots:
+            node = root
+            while right[node] > 0:
+                is_next = features[r, feature[node]] <= threshold[node]
+                node = node + 1 if is_next else right[node]
+            total += value[node]
+        out[r] = total
+
+
+@exact_kernel
+def smooth_once(
+    values: DoubleArray,  # (S, 3)
+    around: LongArray,  # (S, k)
+    cluster: LongArray,  # (S,)
+    out: DoubleArray,  # (S, 3) written
+    count: DoubleArray,  # (S,) written
+) -> None:
+    """Sums of each sample and its neighbours in the same cluster, and how many they are."""
+    for s in range(len(values)):
+        x, y, z, n = values[s, 0], values[s, 1], values[s, 2], 1.0
+        for k in range(around.shape[1]):
+            t = around[s, k]
+            if cluster[t] == cluster[s]:
+                x += values[t, 0]
+                y += values[t, 1]
+                z += values[t, 2]
+                n += 1.0
+        out[s, 0], out[s, 1], out[s, 2], count[s] = x, y, z, n
+
+
+@exact_kernel
+def products_of_rows(
+    start: IntArray,  # (n + 1,) of the rows of a sparse table
+    column: IntArray,  # ascending in each row
+    value: DoubleArray,
+    one: LongArray,  # (B,) rows
+    other: LongArray,  # (B,)
+    out: DoubleArray,  # (B,) written
+) -> None:
+    """Scalar products of rows of a sparse table."""
+    for k in range(len(one)):
+        i, j, total = start[one[k]], start[other[k]], 0.0
+        while i < start[one[k] + 1] and j < start[other[k] + 1]:
+            if column[i] == column[j]:
+                total += value[i] * value[j]
+                i += 1
+                j += 1
+            elif column[i] < column[j]:
+                i += 1
+            else:
+                j += 1
+        out[k] = total

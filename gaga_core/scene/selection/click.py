@@ -22,18 +22,21 @@ from gaga_core.color import rgb_from_dc
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import ViewMasks
+from gaga_core.grouping.robust.surface_graph import finite
 from gaga_core.grouping.robust.surface_points import DepthMaps
-from gaga_core.grouping.surfaces.borders import (
-    Agreement,
-    SignedGraph,
-    coarse_graph,
-    fine_graph,
-    joined,
+from gaga_core.grouping.surfaces.boosted_trees import learned
+from gaga_core.grouping.surfaces.borders import Seen, SignedGraph, borders_of, coarser_of, joined
+from gaga_core.grouping.surfaces.objects import (
+    CHOSEN,
+    colors_of_samples,
+    cuts,
+    grown,
+    node_features,
 )
 from gaga_core.grouping.surfaces.surfels import (
     Neighbourhood,
     Surfels,
-    planes_of,
+    dense,
     sample_surfels,
     small_pieces,
 )
@@ -44,15 +47,15 @@ from gaga_core.scene.orientation import estimate_up, views_around
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import robust_box
 from gaga_core.scene.selection.selection_kernels import vote_of_samples
-from gaga_core.segmentation.regions import regions
+from gaga_core.segmentation.regions import FURTHER_STEPS, regions_at
 from gaga_core.threads import n_threads, run_chunks
 
 # --- Candidates of clicks: small pieces of the surfaces, and how likely neighbours are one
 # object.
 # No model is needed. Views are rendered and divided into regions; samples of the surfaces, joined
-# to pieces, get evidence about their borders from creases and from what the views show in one
-# region (`gaga_core.grouping.surfaces`). This takes seconds to a minute, once; then clicks are
-# answered from the graph alone (`click_cut`).
+# to pieces, get evidence about their borders, and objects and parts are cuts through the tree of
+# their joins (`gaga_core.grouping.surfaces`). This takes seconds to a minute, once; then clicks are
+# answered from the graph alone.
 
 
 STAGE = "Prepare clicks"
@@ -61,9 +64,8 @@ _SAMPLES = 60_000  # most samples of the surfaces
 _LEAST_SAMPLES = 32  # fewer show no surface
 _OPAQUE = 0.5  # alpha of a pixel that shows a surface
 _HIDDEN = 3.0  # spacings of the samples within which a splat is near one
-_NODES, _PIECES = 4.0, 2.3  # evidence at which small pieces join to nodes, and to judged ones
-_PARTS, _OBJECTS = 1.2, 0.9  # ... and those to parts, and to objects
-_LEAST_PART, _LEAST_OBJECT = 1.5, 6.0  # samples that a view shows of the smallest, on average
+_NODES = 6.0  # log odds at which small pieces join to nodes: fewer than half a percent are wrong
+_PARTS = CHOSEN + 2  # the level of detail of parts
 _SAME_GROUP = 1.0  # evidence that two pieces of one group of the scene add
 _N_NEAREST = 6  # samples that decide about a splat
 _COLOR = 3.0  # spacings that a splat is away for a unit of color difference
@@ -106,11 +108,14 @@ def click_graph_stage(
     gaussians = yield from bake_stage(scene, indices=rows)
     looked = yield from part(_looked(gaussians, views, rasterizer), 0, _STEPS, STAGE)
     masks, depths = looked.masks, looked.depths
-    sample = sample_surfels(views, lambda c: masks[c.name], lambda _: (), depths, _SAMPLES)
+    further = looked.further
+    sample = sample_surfels(
+        views, lambda c: masks[c.name], lambda c: further[c.name], depths, _SAMPLES
+    )
     surfels = yield from part(sample, 1, _STEPS, STAGE)
     yield Progress(STAGE, 2, _STEPS, "unseen surfaces")
-    finite = np.isfinite(gaussians.means).all(axis=1)
-    surfels = _with_unseen(surfels, gaussians.means[finite & (gaussians.opacities > _OPAQUE)])
+    known = finite(gaussians)
+    surfels = _with_unseen(surfels, gaussians.means[known & (gaussians.opacities > _OPAQUE)])
     if len(surfels.points) < _LEAST_SAMPLES:
         raise GagaError("The views show almost none of the splats, so nothing can be clicked.")
     yield Progress(STAGE, 3, _STEPS, "splats around the surfaces")
@@ -119,7 +124,9 @@ def click_graph_stage(
     nearest, weights = _votes(tree, spacing, gaussians, _colors(looked, views, surfels))
     yield Progress(STAGE, 4, _STEPS, "borders")
     groups = _majority(labels, nearest[:, 0], len(spacing))
-    node, graph, parts, objects = _nodes(surfels, groups, len(views))
+    n_splats = np.bincount(nearest[:, 0], minlength=len(spacing))
+    color = colors_of_samples(gaussians, np.flatnonzero(known), surfels.points)
+    node, graph, parts, objects = _nodes(surfels, color, groups, views, n_splats)
     sums = [np.bincount(node, column) for column in surfels.points.T]
     centre = np.stack(sums, axis=1) / np.bincount(node)[:, None]
     return ClickGraph(
@@ -133,19 +140,21 @@ class _Looked:
 
     depths: DepthMaps
     masks: dict[str, ViewMasks]
+    further: dict[str, list[IntArray]]  # regions (H, W) at other levels of detail
     images: dict[str, UInt8Array]  # (H, W, 3)
 
 
 def _looked(
     gaussians: Gaussians, views: Sequence[Camera], rasterizer: Rasterizer
 ) -> Stage[_Looked]:
-    looked = _Looked(DepthMaps(views), {}, {})
+    looked = _Looked(DepthMaps(views), {}, {}, {})
     for i, camera in enumerate(views):
         yield Progress(STAGE, i, len(views), f"look at the scene, {i + 1} of {len(views)}")
         frame = rasterizer.render(gaussians, camera)
         image = np.rint(np.clip(np.nan_to_num(frame.image), 0, 1) * 255).astype(np.uint8)
         looked.depths.add(camera.name, frame.median_depth, frame.alpha, _OPAQUE)
-        looked.masks[camera.name] = ViewMasks.of(regions(image, frame.median_depth))
+        maps = regions_at((1.0, *FURTHER_STEPS), image, frame.median_depth)
+        looked.masks[camera.name], looked.further[camera.name] = ViewMasks.of(maps[0]), maps[1:]
         looked.images[camera.name] = image
     return looked
 
@@ -226,40 +235,31 @@ def _majority(labels: IntArray, sample: IntArray, n: int) -> IntArray:
 
 def _nodes(
     surfels: Surfels,
+    color: DoubleArray,  # (S, 3) as of `colors_of_samples`
     groups: IntArray,  # (S,) of the scene, 0 = none
-    n_views: int,
+    views: Sequence[Camera],
+    n_splats: LongArray,  # (S,) next to each sample
 ) -> tuple[LongArray, SignedGraph, LongArray, LongArray]:
     """Node of each sample (S,), their graph, and part and object of each node (n,)."""
     near = Neighbourhood.of(surfels.points)
     piece = small_pieces(surfels, near)
-    agreement = Agreement.of(surfels, near, piece)
-    fine = fine_graph(surfels, near, piece, agreement)
-    plane = planes_of(surfels, near)
-    shown = surfels.n_views / n_views
-
-    def judged(cluster: LongArray) -> SignedGraph:
-        graph = coarse_graph(surfels, near, plane, piece, agreement, cluster)
-        group = _majority(groups, cluster.astype(np.int32), int(cluster.max()) + 1)
-        a, b = group[graph.first], group[graph.second]
-        said = np.where(a == b, _SAME_GROUP, -_SAME_GROUP)
-        evidence = graph.evidence + np.where((a == 0) | (b == 0), 0.0, said)
-        size = np.bincount(cluster, shown).astype(np.float64)
-        return replace(graph, evidence=evidence, size=size)
-
-    node_of_piece, judged_of_piece = joined(fine, _NODES), joined(fine, _PIECES)
-    judged_of = np.zeros(int(node_of_piece.max()) + 1, np.int64)
-    judged_of[node_of_piece] = judged_of_piece
-    first = judged(judged_of_piece[piece])
-    parts = _joined(first, _PARTS, _LEAST_PART)[judged_of]
+    seen = Seen.of(surfels, near, color, piece, len(views))
+    fine = borders_of(seen, piece).judged(learned().pieces)
+    node_of_piece = joined(fine, _NODES)
     node = node_of_piece[piece]
-    objects = _joined(judged(parts[node]), _OBJECTS, _LEAST_OBJECT)[parts]
-    return node, _with_judged(fine.contracted(node_of_piece), first, judged_of), parts, objects
-
-
-def _joined(graph: SignedGraph, evidence: float, least: float) -> LongArray:
-    """Clusters (n,) after all joins of so much evidence, and of what is smaller than ``least``."""
-    cluster = joined(graph, evidence)
-    return joined(graph.contracted(cluster), -np.inf, least)[cluster]
+    tree = grown(seen)
+    objectness = learned().objects(node_features(seen, tree, views, n_splats))
+    every = cuts(tree, objectness, np.zeros(len(objectness), np.bool_), -np.inf)[0]
+    part, thing = (coarser_of(node, dense(every[level])) for level in (_PARTS, CHOSEN))
+    graph = _with_judged(
+        fine.contracted(node_of_piece),
+        tree.borders.judged(learned().borders),
+        coarser_of(node, tree.leaf),
+    )
+    group = _majority(groups, node.astype(np.int32), len(graph.size))
+    a, b = group[graph.first], group[graph.second]
+    said = np.where(a == b, _SAME_GROUP, -_SAME_GROUP) * ((a > 0) & (b > 0))
+    return node, replace(graph, evidence=graph.evidence + said), part, thing
 
 
 def _with_judged(graph: SignedGraph, judged: SignedGraph, judged_of: LongArray) -> SignedGraph:

@@ -30,10 +30,10 @@ from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.cleanup import clean_object
 from gaga_core.scene.scene import Scene
-from tests.bench.rooms import bench_scene
 from tests.core.fill.tables import BOX, table_with_box
 from tests.core.grouping.true_masks import true_map
 from tests.scenes import Synthetic, objects_scene
+from tools.scenes.rooms import bench_scene
 
 CPU = choose("cpu")
 Result = tuple[str, AnyArray]

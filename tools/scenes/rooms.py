@@ -3,7 +3,7 @@
 "room": boxes, balls, cylinders and stacks of them, scattered on the floor and on tables of the
 demo's empty room, seen from anywhere in its open half. "table": the objects of the demo, most of
 them in another place and some left out, seen by a sweep of cameras. "contents": bowls of fruit,
-rows of books, chairs (`tests.bench.contents`), seen as a room. What the pictures show and what
+rows of books, chairs (`tools.scenes.contents`), seen as a room. What the pictures show and what
 is associated are two models: the truth is a fine one, the splats under test are a coarse one with
 noise and floaters, so that true labels on them do not score 1 either. Masks have faults of the
 strength of Segment Anything: 30 % of the segments split, 12 % merged with a neighbour, 10 % missed,
@@ -22,7 +22,6 @@ from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.masks import MaskSet
 from gaga_core.raster import choose
-from tests.bench.contents import contents_items
 from tools.demo.objects import BACK, FRONT, LEFT, RIGHT, TOP, plain, shell
 from tools.demo.scene import (
     Faults,
@@ -45,6 +44,7 @@ from tools.demo.shapes import (
     revolve,
     rounded_box,
 )
+from tools.scenes.contents import contents_items
 
 Kind = Literal["room", "table", "contents"]
 FAULTS = Faults(split=0.30, merge=0.12, miss=0.10)

@@ -18,9 +18,9 @@ from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.masks import MaskSet
 from gaga_core.raster import choose
-from tests.bench.rooms import Bench, grey_splats, solid, splats_under_test, surface_of
 from tools.demo.scene import Faults, SimulatedMask, merged, painted, posed, room_parts, segments_of
 from tools.demo.shapes import Item
+from tools.scenes.rooms import Bench, grey_splats, solid, splats_under_test, surface_of
 
 N_OBJECTS, N_TRAIN, N_TEST = 150, 20, 6
 SIZE = (480, 360)  # pixels
