@@ -17,6 +17,7 @@ from sklearn.ensemble import (  # type: ignore[import-untyped]
     HistGradientBoostingClassifier,
     HistGradientBoostingRegressor,
 )
+from threadpoolctl import threadpool_limits
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, LongArray
 from gaga_core.grouping.surfaces.boosted_trees import FILE, BoostedTrees, Learned, learned
@@ -31,7 +32,12 @@ from gaga_core.grouping.surfaces.objects import (
     node_features,
 )
 from gaga_core.io.files import assets, atomic_write
-from tools.learn_objects.samples import Labelled, painted_samples, scene_samples
+from tools.learn_objects.samples import (
+    Labelled,
+    painted_samples,
+    scene_samples,
+    trained_samples,
+)
 from tools.scenes.arrange import KINDS, kind_of
 from tools.scenes.make import SceneConfig, Split, make_scene
 from tools.scenes.painted import PAINTED_KINDS
@@ -39,19 +45,27 @@ from tools.scenes.painted import PAINTED_KINDS
 _SAME_ROWS = 6000  # borders of small pieces of one object that a scene gives, at most
 _ROOM = 0.5  # weight of borders inside of the room
 _HIT = 0.5  # IoU from which on an object is found
-_TREES, _LEAVES, _ROWS, _RATE = 150, 16, 40, 0.08  # of an ensemble; leaves and their rows; step
-_PAINTED_SEEDS = {"train": range(101, 105), "val": range(105, 106), "test": range(11, 13)}
+_TREES, _LEAVES, _ROWS, _RATE = 200, 20, 40, 0.06  # of an ensemble; leaves, their rows; step
+_PAINTED_SEEDS = {"train": range(101, 104), "val": range(105, 106), "test": range(11, 12)}
+_TRAINED = (0, 1, 4, 5, 7)  # seeds whose splats are trained as well
 _KNOWN = ("ycb_table", "ycb_crowd")  # scenes that earlier rules were fitted to: training
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """How many scenes take part."""
+    """How many scenes take part, and how large they are."""
 
     train: int = 90  # of scanned objects, as are val and test
     val: int = 24
     test: int = 30
     trees: int = _TREES  # of each ensemble
+    width: int = 480  # pixels of the photos of scanned objects
+    views: int = 0  # photos of a scene; 0: drawn, 20 to 60
+    only_scans: bool = False  # neither painted scenes nor trained splats
+
+    def of(self, split: Split) -> int:
+        """How many scenes of scanned objects a split has."""
+        return {"train": self.train, "val": self.val, "test": self.test}[split]
 
 
 def make(
@@ -71,38 +85,54 @@ def make(
         sizes: how many scenes
     """
     out = out or assets() / FILE
-    train = list(_scenes(work, scans, "train", sizes.train))
+    train = list(_scenes(work, scans, "train", sizes))
     for name in _KNOWN if known else ():
         if known and (known / name).is_dir():
             train += [scene_samples(known / name, work / "samples", seed=3)]
-    found = learn(train, sizes.trees)
+    with threadpool_limits(1):  # threads of OpenMP wait for each other where others work, too
+        found = learn(train, sizes.trees)
     arrays = dict[str, AnyArray]()
     for name, trees in found._asdict().items():
         arrays |= trees.arrays(name)
     with atomic_write(out) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-    rows = scores(_scenes(work, scans, "val", sizes.val), found)
+    rows = scores(_scenes(work, scans, "val", sizes), found)
     with atomic_write(out.with_suffix(".md")) as temporary:
         temporary.write_text(_card(sizes, len(train), rows), encoding="utf-8")
 
 
-def judge(work: Path, scans: Path, n: int = Sizes.test) -> None:
-    """Score the ensembles that the program carries on the test scenes: once, at the end."""
-    for row in scores(_scenes(work, scans, "test", n), learned()):
-        sys.stdout.write(f"{row}\n")
+def judge(work: Path, scans: Path, sizes: Sizes = Sizes()) -> None:
+    """Score the ensembles that the program carries on the test scenes: once, at the end.
+
+    Args:
+        work: folder for scenes and samples
+        scans: folder of .glb and masses_kg.json
+        sizes: how many scenes
+    """
+    for row in scores(_scenes(work, scans, "test", sizes), learned()):
+        _say(str(row))
 
 
-def _scenes(work: Path, scans: Path, split: Split, n: int) -> Iterator[Labelled]:
+def _scenes(work: Path, scans: Path, split: Split, sizes: Sizes) -> Iterator[Labelled]:
     """The scenes of a split, first those of scanned objects, then the painted ones."""
-    for seed in range(n):
+    size = sizes.width, sizes.width * 3 // 4
+    for seed in range(sizes.of(split)):
         kind = kind_of(seed)
         folder = work / split / f"{split}_{seed:03d}_{kind}"
-        make_scene(folder, scans, SceneConfig(seed, split, kind))
-        sys.stdout.write(f"{folder.name}\n")
+        make_scene(folder, scans, SceneConfig(seed, split, kind, *size, sizes.views))
+        _say(folder.name)
         yield scene_samples(folder, work / "samples", seed, all_views=split == "test")
-    for seed in _PAINTED_SEEDS[split] if n >= len(KINDS) else ():
+        if split != "val" and seed in _TRAINED and not sizes.only_scans:
+            yield trained_samples(folder, work, work / "samples", all_views=split == "test")
+    for seed in () if sizes.only_scans else _PAINTED_SEEDS[split]:
         for painted in PAINTED_KINDS:
             yield painted_samples(painted, seed, work / "samples", all_views=split == "test")
+
+
+def _say(line: str) -> None:
+    """Where the work is."""
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
 
 
 # --- Learning.
@@ -120,6 +150,7 @@ def learn(scenes: Sequence[Labelled], n_trees: int = _TREES) -> Learned:
         weight[kept] *= same.sum() / max(len(kept), 1)
         chosen = np.concatenate([np.flatnonzero(~same), kept])
         rows.append((borders.features[chosen], same[chosen], weight[chosen] / len(same)))
+    _say(f"small pieces: {len(scenes)} scenes")
     pieces = _log_odds(rows, n_trees)
     rows, by = [], pieces
     for is_last in (False, True):
@@ -127,7 +158,8 @@ def learn(scenes: Sequence[Labelled], n_trees: int = _TREES) -> Learned:
         for scene in scenes:
             graph = borders_of(scene.seen, scene.seen.piece).judged(pieces)
             clusters.append(join_crumbs(graph, ROUNDS[0])[scene.seen.piece])
-        for least in ROUNDS[1:]:
+        for k, least in enumerate(ROUNDS[1:], start=1):
+            _say(f"borders, round {k} of {len(ROUNDS) - 1}{', again' if is_last else ''}")
             found = [borders_of(s.seen, c) for s, c in zip(scenes, clusters, strict=True)]
             for scene, cluster, borders in zip(scenes, clusters, found, strict=True):
                 same, weight = _labels(scene, cluster, borders.first, borders.second)
@@ -140,6 +172,7 @@ def learn(scenes: Sequence[Labelled], n_trees: int = _TREES) -> Learned:
                 joined(b.judged(by), least)[c] for b, c in zip(found, clusters, strict=True)
             ]
     borders_by = _log_odds(rows, n_trees)
+    _say("objects")
     nodes, best = [], []
     for scene in scenes:
         tree = grown(scene.seen, pieces=pieces, borders=borders_by)
@@ -154,7 +187,7 @@ def learn(scenes: Sequence[Labelled], n_trees: int = _TREES) -> Learned:
 def _settings(n_trees: int) -> dict[str, float]:
     return {
         "max_iter": n_trees, "learning_rate": _RATE, "max_leaf_nodes": _LEAVES,
-        "min_samples_leaf": _ROWS, "l2_regularization": 5.0, "max_bins": 128,
+        "min_samples_leaf": _ROWS, "l2_regularization": 5.0, "max_bins": 128, "max_features": 0.3,
     }  # fmt: skip
 
 
@@ -251,9 +284,9 @@ def scores(scenes: Iterator[Labelled], by: Learned) -> list[Row]:
         objectness = by.objects(node_features(scene.seen, tree, scene.views, scene.n_splats))
         clusters, behind, _ = cuts(tree, objectness, np.zeros(len(objectness), np.bool_))
         groups = np.where(behind, 0, 1 + clusters[CHOSEN])
-        kind = scene.name.split("_")[-1] if scene.name[-1].isalpha() else scene.name.split("_")[0]
+        kind, values = _kind_of(scene.name), scored(groups, scene)
         for name in (kind, "all of scans") if kind in KINDS else (kind,):
-            found.setdefault(name, []).append(scored(groups, scene))
+            found.setdefault(name, []).append(values)
     rows = []
     for name, values in sorted(found.items()):
         mean, spread = np.mean(values, axis=0), np.std(values, axis=0)
@@ -262,9 +295,17 @@ def scores(scenes: Iterator[Labelled], by: Learned) -> list[Row]:
     return rows
 
 
+def _kind_of(name: str) -> str:
+    """Of a scene: ``val_003_single``, ``trained_test_001_table``, ``room_105``."""
+    first, *_, last = name.split("_")
+    if first == "trained":
+        return "trained splats"
+    return f"painted {first}" if last.isdecimal() else last
+
+
 def scored(groups: LongArray, scene: Labelled) -> tuple[float, float, float, float]:
-    """IoU, precision, recall of groups (S,), 0 = not listed, by samples that views show, without
-    void; and the listed groups for each true object."""
+    """Score groups (S,), 0 = not listed, by samples that views show, without void: IoU, precision,
+    recall, and the listed groups for each true object."""
     table = _table(groups, scene)
     inside, true = table[:, 1:], table[:, 1:].sum(axis=0)
     iou = inside / np.maximum(inside.sum(axis=1)[:, None] + true - inside, 1e-9)

@@ -1,5 +1,6 @@
 """Scenes with truth as samples of their surfaces, kept between runs."""
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+import gaga_core
 from gaga_core.arrays import IntArray, LongArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
@@ -25,13 +27,15 @@ from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.scene_folder import open_scene_folder, read_model, select_views
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.segmentation.regions import FURTHER_STEPS, RegionsConfig, regions_at
 from tools.scenes.painted import PaintedKind, painted_scene
 
 _MISS = 0.02  # share of its depth by which a sample may miss the surface that a view shows
-_FEW_VIEWS = (28, 10, 20, 0, 14, 36)  # of a scene, by its seed; 0: all
+_FEW_VIEWS = (28, 10, 20, 28, 14, 36)  # of a scene, by its seed
+_ITERATIONS, _SIDE = 700, 320  # of a training; pixels of its pictures
 _WIDTHS = (480, 480, 400)  # pixels of the regions, by its seed
 
 
@@ -67,6 +71,19 @@ def scene_samples(folder: Path, cache: Path, seed: int, *, all_views: bool = Fal
     return _kept(cache / f"{folder.name}.npz", look)
 
 
+def trained_samples(folder: Path, work: Path, cache: Path, *, all_views: bool = False) -> Labelled:
+    """Samples of the same photos and poses with splats of our own short training: real noise."""
+    copy = work / "trained" / folder.name
+    if not (copy / "point_cloud.ply").is_file():
+        for name in ("images", "sparse", "gt/instance"):
+            shutil.copytree(folder / name, copy / name, dirs_exist_ok=True)
+        shutil.copy(folder / "split.json", copy / "split.json")
+        config = ReconstructConfig(iterations=_ITERATIONS, max_side=_SIDE)
+        gaga_core.reconstruct(copy / "images", copy, config=config)
+    found = scene_samples(copy, cache / "trained", 0, all_views=all_views)
+    return replace(found, name=f"trained_{found.name}")
+
+
 def painted_samples(
     kind: PaintedKind, seed: int, cache: Path, *, all_views: bool = False
 ) -> Labelled:
@@ -83,7 +100,7 @@ def painted_samples(
 
 def _some(cameras: Sequence[Camera], seed: int, *, all_views: bool) -> tuple[Camera, ...]:
     """Some of the cameras, in their order: people take few photos and many."""
-    n = len(cameras) if all_views else _FEW_VIEWS[seed % len(_FEW_VIEWS)] or len(cameras)
+    n = len(cameras) if all_views else _FEW_VIEWS[seed % len(_FEW_VIEWS)]
     drawn = np.random.default_rng(seed).permutation(len(cameras))[:n]
     return tuple(cameras[k] for k in np.sort(drawn))
 

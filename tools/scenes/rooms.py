@@ -202,6 +202,7 @@ def _room_items(rng: np.random.Generator) -> list[Item]:
 def solid(
     shape: str, size: Sequence[float] | DoubleArray, centre: tuple[float, float, float], yaw: float
 ) -> Item:
+    """Return a box, a ball or a cylinder of a size (3,), metres, turned by ``yaw`` degrees."""
     a, b, c = (0.5 * float(s) for s in size)
     if shape == "ball":
         patches = [ellipsoid((a, b, c))]

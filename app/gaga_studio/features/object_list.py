@@ -68,6 +68,24 @@ class PartIndex:
             self._known[key] = () if rows is None else self._cut(key, rows, first)
         return self._known[key]
 
+    def ways(self, group: int, splat: int) -> list[tuple[str, IntArray]]:
+        """What a splat of a group is in, coarse to fine, with the splats (K,), ascending: what the
+        group is joined with, the group itself ("") and its parts, by their names."""
+        own = np.sort(self._rows[group])
+        found = [("", own)]
+        every = np.sort(np.concatenate(list(self._rows.values())))
+        for labels in self._levels.labels[::-1]:
+            of_level = labels[self._source[every]]
+            parent = int(np.bincount(labels[self._source[own]]).argmax())
+            rows = every[of_level == parent]
+            if parent and len(rows) > len(found[0][1]) and np.isin(found[0][1], rows).mean() > 0.5:
+                found.insert(0, ("more", np.union1d(rows, found[0][1]).astype(np.int32)))
+        whole: Part | int = group
+        while parts := [p for p in self.parts(whole) if splat in p.rows]:
+            whole = parts[0]
+            found.append((parts[0].name, np.sort(parts[0].rows)))
+        return found
+
     def _cut(self, key: PartKey, rows: IntArray, first: int) -> tuple[Part, ...]:
         cut = parting(self._levels, self._source[rows], first)
         if cut is None:
@@ -450,6 +468,32 @@ def select_part(session: Session, part: Part, name: str, how: How = "set") -> bo
     document = session.need()
     done = document.select(part.rows, how, f"Select {part.name} of {name}")
     document.focus = part.key[0]
+    return done
+
+
+@notifies
+def click_again(session: Session, splat: int, *, up: bool = False) -> bool:
+    """Select the part of the selected object or part that holds ``splat``, one level of detail
+    finer; ``up``: what the selection is a part of, one level coarser.
+
+    Return whether there is one: not where the groups have no levels, and downwards not where
+    something else is selected.
+    """
+    index, document = part_index(session), session.need()
+    group = int(document.scene.labels[splat])
+    if index is None or not group:
+        return False
+    name, ways = document.name_of(group), index.ways(group, splat)
+    chosen = document.read.selected_indices()
+    at = next((k for k, (_, rows) in enumerate(ways) if np.array_equal(rows, chosen)), None)
+    object_at = next(k for k, (part, _) in enumerate(ways) if part == "")
+    to = (object_at if at is None else at) - 1 if up else len(ways) if at is None else at + 1
+    if not 0 <= to < len(ways):
+        return False
+    part, rows = ways[to]
+    title = f"Select {part} of {name}" if to > object_at else f"Select {name}"
+    done = document.select(rows, "set", title if to >= object_at else f"Select more than {name}")
+    document.focus = group
     return done
 
 

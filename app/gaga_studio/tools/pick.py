@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gaga_studio.features import measure, selection
+from gaga_studio.features import measure, object_list, selection
 from gaga_studio.features.find import click_object
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Point, ToolName
@@ -15,12 +15,16 @@ class PickTool(ClickTool):
     name = ToolName.PICK
 
     def click(self, session: Session, place: ViewportPoint) -> None:
-        """Select the object under the mouse."""
-        selection.click(session, place.u, place.v, place.width, place.height, place.how)
+        """Select the object under the mouse; again: a part of it, with Alt what it is a part of."""
+        at = place.u, place.v, place.width, place.height
+        found = session.pick(*at) if place.how == "set" else None
+        if found is None or not object_list.click_again(session, found.splat, up=place.alt):
+            selection.click(session, *at, place.how)
 
     def hint(self, session: Session) -> str:
         """What a click does now."""
-        return "Click selects the object, Shift adds, Ctrl removes. Drag orbits."
+        again = "" if object_list.levels_of(session) is None else " Again: a part, Alt: more."
+        return f"Click selects the object, Shift adds, Ctrl removes.{again} Drag orbits."
 
 
 # --- Click three points of the ground; drags orbit.

@@ -23,6 +23,7 @@ from gaga_studio.features import (
 )
 from gaga_studio.features.export import ExportPlan, summary
 from gaga_studio.features.object_list import Lines, ListFilter, Listing, ObjectListView, lines_of
+from gaga_studio.features.selection import select_groups
 from gaga_studio.features.transform import shift
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
@@ -243,6 +244,35 @@ def test_parts_are_listed_under_their_object_and_split_here_makes_them_real(
     assert commands.run("object.split_here", associated)
     new = {tuple(group_indices(scene, int(g))) for g in np.unique(scene.labels[rows])}
     assert new == before
+
+
+def test_clicks_on_one_spot_go_down_through_the_parts_and_with_alt_up(associated: Session) -> None:
+    """Objects 1 and 2 are one at the coarsest level; 2 falls into halves, one of them again."""
+    scene, document = scene_of(associated), associated.need()
+    rows = group_indices(scene, 2)
+    together, half = np.where(scene.labels == 2, 1, scene.labels), scene.labels.copy()
+    half[rows[len(rows) // 2 :]] = 100
+    quarter = half.copy()
+    quarter[rows[: len(rows) // 4]] = 101
+    levels = Levels(np.stack([together.astype(np.int32), scene.labels, half, quarter]), 1)
+    assert scene.bank is not None
+    bank = replace(scene.bank, levels=levels)
+    document.do(edits.set_grouping(scene, scene.labels, bank, title="x"))
+    splat, selected = int(rows[0]), associated.selected_indices
+    assert not object_list.click_again(associated, splat), "nothing is selected: a usual click"
+    select_groups(associated, (2,))
+    shown = []
+    while object_list.click_again(associated, splat):
+        shown.append(selected().tolist())
+    quarters = rows[: len(rows) // 4], rows[: len(rows) // 2]
+    assert shown == [quarters[1].tolist(), quarters[0].tolist()]
+    for wanted in (quarters[1], rows, np.sort(np.r_[group_indices(scene, 1), rows])):
+        assert object_list.click_again(associated, splat, up=True)
+        assert selected().tolist() == wanted.tolist()
+        assert document.focus == 2
+    assert not object_list.click_again(associated, splat, up=True), "there is no more"
+    select_groups(associated, (3,))
+    assert not object_list.click_again(associated, splat), "another object is selected"
 
 
 @pytest.fixture
