@@ -1,13 +1,9 @@
 """Objects without a model: regions of the photos, the preset robust, and what comes out.
 
 IoU, precision and recall are of held-out views at the level of whole objects, void left out; best
-level: of each true object with the group that covers it best at any level. The evidence about
-borders was fitted to ycb_table, the demo scene and one generated room; how borders are judged again
-and what holds together was chosen on ycb_crowd and the demo, and then limited to where it does no
-harm to generated rooms, tables and contents, most of other seeds; levels of small pieces, surfaces
-that a thing lies across and rarely seen parts were chosen on the demo, how objects are divided on
-ycb_crowd, with a look at one draw or more of all scenes. The generated kinds: rooms, tables,
-objects of parts (`tools.scenes.parts`), and contents, rows and chairs (`tools.scenes.contents`).
+level: of each true object with the group that covers it best at any level. What parts objects was
+learned from scenes with truth (`tools.learn_objects`): among them ycb_table and ycb_crowd, and
+generated rooms, tables, contents and objects of parts of other seeds than here, but not the demo.
 Each figure is the mean over four draws (regions of two widths, of all views and of some), and the
 worst of them: a result that only one of them reaches is luck.
 Scenes that are not on this machine are left out (GAGA_TEST_DATA).
@@ -38,7 +34,7 @@ from tools.scenes.painted import PAINTED_KINDS, Painted, painted_scene
 _BARS = {
     "ycb_table": (">= 0.87", ">= 0.82", ">= 0.95", ">= 0.97"),
     "ycb_crowd": (">= 0.87", ">= 0.82", ">= 0.95", ">= 0.97"),
-    "demo": (">= 0.65", ">= 0.50", "", ">= 0.97"),
+    "demo": (">= 0.65", ">= 0.50", "", ""),
 }
 _WIDTHS = (480, 560)  # pixels
 _SHARES = (1.0, 0.7)  # of the train views
