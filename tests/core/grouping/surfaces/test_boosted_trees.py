@@ -8,8 +8,8 @@ import pytest
 from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.surfaces import boosted_trees
-from gaga_core.io.files import assets
 from gaga_core.grouping.surfaces.boosted_trees import FILE, BoostedTrees, Learned, learned
+from gaga_core.io.files import assets
 
 
 def _random(seed: int, n_features: int = 5) -> BoostedTrees:
