@@ -42,7 +42,7 @@ def _own_mounts() -> None:
 
 
 def _copied(made: Path, place: Path, said: Connection) -> Path | None:
-    """A copy of ``made`` on a disk of 256 MiB; None, and "cannot" is said, where none is mounted."""
+    """A copy of ``made`` on a disk of 256 MiB; None, and "cannot" said, where none is mounted."""
     try:
         _own_mounts()
         _mounted(place, "size=256m")
