@@ -8,7 +8,7 @@
 # make demo    draws the demo scene again, which programs carry (assets/demo)
 # make docs    sets everything up and builds the documentation into docs/_build
 # make captures  places every kind of capture that people make, half an hour
-# make fuzz SECONDS=600  damages files of every kind for that long on every core; every reader must survive
+# make fuzz SECONDS=600  damages files of every kind for that long, PROCESSES at a time (every core); every reader must survive
 # make faults KILLS=100  kills each kind of program so often at random moments
 # make cluster  runs twenty scenes on a dask cluster whose workers are killed and run out of memory
 # make peers  installs the programs of others that tests compare with, where there is npm
@@ -78,7 +78,7 @@ captures: setup
 	@GAGA_LONG_CAPTURES=1 $(BIN)/python -m pytest -q tests/captures
 
 fuzz: setup
-	@$(BIN)/python -m tests.fuzz $(or $(SECONDS),600)
+	@$(BIN)/python -m tests.fuzz $(or $(SECONDS),600) $(if $(PROCESSES),--processes $(PROCESSES)) $(if $(SEEDS),--seeds $(SEEDS))
 
 soak: setup
 	@$(BIN)/python -m tests.soak.walk $(or $(COMMANDS),20000)

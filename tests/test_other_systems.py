@@ -1,8 +1,15 @@
-"""What Windows lacks is not asked for when a module is imported, of the program or of the tests."""
+"""What Windows lacks is not asked for when a module is imported, of the program or of the tests.
 
+What runs on other machines, the workflow and the hooks before a commit, names only what is there.
+"""
+
+import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
+
+import yaml
 
 _ROOT = Path(__file__).resolve().parents[1]
 
@@ -43,3 +50,34 @@ def test_every_module_is_imported_without_what_windows_lacks() -> None:
     child = [sys.executable, "-c", _CHILD]
     done = subprocess.run(child, cwd=_ROOT, check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_workflow_and_hooks_name_only_what_is_there() -> None:
+    workflow = yaml.safe_load((_ROOT / ".github/workflows/test.yml").read_text(encoding="utf-8"))
+    steps = [step for job in workflow["jobs"].values() for step in job["steps"]]
+    words = [word for step in steps for word in step.get("run", "").split()]
+    paths = [word for word in words if word.startswith(("tests/", ".ci/")) or ".txt" in word]
+    assert len(paths) > 5
+    assert [path for path in paths if not (_ROOT / path).exists()] == []
+    targets = re.findall(r"^([\w-]+):", (_ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
+    made = [goal for word, goal in pairwise(words) if word == "make"]
+    assert made
+    assert set(made) <= set(targets)
+
+    config = yaml.safe_load((_ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
+    hooks = [hook for repository in config["repos"] for hook in repository["hooks"]]
+    tools = Path(sys.executable).parent
+    files = [
+        p for name in ("app", "gaga_core", "tests", "tools") for p in (_ROOT / name).rglob("*.py")
+    ]
+    files += [*_ROOT.glob("*.toml"), *_ROOT.glob(".*.yaml"), _ROOT / "Makefile"]
+    lines = [line for file in files for line in file.read_bytes().splitlines(keepends=True)]
+    assert len(lines) > 1000
+    for hook in hooks:
+        if hook["language"] == "pygrep":
+            found = re.compile(hook["entry"].encode())
+            assert [line for line in lines if found.search(line)] == [], hook["id"]
+        else:
+            folder, _, tool = hook["entry"].split()[0].rpartition("/")
+            assert folder == ".venv/bin"
+            assert list(tools.glob(f"{tool}*")), tool

@@ -13,6 +13,7 @@ from typing import Literal
 import msgspec
 
 from gaga_core.errors import GagaError
+from gaga_core.io.cameras.colmap import require_pycolmap
 from gaga_core.io.folder.processes import follow
 from gaga_core.io.json_file import decode_json
 from gaga_core.placing.photos import Photo, PhotoSet
@@ -130,6 +131,7 @@ def run_step(
     finished = workspace / f"{step}.finished"
     if finished.is_file():
         return
+    require_pycolmap()
     config = _decided(photos, config)
     if step in ("map", "map_relaxed"):
         # On several, COLMAP 4 starts from the pair of photos that a thread finds first, and adds

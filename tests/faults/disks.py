@@ -41,6 +41,21 @@ def _own_mounts() -> None:
     Path("/proc/self/gid_map").write_text(f"0 {group} 1")
 
 
+def _copied(made: Path, place: Path, said: Connection) -> Path | None:
+    """A copy of ``made`` on a disk of 256 MiB; None, and "cannot" said, where none is mounted."""
+    try:
+        _own_mounts()
+        _mounted(place, "size=256m")
+    except OSError as error:
+        if error.errno == errno.EINVAL:  # it has threads
+            raise
+        said.send(("cannot", str(error)))
+        return None
+    root = place / "it"
+    os.environ["GAGA_HOME"] = str(root / "home")
+    return Path(shutil.copytree(made, root))
+
+
 def run_on_a_disk(
     name: str, made: Path, place: Path, kind: str, version: "Version", said: Connection
 ) -> None:
@@ -49,23 +64,17 @@ def run_on_a_disk(
     Says "cannot" where no disk can be mounted, else: the sentence, the result before and after it,
     and the files that are there then but were not there before.
     """
-    try:
-        _own_mounts()
-        _mounted(place, "size=64m")
-    except OSError as error:
-        if error.errno == errno.EINVAL:  # it has threads
-            raise
-        said.send(("cannot", str(error)))
+    root = _copied(made, place, said)
+    if root is None:
         return
     from tests.faults.programs import PROGRAMS, finish
 
-    root, program = place / "it", PROGRAMS[name]
-    shutil.copytree(made, root)
+    program = PROGRAMS[name]
     before, files = program.result(root), set(root.rglob("*"))
     if kind == "full":
         _fill(place)
     else:
-        _mounted(place, "size=64m", _REMOUNT | _READ_ONLY)
+        _mounted(place, "size=256m", _REMOUNT | _READ_ONLY)
     sentence = ""
     try:
         program.run(root, version)
@@ -74,6 +83,32 @@ def run_on_a_disk(
     finish(root)
     stray = sorted(str(path.relative_to(root)) for path in set(root.rglob("*")) - files)
     said.send(("done", sentence, before, program.result(root), stray))
+
+
+def download_on_a_disk(made: Path, place: Path, said: Connection) -> None:
+    """Download a model to a disk that gets full midway, and once more when there is room again.
+
+    Says "cannot" where no disk can be mounted, else: the sentence, the bytes that were kept, and
+    the bytes that the second try fetched.
+    """
+    root = _copied(made, place, said)
+    if root is None:
+        return
+    from gaga_core.progress import run_stage
+    from tests.faults.programs import PROGRAMS, download_stage
+
+    kept, sentence = PROGRAMS["model"].opens, ""
+    stage = download_stage(root)
+    while not kept(root):
+        next(stage)
+    _fill(place)
+    try:
+        run_stage(stage)
+    except GagaError as error:
+        sentence = str(error)
+    n_kept = kept(root)
+    (place / "full").unlink()
+    said.send(("done", sentence, n_kept, run_stage(download_stage(root)).n_bytes))
 
 
 def _fill(place: Path) -> None:

@@ -32,12 +32,18 @@ from gaga_core.pipeline.place import write_entry
 from gaga_core.pipeline.reconstruct import look_at_photos, reconstruct_scene, train_scene
 from gaga_core.pipeline.run import RunConfig, run_missing
 from gaga_core.pipeline.settings import ReconstructConfig
-from gaga_core.progress import run_stage
+from gaga_core.progress import Stage, run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.project import open_path_stage, save_project, scene_arrays
 from gaga_core.scene.scene import Scene
 from gaga_core.segmentation.models.catalogue import known_model
-from gaga_core.segmentation.models.download import LOCK_FILE, Consent, download, partial_bytes
+from gaga_core.segmentation.models.download import (
+    LOCK_FILE,
+    Consent,
+    Installed,
+    download,
+    partial_bytes,
+)
 from gaga_core.segmentation.models.hub import HubConfig, list_files
 from gaga_core.training.settings import TrainConfig
 from tests.core.grouping.true_masks import permuted, true_map
@@ -181,11 +187,12 @@ def _repository(root: Path) -> None:
     (folder / "model.safetensors").write_bytes(weights.tobytes())
 
 
-def _download(root: Path, _: Version) -> None:
+def download_stage(root: Path) -> Stage[Installed]:
+    """Download a model from a hub of its own."""
     with serve(Hub({_MODEL.hub: root / "repository"}, pause_s=_PAUSE_S)) as hub:
         config = HubConfig(hub.url)
         consent = Consent(_MODEL.name, _MODEL.licence)
-        run_stage(download(list_files(_MODEL, config), consent, config))
+        return (yield from download(list_files(_MODEL, config), consent, config))
 
 
 def _photos(root: Path) -> None:
@@ -254,7 +261,7 @@ PROGRAMS: Mapping[str, Program] = {
     ),
     "model": Program(
         _repository,
-        _download,
+        lambda root, _: run_stage(download_stage(root)),
         lambda root: _digest(root, "home/models/*/*"),
         has_versions=False,
         opens=lambda root: partial_bytes(_MODEL),

@@ -1,5 +1,6 @@
-"""``python -m tests.fuzz SECONDS [BATCH [SEED ...]]``: the long attack; status 1 on a finding."""
+"""``python -m tests.fuzz SECONDS``: the long attack; status 1 on a finding."""
 
+import argparse
 import os
 import sys
 import tempfile
@@ -7,17 +8,12 @@ from pathlib import Path
 
 from tests.fuzz.attack import all_targets, attack
 
-_SEEDS = (1, 2, 3, 4)
-_BATCH = 120  # cases of a worker: its start takes as long as about 30
 
-
-def main(seconds: float, batch: int, seeds: tuple[int, ...]) -> int:
-    """Attack all readers with a worker on each core and print what was found."""
-    n_workers = os.cpu_count() or 1
+def main(seconds: float, batch: int, seeds: list[int], processes: int) -> int:
+    """Attack all readers for so long and print what was found."""
     with tempfile.TemporaryDirectory() as folder:
-        result = attack(Path(folder), seconds, seeds, all_targets(), batch, n_workers)
-    for finding in result.findings:
-        sys.stdout.write(f"{finding}\n")
+        readers = all_targets()
+        result = attack(Path(folder), seconds, seeds, readers, batch, processes, sys.stdout)
     counts = ", ".join(f"{n:,} {rule}" for rule, n in result.rules.most_common())
     (slowest, where), (most, which) = result.seconds, result.n_bytes
     sys.stdout.write(
@@ -28,6 +24,10 @@ def main(seconds: float, batch: int, seeds: tuple[int, ...]) -> int:
 
 
 if __name__ == "__main__":
-    numbers = [int(argument) for argument in sys.argv[1:]]
-    seconds, batch, *seeds = [*numbers, _BATCH][: max(len(numbers), 2)]
-    sys.exit(main(seconds, batch, tuple(seeds) or _SEEDS))
+    parser = argparse.ArgumentParser("python -m tests.fuzz", description=__doc__)
+    parser.add_argument("seconds", type=float)
+    # The start of a worker takes as long as about 30 cases.
+    parser.add_argument("--batch", type=int, default=120, help="cases of a worker")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3, 4])
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    sys.exit(main(**vars(parser.parse_args())))

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from tests.fuzz.targets import TARGETS
 from tests.fuzz.worker import END, Case, Cases, Cost, run_cases
@@ -34,6 +34,14 @@ class Result:
     seconds: tuple[float, str] = (0.0, "")  # of the slowest case, and which it was
     n_bytes: tuple[int, str] = (0, "")  # most memory of a case
     lock: threading.Lock = field(default_factory=threading.Lock)
+    out: IO[str] | None = None  # gets each finding at once
+
+    def find(self, finding: str) -> None:
+        """Keep a finding."""
+        self.findings.append(finding)
+        if self.out:
+            self.out.write(f"{finding}\n")
+            self.out.flush()
 
 
 def attack(
@@ -43,12 +51,13 @@ def attack(
     targets: Iterable[str],
     batch: int = BATCH,
     n_workers: int = 1,
+    out: IO[str] | None = None,
 ) -> Result:
     """Damage files of ``targets`` in turns for ``seconds``; every reader gets one batch at least.
 
     A worker that dies is a finding; the next begins after the case that killed it.
     """
-    result, seeds = Result(), list(seeds)
+    result, seeds = Result(out=out), list(seeds)
     names = sorted(targets, key=lambda name: -TARGETS[name].share)  # the slow ones first
     end = time.monotonic() + seconds
     turns = ((first, seed) for first in itertools.count(0, batch) for seed in seeds)
@@ -87,11 +96,11 @@ def _run_batch(result: Result, cases: Cases) -> None:
                     result.seconds = max(result.seconds, (item.seconds, at))
                     result.n_bytes = max(result.n_bytes, (item.n_bytes, at))
                 elif item != END:
-                    result.findings.append(f"{at}: {item}")
+                    result.find(f"{at}: {item}")
             if said and said[-1] == END:
                 return
             errors = (cases.folder / "stderr").read_text(encoding="utf-8", errors="replace")
-            result.findings.append(f"{at}: ended with {status}: {errors[-1500:]}")
+            result.find(f"{at}: ended with {status}: {errors[-1500:]}")
         if begun is None:
             return
         number = begun.number + 1

@@ -1,6 +1,9 @@
 """A short attack on some readers by every rule; ``make fuzz`` is the long one."""
 
 import random
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -34,6 +37,19 @@ def test_damaged_files_give_a_result_or_one_sentence(tmp_path: Path) -> None:
     assert result.findings == []
     assert result.n_cases == BATCH * (len(_READERS) - 1) + BATCH // 10
     assert result.rules.keys() == {"bytes", LINKS, *RULES}
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no clock of a process here")
+@pytest.mark.parametrize("what", ["while True: pass", "os.read(os.pipe()[0], 1)"])
+def test_what_never_ends_ends_with_its_traceback(what: str, tmp_path: Path) -> None:
+    limits = (0.2, 60.0) if "while" in what else (60.0, 0.2)
+    lines = ["import os, sys", "from tests.fuzz.worker import watched"]
+    lines += [f"with watched(sys.stderr, *{limits}):", f"    {what}"]
+    ended = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == (-signal.SIGPROF if "while" in what else 1)
+    assert 'File "<string>", line 4' in ended.stderr
 
 
 def test_a_seed_gives_the_same_damage_again() -> None:

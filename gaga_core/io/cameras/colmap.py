@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,15 @@ class ColmapModel:
     point_colors: UInt8Array  # (P, 3)
 
 
+def require_pycolmap() -> None:
+    """Raise ``GagaError`` where pycolmap is missing: Linux on arm64 has no builds of it."""
+    if find_spec("pycolmap") is None:
+        raise GagaError(
+            "COLMAP models are read, and photos placed, with pycolmap, which is not installed. "
+            "Install pycolmap, or give the cameras as cameras.json."
+        )
+
+
 def has_colmap(folder: Path) -> bool:
     """Whether ``folder`` holds the files of a COLMAP model."""
     return any((folder / f"images.{kind}").is_file() for kind in ("bin", "txt"))
@@ -66,6 +76,7 @@ class ColmapReading:
                 "Choose a folder that COLMAP wrote."
             )
         _check_files(self._folder)
+        require_pycolmap()
         # Without a name: nothing is left if we are killed.
         self._out = tempfile.TemporaryFile()  # noqa: SIM115  closed by `close`
         self._process = subprocess.Popen(

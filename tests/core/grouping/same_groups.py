@@ -8,8 +8,8 @@ import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import Any
+from functools import cache, partial
+from types import MappingProxyType
 
 import numpy as np
 
@@ -30,10 +30,11 @@ from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.cleanup import clean_object
 from gaga_core.scene.scene import Scene
+from gaga_core.segmentation.regions import FURTHER_STEPS, regions_at
 from tests.core.fill.tables import BOX, table_with_box
 from tests.core.grouping.true_masks import true_map
 from tests.scenes import Synthetic, objects_scene
-from tools.scenes.rooms import bench_scene
+from tools.scenes.rooms import Bench, bench_scene
 
 CPU = choose("cpu")
 Result = tuple[str, AnyArray]
@@ -46,6 +47,7 @@ def results() -> Iterator[Result]:
         yield from _repaired(scene, AssociateConfig.of(preset), preset)
     yield from _of_true_regions(objects_scene(9, 900, n_cameras=10, seed=2))
     yield from _of_depths()
+    yield from _of_photos()
     yield from _filled()
 
 
@@ -53,9 +55,13 @@ def _log(bank: MemoryBank) -> AnyArray:
     return np.array([(d.view, str(d.mask), str(d.group)) for d in bank.log])
 
 
+@cache
+def _room() -> Bench:
+    return bench_scene("room", 0, n_splats=12_000, n_train=10, n_test=2, size=(160, 120))
+
+
 def _rooms() -> Iterator[Result]:
-    sizes: dict[str, Any] = {"n_splats": 12_000, "n_train": 10, "n_test": 2, "size": (160, 120)}
-    bench = bench_scene("room", 0, **sizes)
+    bench = _room()
     for preset in ("paper", "robust"):
         config = AssociateConfig.of(preset)
         stage = associate_stage(bench.gaussians, bench.train, bench.masks, CPU, config)
@@ -129,11 +135,38 @@ def _of_depths() -> Iterator[Result]:
     yield from _objects(gaussians, cameras, maps, "steps of depth")
 
 
+def _of_photos() -> Iterator[Result]:
+    """Objects of a generated room without masks: the regions of its photos, at three levels."""
+    room, rng = _room(), np.random.default_rng(0)
+    columns = ("means", "quats", "log_scales", "logit_opacities")
+    gaussians = replace(
+        room.gaussians, **{name: np.round(getattr(room.gaussians, name), 3) for name in columns}
+    )
+    is_stripe = np.floor(20 * gaussians.means[:, 2]) % 2
+    palette = np.round(rng.uniform(0.1, 0.7, (int(room.labels.max()) + 1, 3)), 3)
+    colors = (palette[room.labels] + 0.2 * is_stripe[:, None]).astype(np.float32)
+    maps, further = {}, {}
+    for camera in (cameras := _views(room.train[:6])):
+        frame = CPU.render(gaussians, camera, channels=colors)
+        yield f"photo {camera.name}", frame.image
+        photo = (np.clip(frame.image, 0, 1) * 255).astype(np.uint8)
+        cuts = regions_at((1.0, *FURTHER_STEPS), photo, frame.median_depth)
+        yield f"regions of {camera.name}", np.stack(cuts)
+        maps[camera.name], *further[camera.name] = cuts
+    yield from _objects(gaussians, cameras, maps, "photos", further)
+
+
 def _objects(
-    gaussians: Gaussians, cameras: Sequence[Camera], maps: Mapping[str, IntArray], name: str
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    maps: Mapping[str, IntArray],
+    name: str,
+    further: Mapping[str, Sequence[IntArray]] = MappingProxyType({}),
 ) -> Iterator[Result]:
-    loaders = {name: partial(maps.__getitem__, name) for name in maps}
-    masks, config = MaskSet(loaders, are_regions=True), AssociateConfig.of("robust")
+    loaders = {view: partial(maps.__getitem__, view) for view in maps}
+    others = {view: partial(further.__getitem__, view) for view in further}
+    masks = MaskSet(loaders, are_regions=True, further=others)
+    config = AssociateConfig.of("robust")
     found = run_stage(associate_stage(gaussians, cameras, masks, CPU, config))
     assert found.bank.levels is not None
     yield f"objects of {name}", found.labels

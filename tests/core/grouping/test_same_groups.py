@@ -7,11 +7,15 @@ import sys
 
 import pytest
 
-_PLAIN_NUMPY = {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR"}
 _OTHERS = {
-    "no AVX in kernels": {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", **_PLAIN_NUMPY},
+    "no AVX in kernels, numpy and BLAS, one thread": {
+        "NUMBA_CPU_NAME": "generic",
+        "NUMBA_CPU_FEATURES": "",
+        "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
+        "OPENBLAS_CORETYPE": "Nehalem",
+        "GAGA_THREADS": "1",
+    },
     "BLAS of Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
-    "BLAS of Nehalem, one thread": {"OPENBLAS_CORETYPE": "Nehalem", "GAGA_THREADS": "1"},
 }
 
 

@@ -1,5 +1,6 @@
 """An array of a file is what its column says, or it is refused before anything is cast."""
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
+import gaga_core
 from gaga_core.arrays import MOST_GROUP, AnyArray
 from gaga_core.errors import GagaError
 from gaga_core.grouping.bank_file import bank_arrays, load_bank, read_labels
@@ -133,6 +135,21 @@ def test_arrays_without_values_have_no_kind() -> None:
     )
     assert found["a"].dtype == np.int32
     assert found["b"].dtype.kind == "U"
+
+
+def test_arrays_are_read_in_one_place_and_nothing_is_unpickled() -> None:
+    loads = re.compile(r"\b(?:np|numpy)\.(?:load|memmap|fromfile|genfromtxt)\(|pickle\.loads?\(")
+    root = Path(gaga_core.__file__).parents[1]
+    files = [file for part in ("gaga_core", "app") for file in (root / part).rglob("*.py")]
+    texts = {file.relative_to(root).as_posix(): file.read_text(encoding="utf-8") for file in files}
+    # The second reads what a process of our own has just written.
+    assert {name for name, text in texts.items() if loads.search(text)} == {
+        "gaga_core/io/arrays_file.py",
+        "gaga_core/io/cameras/colmap.py",
+    }
+    weights = [line for t in texts.values() for line in t.split("\n") if "torch.load(" in line]
+    assert len(weights) > 1
+    assert all("weights_only=True" in line for line in weights)
 
 
 # --- every file that we write, each array of it replaced

@@ -12,6 +12,8 @@ from gaga_core.io.cameras.cameras_json import read_cameras_json, write_cameras_j
 from gaga_core.io.cameras.colmap import ColmapReading, read_colmap
 from gaga_core.io.folder.scene_folder import is_scene_folder, open_scene_folder
 from gaga_core.io.splats.ply import write_ply
+from gaga_core.placing.photos import PhotoSet
+from gaga_core.placing.sfm import SfmConfig, run_step
 from tests.conftest import real_scene
 from tests.core.io.colmap_parts import bend, model_in
 from tests.scenes import orbit_cameras, random_gaussians
@@ -27,6 +29,17 @@ def test_written_cameras_are_read_back(tmp_path: Path) -> None:
         assert np.allclose(got.cam_from_world, want.cam_from_world, atol=1e-9)
     assert np.allclose(model.points, 1)
     assert (model.point_colors == 9).all()
+
+
+def test_without_pycolmap_a_sentence_names_what_takes_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Linux on arm64 has no wheels of it."""
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    with pytest.raises(GagaError, match=r"cameras\.json"):
+        read_colmap(model_in(tmp_path / "0"))
+    with pytest.raises(GagaError, match=r"cameras\.json"):
+        next(run_step("features", PhotoSet(()), tmp_path, SfmConfig()))
 
 
 @pytest.mark.parametrize("damage", ["truncate", "garbage", "gone"])

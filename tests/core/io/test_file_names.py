@@ -70,6 +70,14 @@ def test_views_of_one_file_where_case_does_not_count_are_refused(pair: tuple[str
         view_keys(pair)
 
 
+def test_a_path_that_windows_finds_too_long_is_a_sentence() -> None:
+    class LongPathError(OSError):
+        winerror = 206
+
+    said = files.explain_os_error(LongPathError(22, "", "C:/" + "a folder/" * 40), Path("x"))
+    assert "too long" in said
+
+
 def test_a_rename_waits_for_a_file_that_is_in_use(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -270,10 +270,8 @@ def sog_of(n: int) -> dict[str, bytes]:
 
 
 def zeros_spz(path: Path, n: int) -> None:
-    with gzip.open(path, "wb") as file:
-        file.write(struct.pack("<IIIBBBB", 0x5053474E, 3, n, 0, 12, 0, 0))
-        for _ in range(n // 1_000_000):
-            file.write(bytes(20_000_000))
+    head = struct.pack("<IIIBBBB", 0x5053474E, 3, n, 0, 12, 0, 0)
+    path.write_bytes(gzip.compress(head) + gzip.compress(bytes(n)) * 20)
 
 
 BOMBS: dict[str, Callable[[Path], object]] = {
