@@ -18,6 +18,7 @@ from gaga_core.io.datasets import DATASETS, open_dataset
 from gaga_core.io.folder.scene_folder import read_model, select_views
 from gaga_core.io.folder.splits import SCANNET_LISTS
 from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 
@@ -58,10 +59,15 @@ def test_each_table_names_how_identities_were_made(replica: Path, tmp_path: Path
     assert BenchmarkConfig(preset="robust").lifted_by == "vote"
     with pytest.raises(GagaError, match="no lift"):
         BenchmarkConfig(lift="magic")  # type: ignore[arg-type]
+    few = IdentitySettings(pixels=16384, lift_iterations=50)
+    named = BenchmarkConfig(preset="released", identities=few, groups=GroupSettings(threshold=0.2))
+    how = "identities by paper, 16,384 pixels a view, 50 steps"
+    assert named.title == f"released, threshold 0.2, {how}"
+    assert BenchmarkConfig(preset="released").title == "released, identities by paper"
     config = BenchmarkConfig(preset="paper", lift="none")
     data = open_dataset("replica", replica, ("office_0",))
     bare = run_stage(run_benchmark(data, tmp_path, config))
-    assert bare.tables()[0].table()[0][0] == "Replica, paper, groups"
+    assert bare.tables()[0].table()[0][0] == "Replica, paper, labels by vote"
     root = Path(bare.out) / "office_0" / "views_all"
     gaussians = run_stage(read_model(data.scenes[0].folder))
     own = replace(data.scenes[0].folder, root=root)
