@@ -194,7 +194,9 @@ class BenchmarkReport:
         whole = [(s.scene, run) for s in self.scenes if (run := s.run(1.0)) is not None]
         scored = [(scene, run) for scene, run in whole if run.scores is not None]
         instance = self.protocol in ("instance", "qualitative")
-        tables = [self._instance_table(scored) if instance else self._prompt_table(scored)]
+        tables = []
+        if scored or not whole:
+            tables.append(self._instance_table(scored) if instance else self._prompt_table(scored))
         if instance and scored:
             tables.append(self._void_free_table(scored))
         if len(self._shares()) > 1 and scored:
