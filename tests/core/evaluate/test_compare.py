@@ -271,7 +271,7 @@ def test_sam_2_follows_masks_through_the_photos(root: Path, tmp_path: Path) -> N
     save_tiny("sam2_film", tmp_path / "sam2")
     shutil.copytree(root, tmp_path / "scene")
     folder = open_scene_folder(tmp_path / "scene")
-    config = CompareConfig(variants=("sam2",), sparse=(), video_model=tmp_path / "sam2")
+    config = CompareConfig(("sam2",), (), lift="none", video_model=tmp_path / "sam2")
     gt = root / "gt/instance"
     with pytest.raises(GagaError, match="no photos"):
         run_stage(compare_variants(folder, gt, config=config))
@@ -283,7 +283,7 @@ def test_sam_2_follows_masks_through_the_photos(root: Path, tmp_path: Path) -> N
         Image.fromarray(photo).save(tmp_path / "scene" / "images" / camera.name)
     few = replace(open_scene_folder(tmp_path / "scene"), train=folder.train[:2])
     table = run_stage(compare_variants(few, gt, config=config))
-    assert [row.title for row in table.rows] == ["SAM 2 tracks"]
+    assert [row.title for row in table.rows] == ["SAM 2 tracks, labels by vote"]
     assert table.rows[0].n_groups >= 1
 
 

@@ -1,11 +1,12 @@
 """Find objects: associate masks with settings, identities, and the stage that comes next."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, UInt8Array
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot, associate_stage
 from gaga_core.grouping.memory_bank import MemoryBank, Preset
@@ -294,19 +295,19 @@ _SECONDS_PER_VIEW = {"paper": 0.6, "released": 0.4, "robust": 1.2}
 _LEAST_SECONDS = 2.0
 _SECONDS_PER_PHOTO = 0.7  # regions: depth, superpixels and merging
 _SECONDS_PER_STEP = 0.02  # of identities from zeros, 16,384 pixels each
-_SECONDS_OF_ALL = 0.6  # ... with all pixels of a view of 640 x 480, measured on ycb_table
+_SECONDS_PER_PIXEL = 1.8e-6  # ... of a step on all pixels, measured on ycb_table
 
 
-def training_seconds(config: LiftConfig) -> float:
-    """Estimated time to train identities."""
-    n = config.paper.rows.per_view
-    per_step = _SECONDS_PER_STEP * n / 16384 if n else _SECONDS_OF_ALL
-    return config.paper.iterations * min(per_step, _SECONDS_OF_ALL)
+def training_seconds(config: LiftConfig, cameras: Sequence[Camera]) -> float:
+    """Estimated time to train identities on views of ``cameras``."""
+    n, whole = config.paper.rows.per_view, max((c.width * c.height for c in cameras), default=0)
+    per_step = _SECONDS_PER_STEP * n / 16384 if n else _SECONDS_PER_PIXEL * whole
+    return config.paper.iterations * per_step
 
 
-def training_text(config: LiftConfig) -> str:
+def training_text(config: LiftConfig, cameras: Sequence[Camera]) -> str:
     """A sentence on the training of identities after an association."""
-    n, seconds = config.paper.iterations, duration_text(training_seconds(config))
+    n, seconds = config.paper.iterations, duration_text(training_seconds(config, cameras))
     return (
         f"Then {n:,} training steps, {seconds}. Cancel keeps the objects; the next run continues."
     )
@@ -409,5 +410,5 @@ def stage_offer(session: Session) -> StageOffer | None:
         return None
     trains = lift_mode(session.settings) == "paper"
     options = session.feature(FindState).identities.config(session.settings.preset, "paper")
-    training = training_seconds(options) if trains else 0.0
+    training = training_seconds(options, session.cameras) if trains else 0.0
     return offer_of(document.project, len(session.masks), session.settings.preset, training)

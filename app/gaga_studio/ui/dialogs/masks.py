@@ -484,7 +484,8 @@ def _find_row(session: Session) -> None:
     no_masks = "" if len(session.masks) else "This scene has no masks. Use Make masks."
     mode = lift_mode(session.settings)
     then = " and train" if mode == "paper" else ""
-    hint = training_text(state.identities.config(session.settings.preset, "paper")) if then else ""
+    options = state.identities.config(session.settings.preset, "paper")
+    hint = training_text(options, session.cameras) if then else ""
     face = Face(f"Find objects{then}", icons.RUN, primary=True)
     if widgets.button("Find", face, why_not=busy or no_masks, hint=hint):
         imgui.close_current_popup()
