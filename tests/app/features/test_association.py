@@ -51,7 +51,7 @@ def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Se
     assert whole is not None
     n_pixels = session.cameras[0].width * session.cameras[0].height
     training = whole.seconds - groups_only.seconds  # is in the estimate
-    assert training == pytest.approx(10_000 * 1.8e-6 * n_pixels)
+    assert training == pytest.approx(10_000 * 2.4e-6 * n_pixels)
     _quickly(session)
     association.associate(session)
     assert session.jobs.wait(), session.notices

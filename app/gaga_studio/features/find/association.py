@@ -295,7 +295,7 @@ _SECONDS_PER_VIEW = {"paper": 0.6, "released": 0.4, "robust": 1.2}
 _LEAST_SECONDS = 2.0
 _SECONDS_PER_PHOTO = 0.7  # regions: depth, superpixels and merging
 _SECONDS_PER_STEP = 0.02  # of identities from zeros, 16,384 pixels each
-_SECONDS_PER_PIXEL = 1.8e-6  # ... of a step on all pixels, measured on ycb_table
+_SECONDS_PER_PIXEL = 2.4e-6  # ... of a step on all pixels, measured on ycb_table
 
 
 def training_seconds(config: LiftConfig, cameras: Sequence[Camera]) -> float:
