@@ -247,7 +247,7 @@ class CompareCommand:
     """The paper with one setting changed at a time instead: overlap threshold, inlier factor f,
     depth, order of the views."""
     thresholds: bool = False
-    """The paper at overlap thresholds from 0.01 to 0.5 instead, next to the published figures."""
+    """The paper at overlap thresholds from 0.01 to 0.5 instead."""
     video_model: str | None = None
     """Folder or name of a SAM 2.1 model (sam2.1-large): adds the row "sam2", masks followed through
     the photos."""

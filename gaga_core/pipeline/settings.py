@@ -170,7 +170,8 @@ class IdentitySettings:
     preset released trains, else ignore."""
     pixels: int | None = setting(None, "Pixels of a step", least=0)
     """Pixels of a view that a training step takes, drawn once; 0 = all. Default: all where the
-    presets paper and released train, else 16384, which takes a thirtieth of the time."""
+    presets paper and released train, else (and in gaga compare) 16384, which takes a thirtieth of
+    the time."""
 
     def config(self, preset: str, mode: "Mode") -> "LiftConfig":
         """Settings of a lift of ``preset`` with those that were given; ``ValueError`` when out of
