@@ -418,7 +418,7 @@ def find_objects(
     scene: str | Path,
     *,
     masks: str | Path | None = None,
-    preset: Literal["robust", "paper"] = "robust",
+    preset: Literal["robust", "paper", "released"] = "robust",
     detail: float | None = None,
     on_progress: OnProgress | None = None,
 ) -> Scene:

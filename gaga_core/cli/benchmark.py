@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from tyro.conf import Positional
 
 from gaga_core.cli import output as out
-from gaga_core.cli.output import AsJson, Backend, options
+from gaga_core.cli.output import AsJson, Backend, Groups, Identities, options
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.settings import BenchmarkConfig, FindConfig
 from gaga_core.pipeline.settings import ReconstructConfig
@@ -25,6 +25,8 @@ class BenchmarkCommand:
     folder: Positional[Path]
     """Its folder, with one folder a scene."""
     config: Annotated[BenchmarkConfig, options(BenchmarkConfig, *_OF_RUNS)]
+    groups: Groups
+    identities: Identities
     train: Annotated[
         ReconstructConfig,
         options(ReconstructConfig, "quality", "iterations", quality="standard"),
@@ -71,7 +73,12 @@ class BenchmarkCommand:
             ),
             train=self.train,
             retrain_sparse=self.retrain_sparse,
+            groups=self.groups,
+            identities=self.identities,
         )
+        with out.possible():
+            self.groups.config(config.preset)
+            self.identities.config(config.preset, "paper")
         dataset = open_dataset(self.dataset, self.folder, self.scenes, models=self.models)
         target = self.out or self.folder / "gaga-benchmark"
         engine = None if pred is not None else choose(self.backend)

@@ -16,6 +16,7 @@ from gaga_core.cli.output import (
     options,
 )
 from gaga_core.errors import GagaError
+from gaga_core.evaluate.settings import Preset
 from gaga_core.pipeline.settings import EngineConfig, Quality, ReconstructConfig
 
 _PLACING = ("focal", "place_minutes", "foreground", "turntable", "scene", "accept_wrong")
@@ -41,10 +42,11 @@ class RunCommand:
     masks_from: str = ""
     """Who makes the masks (gaga masks --list); default: regions, where there are none yet."""
     model: Model = None
-    preset: Literal["robust", "paper"] | None = None
+    preset: Preset | None = None
     """robust (default): groups by the consensus of all views, identities by vote. paper: the
-    published method to the letter: association of section 3.2, identities trained for 10,000 steps,
-    labels by their classifier. When given, groups of the other preset are made again."""
+    paper's text: association of section 3.2, identities trained for 10,000 steps, labels by their
+    classifier. released: the same as its released code has it. When given, groups of another preset
+    are made again."""
     lift: Literal["vote", "refine", "paper"] | None = None
     """How groups become identities (see gaga lift); default: as the preset has it."""
     executor: Literal["none", "local", "dask"] = "none"
@@ -59,6 +61,7 @@ class RunCommand:
         if self.masks is not None and self.masks_from:
             raise GagaError("--masks and --masks-from exclude each other. Leave one out.")
         with out.possible():
+            self.identities.config("robust", "paper")
             config = RunConfig(
                 reconstruct=self.reconstruct,
                 masks=self.masks,
@@ -66,7 +69,7 @@ class RunCommand:
                 associate=self.groups.config(self.preset or "robust"),
                 keeps_groups=self.preset is None,
                 mode=self.lift,
-                lift=self.identities.config(),
+                lift=self.identities,
             )
         if self.executor == "none":
             return self._run_one(config)

@@ -1,5 +1,6 @@
 """Commands over a scene folder: the stages of the method, and their scores."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -17,9 +18,16 @@ from gaga_core.cli.output import (
     options,
 )
 from gaga_core.errors import GagaError
-from gaga_core.evaluate.settings import ABLATIONS, THRESHOLDS, TITLES, CompareConfig
+from gaga_core.evaluate.settings import (
+    ABLATIONS,
+    THRESHOLDS,
+    TITLES,
+    BenchmarkConfig,
+    CompareConfig,
+    Preset,
+)
 
-_ROWS = ("seeds", "variants", "lift", "lifting_iterations")
+_ROWS = ("seeds", "variants", "lift", "lifting_iterations", "sam2_masks", "tracks", "bound_by")
 
 
 @dataclass(frozen=True)
@@ -31,8 +39,9 @@ class AssociateCommand:
     groups: Groups
     masks: Masks = None
     model: Model = None
-    preset: Literal["robust", "paper"] = "robust"
-    """robust: groups by the consensus of all views. paper: the published method to the letter."""
+    preset: Preset = "robust"
+    """robust: groups by the consensus of all views. paper: the memory bank as the paper's text has
+    it. released: as its released code has it."""
     add: bool = False
     """Only views that took no part yet: their masks join the groups that there are, or open new
     ones, as the preset of these groups has it. What was decided stays."""
@@ -68,8 +77,8 @@ class LiftCommand:
     identities: Identities
     mode: Literal["vote", "refine", "paper"] | None = None
     """vote: votes and least squares, no training. refine: a few steps on top. paper: from zeros,
-    10,000 steps. Default: paper where the preset paper made the groups, else vote. After paper of
-    the preset paper the scene's labels are those of the classifier."""
+    10,000 steps. Default: vote where the preset robust made the groups, else paper, after which
+    the scene's labels are those of the classifier."""
     backend: Backend = "auto"
     json: AsJson = False
 
@@ -81,8 +90,9 @@ class LiftCommand:
 
         folder = open_scene_folder(self.scene)
         with out.possible():
-            config = self.identities.config()
-        report = out.follow(lift_scene(folder, self.mode, config, rasterizer=choose(self.backend)))
+            self.identities.config("robust", "paper")
+        stage = lift_scene(folder, self.mode, self.identities, rasterizer=choose(self.backend))
+        report = out.follow(stage)
         if (folder.work / "project.json").is_file():
             out.say("The saved project of this scene keeps its own labels until you lift there.")
         return out.result(report.to_json(), as_json=self.json)
@@ -217,50 +227,76 @@ class EvaluateCommand:
 
 @dataclass(frozen=True)
 class CompareCommand:
-    """Run all variants of the association on one scene: presets, ablations, bounds, few views."""
+    """Run all variants of the association on a scene, or on every scene of a data set and their
+    mean: presets, ablations, bounds, few views."""
 
     scene: Positional[Path]
-    """Scene folder with masks."""
-    gt: Path
-    """Folder of true label maps."""
+    """Scene folder with masks; with --dataset its folder, with one folder a scene."""
     config: Annotated[CompareConfig, options(CompareConfig, *_ROWS, variants=())]
     identities: Identities
+    gt: Path | None = None
+    """Folder of true label maps of a scene; a data set has its own."""
+    dataset: Literal["", "replica", "scannet"] = ""
+    """Which data set the folder is."""
+    scenes: tuple[str, ...] = ()
+    """Names of its scenes; default: all."""
+    models: Path | None = None
+    """Folder of its trained models, as <scene>/point_cloud/...; default: in the scenes."""
     masks: Masks = None
     ablations: bool = False
     """The paper with one setting changed at a time instead: overlap threshold, inlier factor f,
     depth, order of the views."""
     thresholds: bool = False
-    """The paper at overlap thresholds from 0.01 to 0.5 instead, next to the published figures."""
+    """The paper at overlap thresholds from 0.01 to 0.5 instead."""
     video_model: str | None = None
     """Folder or name of a SAM 2.1 model (sam2.1-large): adds the row "sam2", masks followed through
     the photos."""
     json: AsJson = False
 
     def run(self) -> int:
-        """Print one table and write SCENE/gaga/variants.json."""
-        from gaga_core.evaluate.compare import compare_variants
+        """Print one table a scene and that of the means; write SCENE/gaga/variants.json."""
+        from gaga_core.evaluate.compare import VariantTable, compare_dataset, compare_variants
+        from gaga_core.io.datasets import open_dataset
         from gaga_core.io.folder.scene_folder import open_scene_folder
         from gaga_core.query.embed import folder_of
         from gaga_core.segmentation.models.catalogue import KNOWN
 
-        folder = open_scene_folder(self.scene)
         config, model = self.config, self.video_model
+        if (self.gt is None) != bool(self.dataset):
+            raise GagaError("Say what is true: --gt FOLDER for a scene, --dataset for a data set.")
         if bool(config.variants) + self.ablations + self.thresholds > 1:
             text = "--variants, --ablations and --thresholds each say which rows. Choose one."
             raise GagaError(text)
         rows = THRESHOLDS if self.thresholds else config.variants
         rows = tuple(ABLATIONS) if self.ablations else rows
         with out.possible():
-            identities = self.identities.config()
+            self.identities.config("robust", "paper")
         config = replace(
             config,
             variants=rows or tuple(TITLES),
             sparse=() if rows else config.sparse,
-            identities=identities,
+            identities=self.identities,
             video_model=None if model is None else folder_of(model, KNOWN),
         )
-        table = out.follow(compare_variants(folder, self.gt, self.masks, config), compiles=True)
-        out.scores(table, as_json=self.json)
-        for note in table.notes():
+        failed: Mapping[str, str] = {}
+        if self.gt is not None:
+            folder = open_scene_folder(self.scene)
+            stage = compare_variants(folder, self.gt, self.masks, config)
+            tables: tuple[VariantTable, ...] = (out.follow(stage, compiles=True),)
+        else:
+            data = open_dataset(self.dataset, self.scene, self.scenes, models=self.models)
+            failed, masks = data.failed, None if self.masks is None else str(self.masks)
+            target = self.scene / "gaga-compare"
+            stages = compare_dataset(data, target, BenchmarkConfig(masks=masks), config)
+            tables = out.follow(stages, compiles=True)
+        if self.json:
+            several = {"tables": [table.to_json() for table in tables]}
+            out.result(several if self.gt is None else tables[0].to_json(), as_json=True)
+        for table in () if self.json else tables:
+            out.line(table.scene)
+            out.table(table.table())
+        for note in tables[-1].notes():
             out.say(note)
-        return 0
+        for scene, why in failed.items():
+            out.say(f"{scene}: {why}")
+        return 1 if failed else 0

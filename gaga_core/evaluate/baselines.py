@@ -1,8 +1,9 @@
 """Baselines of the paper's ablation that need no other network.
 
 Each baseline gives every mask of every view a group, as the bank does; `label_gaussians` then
-labels the Gaussians by the same vote for all, so that only the association differs. ("All
-Gaussians" is the bank itself without the depth gate: ``AssociateConfig(depth="none")``.)
+labels the Gaussians by the same vote for all, or `train_groups` trains identities in the same way
+for all, so that only the association differs. ("All Gaussians" is the bank itself without the depth
+gate: ``AssociateConfig(depth="none")``.)
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,8 +21,9 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.gate import GateConfig, ViewMasks, depth_bounds, gaussians_of_masks
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import LabelMap, associated_labels, vote_labels
-from gaga_core.identity.field import Identity
+from gaga_core.identity.field import Identity, IdentityField
 from gaga_core.identity.rows import Batch, RowConfig, sample_rows, view_batches
+from gaga_core.identity.train import PaperConfig, train_identity
 from gaga_core.identity.training_step import (
     IdentityGradients,
     IdentityRates,
@@ -171,18 +173,18 @@ def chained_3d_iou(inputs: Inputs) -> Stage[MaskGroups]:
     return (yield from _chained("Chain 3D IoU", inputs, regions, 0.0))
 
 
-def lifting(inputs: Inputs, iterations: int) -> Stage[IntArray]:
-    """Linear assignment as Panoptic Lifting does it, inside the training of identities: labels (N,)
-    by the classifier (`gaga_core.evaluate.baselines`)."""
+def lifting(inputs: Inputs, iterations: int) -> Stage[Identity]:
+    """Linear assignment as Panoptic Lifting does it, inside the training of identities."""
 
     def label_map(camera: Camera) -> IntArray:
         return load_labels(inputs.masks, camera)[0]
 
     config = LiftingConfig(iterations=iterations)
-    found = yield from lift_by_assignment(
-        inputs.gaussians, inputs.views, label_map, inputs.rasterizer, config
+    return (
+        yield from lift_by_assignment(
+            inputs.gaussians, inputs.views, label_map, inputs.rasterizer, config
+        )
     )
-    return found.labels
 
 
 def overlap_tracker(inputs: Inputs) -> Stage[MaskGroups]:
@@ -298,6 +300,24 @@ def match_frame(labels: IntArray, true: IntArray) -> IntArray:
     left = np.flatnonzero(new_id[1:] == 0) + 1
     new_id[left] = 1_000_000 + np.arange(len(left))
     return new_id[masks.labels]
+
+
+def given_tracks(inputs: Inputs) -> Stage[MaskGroups]:
+    """Masks whose ids agree between views already, as a video tracker gives them."""
+    return no_association(inputs)
+
+
+def train_groups(inputs: Inputs, groups: MaskGroups, config: PaperConfig) -> Stage[IdentityField]:
+    """Identities trained on the associated masks, as the published method trains its own."""
+
+    def label_map(camera: Camera) -> IntArray:
+        labels = load_labels(inputs.masks, camera)[0]
+        return associated_labels(labels, groups.groups[camera.name])
+
+    identity, _ = yield from train_identity(
+        inputs.gaussians, groups.n_groups, inputs.views, label_map, inputs.rasterizer, config
+    )
+    return identity.field
 
 
 def label_gaussians(inputs: Inputs, groups: MaskGroups) -> Stage[IntArray]:

@@ -81,7 +81,7 @@ PROMPTS: Mapping[str, Mapping[str, tuple[float, ...]]] = {
 }
 
 _ABLATION = "ablation on Replica"
-# By the variant of `evaluate.compare` that is the same thing; two rows have none there.
+# By the variant of `evaluate.compare` that is the same thing.
 ABLATION: Mapping[str, PublishedScores] = {
     "lifting": PublishedScores("linear assignment", "SAM", (1.92, 1.54, 0.58), _ABLATION),
     "sam2": PublishedScores("SAM 2 tracks", "SAM 2", (11.75, 1.45, 1.43), _ABLATION),
@@ -92,8 +92,8 @@ ABLATION: Mapping[str, PublishedScores] = {
     ),
     "paper": PublishedScores("memory bank", "SAM", (46.21, 39.53, 50.62), _ABLATION),
     "paper-sam2": PublishedScores("memory bank", "SAM 2", (49.05, 30.46, 53.37), _ABLATION),
-    "per-frame": PublishedScores(
-        "SAM in each frame (upper bound)", "SAM", (60.89, 57.07, 67.16), _ABLATION
+    "rendered": PublishedScores(
+        "SAM in each rendered frame (upper bound)", "SAM", (60.89, 57.07, 67.16), _ABLATION
     ),
 }
 

@@ -1,10 +1,10 @@
 """New views of a scene that was associated: their masks join its groups, or open new ones.
 
 Nothing of the former views is done again: their decisions stay in the memory bank's log, and their
-votes count by the weight that was saved with the labels. Preset "paper": the bank goes on as in
-section 3.2, as if the new views came last. Preset "robust": a mask takes the group that most of its
-pixels show; masks of objects in no earlier mask are left, and the consensus of the new views
-finds the groups among them.
+votes count by the weight that was saved with the labels. Presets "paper" and "released": the bank
+goes on as in section 3.2, as if the new views came last. Preset "robust": a mask takes the group
+that most of its pixels show; masks of objects in no earlier mask are left, and the consensus of the
+new views finds the groups among them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,13 @@ from gaga_core.arrays import BoolArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot, fill_bank
+from gaga_core.grouping.associate import (
+    AssociateConfig,
+    Association,
+    BankSnapshot,
+    fill_bank,
+    in_order,
+)
 from gaga_core.grouping.memory_bank import (
     Decision,
     MemoryBank,
@@ -78,7 +84,7 @@ def add_views_stage(
     chunks = SpatialChunks.of(gaussians)
     rasterizer = for_many_views(rasterizer, chunks)
     gated = GatedViews(gaussians, new, masks, config.gate, config.depth, chunks)
-    if former.bank.preset == "paper" or config.consensus is None:
+    if former.bank.is_published or config.consensus is None:
         bank, votes, begun = yield from _by_memory_bank(gated, former, rasterizer, config)
     else:
         bank, votes, begun = yield from _by_shown_groups(gated, former, rasterizer, config)
@@ -101,7 +107,8 @@ def _by_memory_bank(
     gated: GatedViews, former: FormerGroups, rasterizer: Rasterizer, config: AssociateConfig
 ) -> Stage[tuple[MemoryBank, Votes, FloatArray]]:
     """The paper: the bank after the new views, the votes, and those (N,) that they began with."""
-    filled = fill_bank(gated, former.bank, gated.views, rasterizer, config.threshold, STAGE)
+    order = in_order(gated.views, config)
+    filled = fill_bank(gated, former.bank, order, rasterizer, config.threshold, STAGE)
     bank = yield from part(filled, 0, 2, STAGE)
     best = former.confidence * former.weight
     sums = VoteSums.started(former.labels, best, bank.n_groups, config.histogram_bytes)
@@ -307,9 +314,9 @@ class EditedGroups:
     def by_hand(self) -> BoolArray:
         """Gaussians (N,) that were put elsewhere than the association had them.
 
-        None in the bank of preset "paper": it holds what masks claimed, not what was voted.
+        None in the bank of a published preset: it holds what masks claimed, not what was voted.
         """
-        if self.bank.preset == "paper":
+        if self.bank.is_published:
             return np.zeros(len(self.labels), np.bool_)
         result: BoolArray = self.labels != np.maximum(self.bank.group, 0)
         return result
@@ -332,7 +339,8 @@ def add_to_edited_stage(
     former_views = [c for c in views_with_masks(cameras, masks) if c.name in known]
     weight = yield from part(_weights(gaussians, former_views, masks, rasterizer), 0, 2, STAGE)
     of_masks = [np.array([(d.group, d.runner_up) for d in edited.bank.log], np.int64).ravel()]
-    used = np.concatenate([edited.labels, edited.bank.group, [0], *of_masks])
+    held = edited.bank.shared[:, 1]
+    used = np.concatenate([edited.labels, edited.bank.group, [0], held, *of_masks])
     ids = np.unique(used[used >= 0]).astype(np.int32)  # there may be large gaps
     row = np.zeros(int(ids[-1]) + 1, np.int32)
     row[ids] = np.arange(len(ids), dtype=np.int32)
@@ -397,4 +405,6 @@ def _renumbered(bank: MemoryBank, to: IntArray, n_groups: int) -> MemoryBank:
         return replace(decision, group=group, runner_up=second)
 
     group = np.where(bank.group > 0, to[np.maximum(bank.group, 0)], bank.group).astype(np.int32)
-    return replace(bank, group=group, n_groups=n_groups, log=tuple(map(moved, bank.log)))
+    shared = np.stack([bank.shared[:, 0], to[bank.shared[:, 1]]], axis=1)
+    log = tuple(map(moved, bank.log))
+    return replace(bank, group=group, n_groups=n_groups, log=log, shared=shared)

@@ -46,16 +46,17 @@ from gaga_core.raster.base import Rasterizer, SpatialChunks
 
 STAGE = "Associate masks"
 PRESETS: tuple[Preset, ...] = get_args(Preset)
+Order = Literal["name", "string", "coverage"]
 
 
 @dataclass(frozen=True)
 class AssociateConfig:
-    """Settings of the association; the defaults are the paper's (section 3.2), to the letter."""
+    """Settings of the association; the defaults are the paper's (section 3.2)."""
 
     preset: Preset = "paper"  # where the other values come from
-    threshold: float = 0.1  # least overlap #(G(m) and G_i) / #G(m) to join a group
+    threshold: float = 0.1  # least overlap to join a group (`memory_bank.overlap_of`)
     depth: DepthKind = "expected"  # of a pixel; "none" is the ablation "all Gaussians"
-    order: Literal["name", "coverage"] = "name"  # coverage: views with most Gaussians first
+    order: Order = "name"  # by the numbers in names, or their characters; or widest views first
     gate: GateConfig = field(default_factory=GateConfig)
     consensus: ConsensusConfig | None = None  # groups by the views' consensus (beyond the paper)
     fill_unseen: bool = False  # hidden Gaussians take the gate's votes, then their neighbours'
@@ -70,9 +71,9 @@ class AssociateConfig:
             raise ValueError(f"threshold: {self.threshold} is not in (0, 1]")
         if self.depth not in get_args(DepthKind):
             raise ValueError(f"depth: {self.depth!r} is none of {get_args(DepthKind)}")
-        if self.order not in ("name", "coverage"):
-            raise ValueError(f"order: {self.order!r} is neither 'name' nor 'coverage'")
-        if self.consensus is not None and self.depth == "none":
+        if self.order not in get_args(Order):
+            raise ValueError(f"order: {self.order!r} is none of {get_args(Order)}")
+        if self.consensus is not None and self.depth in ("none", "front"):
             raise ValueError("consensus: needs a depth, 'expected' or 'median'")
         if self.consensus is None and (self.fill_unseen or self.surfaces is not None):
             raise ValueError("fill_unseen and surfaces: need the consensus")
@@ -91,6 +92,8 @@ class AssociateConfig:
         """The settings of a preset by name."""
         if preset == "paper":
             return AssociateConfig()
+        if preset == "released":
+            return AssociateConfig(preset="released", depth="front", order="string")
         if preset == "robust":
             return AssociateConfig(
                 preset="robust",
@@ -180,7 +183,8 @@ def associate_stage(
 
     Preset "paper": views in the order of their names, the first one that has masks opens the bank.
     Each view costs one depth map and one pass over the Gaussians; masks are loaded one view at a
-    time. Labels come from a vote of the associated masks with blending weights. Preset "robust"
+    time. Labels come from a vote of the associated masks with blending weights. Preset "released"
+    follows the published code where it differs (docs/method.md lists where). Preset "robust"
     adds what `AssociateConfig` says. Where no model made the masks, it finds objects by their
     surfaces (`grouping.surfaces`), and the bank has levels of detail. The progress after a view
     carries a `BankSnapshot`.
@@ -310,7 +314,7 @@ def _association(
 def _first_bank(task: _Task, n_parts: int) -> Stage[MemoryBank]:
     """The paper's memory bank after all views, by name, or those with most Gaussians behind their
     masks first (which is part 0 of the progress)."""
-    order, by_name = task.views, task.config.order == "name"
+    order, by_name = in_order(task.views, task.config), task.config.order != "coverage"
     if not by_name:
         order = yield from part(_widest_first(task), 0, n_parts, STAGE)
     bank = MemoryBank.empty(len(task.gaussians), task.config.preset)
@@ -318,6 +322,12 @@ def _first_bank(task: _Task, n_parts: int) -> Stage[MemoryBank]:
         task.gated, bank, order, task.rasterizer, task.config.threshold, STAGE, task.depths
     )
     return (yield from part(filled, 0 if by_name else 1, n_parts, STAGE))
+
+
+def in_order(views: Sequence[Camera], config: AssociateConfig) -> tuple[Camera, ...]:
+    """Views, which are in the order of the numbers in their names, as ``config`` orders names."""
+    by_string = config.order == "string"
+    return tuple(sorted(views, key=lambda camera: camera.name) if by_string else views)
 
 
 def _widest_first(task: _Task) -> Stage[tuple[Camera, ...]]:

@@ -34,6 +34,7 @@ _BANK = {
     "log_runner_up_overlap": _FIGURES,
     "log_n_gaussians": replace(_IDS, high=None),
     "log_by_hand": Column(np.bool_, ("log",), optional=True),  # older banks have no such column
+    "shared": Column(np.int32, ("S", 2), low=0, optional=True),  # only of preset "released"
     "levels": Column(np.int32, ("L", "N"), low=0, high=MOST_GROUP, optional=True),
     "levels_chosen": Column(np.int64, low=0, below="L", optional=True),
     "levels_background": replace(_ID, optional=True),
@@ -55,6 +56,8 @@ def bank_arrays(bank: MemoryBank) -> dict[str, AnyArray]:
     }
     for name in _COLUMNS:
         arrays[f"log_{name}"] = np.array([getattr(d, name) for d in bank.log])
+    if len(bank.shared) > 0:
+        arrays["shared"] = bank.shared
     if bank.levels is not None:
         arrays["levels"] = bank.levels.labels
         arrays["levels_chosen"] = np.array(bank.levels.chosen)
@@ -76,12 +79,16 @@ def bank_of(arrays: Mapping[str, AnyArray], **lengths: int) -> MemoryBank:
     if "levels" in arrays:
         chosen, background = (int(arrays[f"levels_{name}"]) for name in ("chosen", "background"))
         levels = Levels(arrays["levels"], chosen, background)
+    shared = arrays.get("shared", np.zeros((0, 2), np.int32))
+    if shared[:, :1].max(initial=-1) >= len(arrays["group"]) or shared.max(initial=0) > MOST_GROUP:
+        raise ValueError("shared: names a Gaussian or a group that there is not")
     return MemoryBank(
         arrays["group"],
         int(arrays["n_groups"]),
         log,
         preset=_preset_of(arrays, log),
         levels=levels,
+        shared=shared,
     )
 
 

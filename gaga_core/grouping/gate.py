@@ -4,6 +4,9 @@ For the depths D of a mask's pixels, with quartiles Q1 and Q3 and IQR = Q3 - Q1,
 Gaussians whose centre projects into the mask and whose camera depth z obeys
 
     D_min < z < D_max_inlier = Q3 + f IQR,  f = 1.
+
+The released code has another gate, without a depth map: of the Gaussians whose centres project into
+the same mask and the same patch of the picture, it keeps the front share.
 """
 
 from dataclasses import dataclass
@@ -28,12 +31,16 @@ class GateConfig:
     iqr_floor: float = 0.0  # least IQR, as a share of the mask's median depth; 0 = the paper
     guard_near: bool = False  # also accept depths from Q1 - f IQR on; False = from D_min on
     alpha_min: float = 0.5  # pixels of less opacity have no depth
+    patches: int = 32  # a side, of the released gate
+    front: float = 0.2  # share of a mask's Gaussians in a patch that it keeps, at least one
 
     def __post_init__(self) -> None:
         if self.iqr_factor < 0 or self.iqr_floor < 0:
             raise ValueError("iqr_factor and iqr_floor must not be negative")
         if not 0 < self.alpha_min <= 1:
             raise ValueError(f"alpha_min: {self.alpha_min} is not in (0, 1]")
+        if self.patches < 1 or not 0 < self.front <= 1:
+            raise ValueError("patches: at least 1; front: in (0, 1]")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +95,41 @@ def depth_bounds(
 def open_bounds(masks: ViewMasks) -> DoubleArray:
     """Bounds (M + 1, 2) that accept any depth: the paper's ablation "all Gaussians"."""
     return np.tile([-np.inf, np.inf], (len(masks) + 1, 1))
+
+
+def patches_of_masks(masks: ViewMasks, patches: int) -> tuple[ViewMasks, IntArray]:
+    """The masks cut along a grid of ``patches`` a side, and the mask (C + 1,) of each piece."""
+    height, width = masks.labels.shape
+    rows, columns = (np.arange(n, dtype=np.int32) * patches // n for n in (height, width))
+    cell = rows[:, None] * np.int32(patches) + columns
+    n_cells = np.int32(patches * patches)
+    pieces = ViewMasks.of(np.where(masks.labels > 0, masks.labels * n_cells + cell, np.int32(0)))
+    return pieces, pieces.ids // n_cells
+
+
+def front_bounds(
+    means: FloatArray,  # (N, 3) world
+    camera: Camera,
+    pieces: ViewMasks,  # of `patches_of_masks`
+    front: float,
+    rows: IntArray | None = None,  # as in `gaussians_of_masks`
+) -> DoubleArray:
+    """Bounds (C + 1, 2) that accept the ``front`` share of the Gaussians of each piece, at least
+    one; of equal depths all or none."""
+    piece_of = gaussians_of_masks(means, camera, pieces, open_bounds(pieces), rows)
+    behind = np.flatnonzero(piece_of)
+    a, b, c, d = camera.cam_from_world[2].astype(np.float64)
+    x, y, z = means[behind].T.astype(np.float64)
+    depth = a * x + b * y + c * z + d  # in the order of the kernel: to be compared with its depths
+    order = np.lexsort((depth, piece_of[behind]))
+    count = np.bincount(piece_of[behind], minlength=len(pieces) + 1)
+    kept = np.maximum((front * count).astype(np.int64), 1)
+    last = np.cumsum(count) - count + kept - 1
+    bounds = np.tile([np.inf, -np.inf], (len(pieces) + 1, 1))
+    some = np.flatnonzero(count)
+    bounds[some, 0] = -np.inf
+    bounds[some, 1] = np.nextafter(depth[order[last[some]]], np.inf)
+    return bounds
 
 
 def gaussians_of_masks(

@@ -8,11 +8,11 @@ from typing import Literal, overload
 import numpy as np
 from scipy.sparse import coo_array
 
-from gaga_core.arrays import IntArray, LongArray, check_shape
+from gaga_core.arrays import BoolArray, IntArray, LongArray, check_shape
 from gaga_core.grouping.gate_kernels import greatest_overlaps, take_free
 from gaga_core.grouping.levels import Levels
 
-Preset = Literal["paper", "robust"]  # see `associate.AssociateConfig.of`
+Preset = Literal["paper", "released", "robust"]  # see `associate.AssociateConfig.of`
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Decision:
     mask: int  # id in that view's label map
     group: int  # the group that it joined or opened; 0 = none (no Gaussians passed the gate)
     is_new: bool  # opened the group
-    overlap: float  # with the best group before the decision, #(G(m) and G_i) / #G(m)
+    overlap: float  # with the best group before the decision, see `overlap_of`
     runner_up: int  # second-best group, 0 = none
     runner_up_overlap: float
     n_gaussians: int  # #G(m)
@@ -85,9 +85,16 @@ class MemoryBank:
     group: IntArray  # (N,) -1 = free, else group id 1..n_groups
     n_groups: int
     log: Sequence[Decision] = ()
-    preset: Preset = field(kw_only=True)  # that decided; overlaps in the log are shares of splats
-    # ("paper") or of points on the surfaces ("robust"), and a repair decides in the same way
+    preset: Preset = field(kw_only=True)  # that decided; overlaps in the log are of splats
+    # ("paper", "released") or of points on the surfaces ("robust"); a repair decides alike
     levels: Levels | None = field(default=None, kw_only=True)  # of detail, where masks give some
+    # (S, 2) Gaussian and a further group that holds it, too: only the preset "released" has such
+    shared: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.int32), kw_only=True)
+
+    @property
+    def is_published(self) -> bool:
+        """Whether masks joined view after view, as in the paper or its released code."""
+        return self.preset != "robust"
 
     @staticmethod
     def empty(n_gaussians: int, preset: Preset = "paper") -> "MemoryBank":
@@ -129,10 +136,23 @@ class Overlaps:
     counts: IntArray  # (M + 1, 2) #(G(m) and G_g) of these
 
     @staticmethod
-    def of(mask_of: IntArray, group: IntArray, n_masks: int) -> "Overlaps":
+    def of(
+        mask_of: IntArray, group: IntArray, n_masks: int, shared: IntArray | None = None
+    ) -> "Overlaps":
         """``mask_of`` (N,) has the mask 1..M of each Gaussian, 0 = none; ``group`` (N,) its group,
-        -1 or 0 = free."""
+        -1 or 0 = free; ``shared`` (S, 2) as in `MemoryBank`."""
         sizes = np.zeros(n_masks + 1, np.int32)
+        if shared is not None and len(shared) > 0:
+            masks = np.append(mask_of, mask_of[shared[:, 0]])
+            groups = np.append(np.maximum(group, 0), shared[:, 1])
+            width, behind = int(groups.max()) + 1, masks > 0
+            cells = masks[behind].astype(np.int64) * width + groups[behind]
+            counted = np.bincount(cells, minlength=(n_masks + 1) * width)
+            table = counted.reshape(n_masks + 1, width).astype(np.int32)
+            best = np.stack(two_best(table), axis=1).astype(np.int32)
+            counts = np.take_along_axis(table, best.astype(np.int64), axis=1)
+            sizes[1:] = np.bincount(mask_of, minlength=n_masks + 1)[1:]
+            return Overlaps(sizes, best, np.where(best > 0, counts, np.int32(0)))
         groups, counts = np.zeros((n_masks + 1, 2), np.int32), np.zeros((n_masks + 1, 2), np.int32)
         tally = np.zeros(int(group.max(initial=0)) + 1, np.int32)
         greatest_overlaps(mask_of, group, sizes, tally, groups, counts)
@@ -148,10 +168,11 @@ def add_view(
 ) -> tuple[MemoryBank, IntArray]:
     """The bank after the masks of one view, and the group (M + 1,) that each mask got, 0 = none.
 
-    Mask by mask in the order of their ids, Overlap(m, i) = #(G(m) and G_i) / #G(m): the mask joins
-    the group of greatest overlap (the older one on a tie) if that is at least ``threshold``, and
-    the group gains the Gaussians of G(m) that no group owns; otherwise a new group opens. A mask
-    behind which no Gaussian lies gets no group.
+    Mask by mask in the order of their ids: the mask joins the group of greatest overlap
+    (`overlap_of`; the older one on a tie) if that is at least ``threshold``, and the group gains
+    the Gaussians of G(m) that no group owns; otherwise a new group opens. A mask behind which no
+    Gaussian lies gets no group. Preset "released": a new group holds all of G(m), also what other
+    groups hold, and a mask without Gaussians opens an empty one.
 
     One count for the whole view is exact, although the bank grows with each mask: the G(m) of one
     view are disjoint, so what an earlier mask of the view brought into a group is never in a later
@@ -159,23 +180,59 @@ def add_view(
     that was opened in this view. ``bank`` itself is not changed.
     """
     check_shape("mask_of", mask_of, (len(bank.group),), np.int32)
-    found = Overlaps.of(mask_of, bank.group, len(mask_ids) - 1)
-    group_of_mask = np.zeros(len(mask_ids), np.int32)
-    n_groups, log = bank.n_groups, []
+    found = Overlaps.of(mask_of, bank.group, len(mask_ids) - 1, bank.shared)
+    group_of_mask, opened = np.zeros(len(mask_ids), np.int32), np.zeros(len(mask_ids), np.bool_)
+    n_groups, log, opens_empty = bank.n_groups, [], bank.preset == "released"
     for m in range(1, len(mask_ids)):
         size, (best, runner_up) = int(found.sizes[m]), found.groups[m].tolist()
-        overlap, second = (int(count) / max(size, 1) for count in found.counts[m])
+        overlap, second = (overlap_of(int(count), size, bank.preset) for count in found.counts[m])
         joins = best > 0 and overlap >= threshold
-        if size > 0:
+        if size > 0 or opens_empty:
+            opened[m] = not joins
             n_groups += not joins
             group_of_mask[m] = best if joins else n_groups
         mask, group_of = int(mask_ids[m]), int(group_of_mask[m])
-        is_new = size > 0 and not joins
-        log.append(Decision(view, mask, group_of, is_new, overlap, runner_up, second, size))
-    group = bank.group.copy()
-    take_free(mask_of, group_of_mask, group)
+        log.append(
+            Decision(view, mask, group_of, bool(opened[m]), overlap, runner_up, second, size)
+        )
+    taken = with_gaussians(bank, mask_of, group_of_mask, opened)
     whole = DecisionLog.of(bank.log).plus(log)
-    return replace(bank, group=group, n_groups=n_groups, log=whole), group_of_mask
+    return replace(taken, n_groups=n_groups, log=whole), group_of_mask
+
+
+def overlap_of(count: int, size: int, preset: Preset) -> float:
+    """Overlap of a mask of ``size`` Gaussians with a group that holds ``count`` of them.
+
+    Section 3.2: Overlap(m, i) = #(G(m) and G_i) / #G(m). The released code divides by the sum of
+    both numbers, so its greatest overlap is a half, and its 0.1 is the paper's 0.111.
+    """
+    return count / max(size + count if preset == "released" else size, 1)
+
+
+def with_gaussians(
+    bank: MemoryBank,
+    mask_of: IntArray,  # (N,) 0 = none
+    group_of_mask: IntArray,  # (M + 1,) 0 = none
+    opened: BoolArray,  # (M + 1,) masks that opened their group
+) -> MemoryBank:
+    """The bank whose groups have taken what they may of their masks' Gaussians."""
+    group, shared = bank.group.copy(), bank.shared
+    if bank.preset == "released":
+        rows = np.flatnonzero(opened[mask_of] & (group > 0))
+        further = np.stack([rows, group_of_mask[mask_of[rows]]], axis=1).astype(np.int32)
+        shared = np.concatenate([shared, further])
+    take_free(mask_of, group_of_mask, group)
+    return replace(bank, group=group, shared=shared)
+
+
+def ids_of_first_view(bank: MemoryBank) -> dict[int, int]:
+    """The mask id of each group that the first view opened, as the paper numbers its groups.
+
+    Inside, groups are counted from 1 without gaps, because ids of masks may have gaps or be large.
+    """
+    first = next((decision.view for decision in bank.log), "")
+    of_first = (d for d in bank.log if d.view == first and d.is_new)
+    return {decision.group: decision.mask for decision in of_first} if bank.is_published else {}
 
 
 def views_per_group(bank: MemoryBank) -> IntArray:

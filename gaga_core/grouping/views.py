@@ -14,8 +14,10 @@ from gaga_core.grouping.gate import (
     GateConfig,
     ViewMasks,
     depth_bounds,
+    front_bounds,
     gaussians_of_masks,
     open_bounds,
+    patches_of_masks,
 )
 from gaga_core.grouping.memory_bank import MemoryBank, groups_of_masks
 from gaga_core.grouping.robust.surface_points import DepthMaps
@@ -67,7 +69,8 @@ def load_labels(masks: MaskSet, camera: Camera) -> tuple[IntArray, bool]:
 # --- The depth gate of section 3.2 over many views: each view's depth map is rendered once.
 
 
-DepthKind = Literal["expected", "median", "none"]  # "none": no gate, the ablation "all Gaussians"
+# "none": no gate, the ablation "all Gaussians"; "front": that of the released code, in patches.
+DepthKind = Literal["expected", "median", "none", "front"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +87,7 @@ class GatedViews:
     depth: DepthKind
     chunks: SpatialChunks | None = None  # of the Gaussians: finds those that a view may show
     bounds: dict[str, DoubleArray] = field(default_factory=dict)  # by view: (M + 1, 2) of its masks
+    # ... with depth "front" (C + 1, 2) of their pieces
     resized: set[str] = field(default_factory=set)  # views whose maps had another size
 
     def render(
@@ -96,6 +100,12 @@ class GatedViews:
         masks = self.masks_of(camera)
         if self.depth == "none":
             self.bounds[camera.name] = open_bounds(masks)
+            return
+        if self.depth == "front":
+            pieces, _ = patches_of_masks(masks, self.gate.patches)
+            rows = None if self.chunks is None else self.chunks.in_view(camera)
+            bounds = front_bounds(self.gaussians.means, camera, pieces, self.gate.front, rows)
+            self.bounds[camera.name] = bounds
             return
         # Only depth is wanted: one channel is cheaper than a color from spherical harmonics.
         channels = np.zeros((len(self.gaussians), 1), np.float32)
@@ -128,11 +138,14 @@ class GatedViews:
         ``means`` (K, 3): of these centres only. The view must have been rendered.
         """
         masks = self.masks_of(camera)
-        bounds = self.bounds[camera.name]
-        if means is not None:
-            return masks, gaussians_of_masks(means, camera, masks, bounds)
-        rows = None if self.chunks is None else self.chunks.in_view(camera)
-        return masks, gaussians_of_masks(self.gaussians.means, camera, masks, bounds, rows)
+        bounds, rows = self.bounds[camera.name], None
+        if means is None:
+            rows = None if self.chunks is None else self.chunks.in_view(camera)
+            means = self.gaussians.means
+        if self.depth == "front":
+            pieces, mask_of_piece = patches_of_masks(masks, self.gate.patches)
+            return masks, mask_of_piece[gaussians_of_masks(means, camera, pieces, bounds, rows)]
+        return masks, gaussians_of_masks(means, camera, masks, bounds, rows)
 
     def only(self, views: Sequence[Camera]) -> "GatedViews":
         """Some of the views; what is known and becomes known of them is shared."""

@@ -19,7 +19,9 @@ from gaga_core.identity.closed_form import VoteConfig, Voted, vote_identity
 from gaga_core.identity.field import Identity, LiftFigures
 from gaga_core.identity.fit import FitConfig, Fitted, fit_identity
 from gaga_core.identity.refine import RefineConfig, refine_identity
+from gaga_core.identity.rows import RowConfig
 from gaga_core.identity.train import PaperConfig, train_identity
+from gaga_core.identity.training_step import IdentityRates
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Stage
 from gaga_core.raster.base import Rasterizer
@@ -31,9 +33,10 @@ Pseudo = Literal["masks", "bank"]
 def mode_of_preset(preset: Preset) -> Mode:
     """How groups of a preset become identities unless something else is asked for.
 
-    Preset paper trains them as published (section 3.3); robust votes, which takes seconds.
+    Presets paper and released train them as published (section 3.3); robust votes, which takes
+    seconds.
     """
-    return "paper" if preset == "paper" else "vote"
+    return "vote" if preset == "robust" else "paper"
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,19 @@ class LiftConfig:
     def __post_init__(self) -> None:
         if self.pseudo not in ("masks", "bank"):
             raise ValueError(f"pseudo: {self.pseudo!r} is neither 'masks' nor 'bank'")
+
+    @staticmethod
+    def of(preset: str, mode: Mode = "paper") -> "LiftConfig":
+        """The settings of a preset where it trains. paper: section 3.3, all pixels of the splatted
+        bank, classes are the groups. released: all pixels of the masks, void is class 0. The preset
+        robust, and modes that do not train from zeros: masks, a sample of their pixels."""
+        if preset == "robust" or mode != "paper":
+            return LiftConfig()
+        is_released = preset == "released"
+        rows = RowConfig(per_view=0, w_min=0.0, train_void=is_released)
+        rates = IdentityRates(layer_epsilon=1e-8)
+        paper = PaperConfig(rates=rates, rows=rows, has_none=is_released)
+        return LiftConfig(paper=paper, pseudo="masks" if is_released else "bank")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,12 +1,15 @@
 """Training data of an identity field: rows of W and labels at sampled pixels of every view.
 
-Pixels are stratified: the labelled pixels of a view, tile by tile, are cut into as many runs as
-rows are wanted, and each run gives one at random. Rows are drawn once and kept: 16k pixels of a
-view are enough for gradients that differ little from those of the whole view, and fit in memory.
+All pixels of a view (`whole_views`) are what the paper trains on. A sample (`sample_rows`) is some
+thirty times faster: the labelled pixels of a view, tile by tile, are cut into as many runs as rows
+are wanted, and each run gives one at random. Rows are drawn once and kept: 16k pixels of a view are
+enough for gradients that differ little from those of the whole view, and fit in memory.
 """
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 
@@ -114,7 +117,7 @@ _FEWEST = 256  # rows of a view, however little memory there is
 class RowConfig:
     """Which rows of W are kept."""
 
-    per_view: int = 16384  # pixels of a view; 0 = all
+    per_view: int = 16384  # pixels of a view; 0 = all, and `memory_bytes` only limits what is kept
     w_min: float = 1 / 255  # smaller weights are left out: 2 % of the sum, half of the memory
     train_void: bool = False  # pixels without a mask are trained as class 0; else left out
     memory_bytes: int = 1 << 30  # for all rows together; fewer rows are drawn to stay under it
@@ -181,6 +184,91 @@ def view_batches(views: list[ViewRows], n_gaussians: int) -> list[Batch]:
         view = views.pop(0)
         batches.append(Batch(LinearRows.of(view.weights, n_gaussians), view.labels))
     return batches
+
+
+@dataclass(frozen=True, eq=False)
+class WholeViews(Sequence[Batch]):
+    """A batch of each view with all of its pixels. As many as fit into memory are kept; the others
+    are made at every use, which costs a pass over the view."""
+
+    gaussians: Gaussians
+    cameras: Sequence[Camera]
+    labels: Sequence[AnyArray]  # (H * W,) of each view, unsigned
+    rasterizer: Rasterizer
+    config: RowConfig
+    digest: str  # of all that the batches are made of
+    kept: dict[int, Batch]
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    @property
+    def n_rows(self) -> int:
+        """Pixels of all views together."""
+        return sum(len(self._pixels(i)) for i in range(len(self)))
+
+    @overload
+    def __getitem__(self, at: int) -> Batch: ...
+    @overload
+    def __getitem__(self, at: slice) -> Sequence[Batch]: ...
+    def __getitem__(self, at: int | slice) -> Batch | Sequence[Batch]:
+        if isinstance(at, slice):
+            return [self[i] for i in range(len(self))[at]]
+        i = range(len(self))[at]
+        if i in self.kept:
+            return self.kept[i]
+        rows = self.rows(i)
+        batch = Batch(LinearRows.of(rows.weights, len(self.gaussians)), rows.labels)
+        held = sum(len(other.rows.rows) for other in self.kept.values())
+        if BYTES_PER_ENTRY * (held + len(batch.rows.rows)) <= self.config.memory_bytes:
+            self.kept[i] = batch
+        return batch
+
+    def rows(self, i: int) -> ViewRows:
+        """All rows of a view."""
+        pixels, camera = self._pixels(i), self.cameras[i]
+        weights = self.rasterizer.weights(self.gaussians, camera, pixels, w_min=self.config.w_min)
+        return ViewRows(camera.name, weights, self.labels[i][pixels].astype(np.int32))
+
+    def _pixels(self, i: int) -> LongArray:
+        labels = self.labels[i]
+        return np.arange(len(labels)) if self.config.train_void else np.flatnonzero(labels)
+
+
+def whole_views(
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    label_map: LabelMap,
+    rasterizer: Rasterizer,
+    config: RowConfig,
+) -> Stage[WholeViews]:
+    """All pixels of every view that has labelled ones (``config.train_void``: of every view).
+
+    The progress after the first such view carries its `ViewRows`. Raises ``GagaError`` when nothing
+    is labelled.
+    """
+    stamp = hashlib.sha256()
+    for array in (
+        *(gaussians.means, gaussians.log_scales, gaussians.quats, gaussians.logit_opacities),
+        *(camera.cam_from_world for camera in cameras),
+        *(camera.K for camera in cameras),
+    ):
+        stamp.update(np.ascontiguousarray(array).data)
+    chosen, maps, first = list[Camera](), list[AnyArray](), None
+    for i, camera in enumerate(cameras):
+        labels = label_map(camera).ravel()
+        stamp.update(np.ascontiguousarray(labels).data)
+        if config.train_void or labels.any():
+            chosen.append(camera)
+            maps.append(labels.astype(np.min_scalar_type(int(labels.max(initial=0)))))
+        rows = None
+        if len(chosen) == 1 and first is None:
+            alone = WholeViews(gaussians, chosen, maps, rasterizer, config, "", {})
+            first = rows = alone.rows(0)
+        yield Progress("Sample pixels", i + 1, len(cameras), camera.name, rows)
+    if not any(labels.any() for labels in maps):
+        raise GagaError("No pixel of the training views has a group. Associate the masks again.")
+    return WholeViews(gaussians, chosen, maps, rasterizer, config, stamp.hexdigest(), {})
 
 
 def mixed_batches(views: Sequence[ViewRows], n_gaussians: int) -> list[Batch]:

@@ -4,11 +4,11 @@ Cross-entropy over ln(K) on splatted encodings, a view a step, views in random o
 replacement; every fifth step the 3D regulariser of Gaussian Grouping over cached nearest
 neighbours; Adam; 10k iterations of which, as in the published code, the last takes no step.
 
-The geometry is frozen, so F = W E: rows of W are cached once instead of rasterizing every step.
-With ``rows.per_view = 0`` and ``rows.w_min = 0`` a step does the arithmetic of one that rasterizes
-its view; by default it takes 16k stratified pixels of the view, drawn once, without the smallest
-weights. The regulariser's neighbours are those among all Gaussians (published: among 200k random
-ones).
+The geometry is frozen, so F = W E: rows of W are cached instead of rasterizing every step. With
+``rows.per_view = 0`` and ``rows.w_min = 0`` a step does the arithmetic of one that rasterizes its
+view, as published (`identity.lift.LiftConfig.of`); by default it takes 16k stratified pixels of the
+view, drawn once, without the smallest weights. The regulariser's neighbours are those among all
+Gaussians (published: among 200k random ones).
 """
 
 import hashlib
@@ -28,12 +28,15 @@ from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.field import Identity, LiftFigures
 from gaga_core.identity.linear_kernels import D
 from gaga_core.identity.rows import (
+    BYTES_PER_ENTRY,
     Batch,
     LinearRows,
     RowConfig,
     ViewRows,
+    WholeViews,
     sample_rows,
     view_batches,
+    whole_views,
 )
 from gaga_core.identity.training_step import (
     Fit,
@@ -55,6 +58,7 @@ from gaga_core.raster.base import Rasterizer
 # --- A training run on disk: what it takes to go on as if it had never stopped.
 
 
+_NEVER = np.float32(-1e9)  # bias of a class that no softmax takes part in
 _VALUES = ("encodings", "weight", "bias")
 _MOMENTS = tuple(f"{kind}_{name}" for name in _VALUES for kind in ("mean", "square"))
 
@@ -104,7 +108,7 @@ STAGE = "Train identities"
 
 @dataclass(frozen=True)
 class PaperConfig:
-    """Settings of mode "paper": the published ones."""
+    """Settings of mode "paper": those of the released code but for the sample of pixels."""
 
     iterations: int = 10_000
     rates: IdentityRates = field(default_factory=IdentityRates)
@@ -113,6 +117,7 @@ class PaperConfig:
     reg_samples: int = 1000  # Gaussians of one use
     reg_neighbours: int = 5  # of each, itself included
     rows: RowConfig = field(default_factory=RowConfig)
+    has_none: bool = True  # class 0, "none", is one of the softmax; False: groups alone
     checkpoint_every: int = 1000  # iterations
 
     def __post_init__(self) -> None:
@@ -120,6 +125,8 @@ class PaperConfig:
             raise ValueError("iterations: at least 2; checkpoint_every: at least 1")
         if self.reg_every < 0 or self.reg_samples < 1 or self.reg_neighbours < 1:
             raise ValueError("reg_every, reg_samples, reg_neighbours: too small")
+        if self.rows.train_void and not self.has_none:
+            raise ValueError("train_void: needs the class 0")
 
 
 @dataclass(frozen=True)
@@ -151,6 +158,8 @@ def train_identity(
     config = config or PaperConfig()
     run = yield from _prepare(gaussians, n_groups, cameras, label_map, rasterizer, config)
     training = start_from_zeros(len(gaussians), n_groups, config.rows.seed)
+    if not config.has_none:
+        training.bias[0] = _NEVER
     if checkpoint is not None and checkpoint.is_file():
         found = load_checkpoint(checkpoint, run.digest, len(gaussians), n_groups)
         training = training if found is None else found
@@ -167,7 +176,7 @@ def train_identity(
     first, last = fits[:few] or nothing, fits[-few:] or nothing
     field = training.field()
     figures = LiftFigures(
-        rows=sum(len(batch.labels) for batch in run.batches),
+        rows=run.n_rows,
         steps=training.step,
         resumed_at=resumed_at,
         accuracy=float(np.mean([fit.accuracy for fit in last])),
@@ -184,6 +193,7 @@ class _Run:
     batches: Sequence[Batch]  # one a view
     near: IntArray  # (N, k) nearest neighbours, itself first
     digest: str
+    n_rows: int  # of all batches
 
 
 def _prepare(
@@ -195,27 +205,42 @@ def _prepare(
     config: PaperConfig,
 ) -> Stage[_Run]:
     """Cached rows and neighbours; the estimate comes after the first view."""
-    sampling = sample_rows(gaussians, cameras, label_map, rasterizer, config.rows)
+    is_whole = config.rows.per_view == 0
+    sampling: Stage[WholeViews | list[ViewRows]] = (whole_views if is_whole else sample_rows)(
+        gaussians, cameras, label_map, rasterizer, config.rows
+    )
     start, estimated = time.perf_counter(), False
     while True:
         try:
             progress = next(sampling)
         except StopIteration as end:
-            views: list[ViewRows] = end.value
+            views: WholeViews | list[ViewRows] = end.value
             break
         if not estimated and isinstance(progress.payload, ViewRows):
             estimated = True
             sampling_time = (time.perf_counter() - start) * len(cameras) / progress.done
             estimate = _estimate(progress.payload, len(gaussians), n_groups, config, sampling_time)
+            if is_whole:
+                per_view = BYTES_PER_ENTRY * len(progress.payload.weights.indices)
+                kept = min(1.0, config.rows.memory_bytes / max(per_view * len(cameras), 1))
+                per_step = estimate.seconds_per_step + (1 - kept) * sampling_time / len(cameras)
+                estimate = TimeEstimate(config.iterations * per_step, per_step)
             message = f"about {max(1, round(estimate.seconds / 60))} min"
             yield Progress(STAGE, 0, config.iterations, message, estimate)
         yield Progress(progress.stage, progress.done, progress.total, progress.message)
-    batches = view_batches(views, len(gaussians))
+    settings = replace(config, iterations=2, checkpoint_every=1)
+    text = f"{asdict(settings)} {n_groups}"
+    batches: Sequence[Batch]
+    if isinstance(views, WholeViews):
+        batches, n_rows, digest = views, views.n_rows, f"{views.digest} {text}"
+        digest = hashlib.sha256(digest.encode()).hexdigest()
+    else:
+        batches = view_batches(views, len(gaussians))
+        n_rows, digest = sum(len(batch.labels) for batch in batches), digest_of(batches, text)
     near = np.zeros((0, 1), np.int32)
     if config.reg_every:
         near = yield from nearest(gaussians.means, config.reg_neighbours)
-    settings = replace(config, iterations=2, checkpoint_every=1)
-    return _Run(batches, near, digest_of(batches, f"{asdict(settings)} {n_groups}"))
+    return _Run(batches, near, digest, n_rows)
 
 
 def _estimate(
@@ -282,10 +307,13 @@ def _step(
     near: IntArray | None,
 ) -> Fit:
     """One iteration; the loss returned is cross-entropy / ln K."""
-    scale = 1 / math.log(max(len(training.weight), 2))
+    n_classes = len(training.weight) - (not config.has_none)
+    scale = 1 / math.log(max(n_classes, 2))
     gradients.clear()
     fit = cross_entropy(training, batch, gradients, scale)
     if near is not None:
-        agreement(training, near, config.reg_factor, gradients)
+        # The loss is divided by the number of classes, of which `agreement` counts class 0.
+        factor = config.reg_factor * len(training.weight) / max(n_classes, 1)
+        agreement(training, near, factor, gradients)
     adam_step(training, gradients, config.rates)
     return Fit(fit.loss * scale, fit.accuracy)

@@ -27,7 +27,8 @@ class IdentityRates:
 
     encodings: float = 2.5e-3
     layer: float = 5e-4
-    epsilon: float = 1e-15
+    epsilon: float = 1e-15  # of the encodings, as 3D Gaussian Splatting trains its parameters
+    layer_epsilon: float = 1e-15  # of the layer; the released code: 1e-8, the default of torch
 
 
 @dataclass(eq=False)
@@ -191,7 +192,8 @@ def adam_step(training: Training, gradients: IdentityGradients, rates: IdentityR
         mean, square = training.moments[2 * i : 2 * i + 2]
         rate = (rates.encodings if i == 0 else rates.layer) / speed
         a, b, c, d = (array.reshape(-1) for array in (value, mean, square, slope))
-        work = partial(adam, a, b, c, d, rate, root, rates.epsilon)
+        epsilon = rates.epsilon if i == 0 else rates.layer_epsilon
+        work = partial(adam, a, b, c, d, rate, root, epsilon)
         run_chunks(work, value.size, _ADAM_CHUNK)
 
 

@@ -17,7 +17,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.add_views import FormerGroups, add_views_stage
 from gaga_core.grouping.associate import AssociateConfig, Association, associate_stage
 from gaga_core.grouping.bank_file import load_bank, read_groups, read_labels, save_bank
-from gaga_core.grouping.memory_bank import Preset
+from gaga_core.grouping.memory_bank import Preset, ids_of_first_view
 from gaga_core.grouping.views import load_labels
 from gaga_core.grouping.votes import associated_labels
 from gaga_core.io.folder.scene_folder import (
@@ -77,6 +77,7 @@ def associate_scene(
         stage = associate_stage(gaussians, cameras, mask_set, engine, config)
     association = yield from stage
     summary = association.to_json() | {
+        "first_view": {str(g): m for g, m in ids_of_first_view(association.bank).items()},
         "mask_folder": _recorded(folder, mask_path),
         "config": asdict(config),
         "seconds": round(time.perf_counter() - start, 3),

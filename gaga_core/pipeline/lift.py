@@ -32,6 +32,7 @@ from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views, with_entry
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.masks.label_maps import mask_folder
+from gaga_core.pipeline.settings import IdentitySettings
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
@@ -62,7 +63,7 @@ class LiftReport:
 def lift_scene(
     folder: SceneFolder,
     mode: Mode | None = None,
-    config: LiftConfig | None = None,
+    config: LiftConfig | IdentitySettings | None = None,
     *,
     gaussians: Gaussians | None = None,
     rasterizer: Rasterizer | None = None,
@@ -70,18 +71,17 @@ def lift_scene(
     """Encode the groups of an associated scene; write identity.npz and the report's entry "lift".
 
     Mode "vote" is votes and least squares, "refine" trains that a little, "paper" from zeros; None
-    is the mode of the preset that made the groups (`identity.lift.mode_of_preset`). The result
+    is the mode of the preset that made the groups (`identity.lift.mode_of_preset`). Settings change
+    those of that preset; a `LiftConfig` is taken as it is. The result
     appears whole or not at all. A run of "paper" that is stopped leaves a checkpoint next to it
     (and nothing else), from which the next run with the same settings goes on.
     """
     if mode is not None and mode not in get_args(Mode):
         raise GagaError(f"There is no mode {mode!r}. Choose one of {', '.join(get_args(Mode))}.")
-    config = config or LiftConfig()
     if gaussians is None:
         gaussians = yield from read_model(folder)
-    task = _task(folder, gaussians, rasterizer or choose(), config)
-    start = time.perf_counter()
-    mode = mode or mode_of_preset(task.bank.preset)
+    task, mode = _task(folder, gaussians, rasterizer or choose(), config, mode)
+    start, config = time.perf_counter(), task.config
     identity, figures = yield from lift_groups(task, mode)
     labelled = identity.labels > 0
     path = folder.work / FILE
@@ -131,14 +131,22 @@ def decode_groups(
 
 
 def _task(
-    folder: SceneFolder, gaussians: Gaussians, rasterizer: Rasterizer, config: LiftConfig
-) -> LiftTask:
+    folder: SceneFolder,
+    gaussians: Gaussians,
+    rasterizer: Rasterizer,
+    config: LiftConfig | IdentitySettings | None,
+    mode: Mode | None,
+) -> tuple[LiftTask, Mode]:
+    """What is to be lifted, and how."""
     labels, confidence = read_groups(folder, len(gaussians))
     if not (folder.work / "bank.npz").is_file() or not (folder.work / "masks").is_dir():
         raise GagaError(f"{folder.work} lacks the memory bank or its label maps. {_AGAIN}")
     bank = load_bank(folder.work / "bank.npz")
     if len(bank.group) != len(gaussians) or labels.max(initial=0) > bank.n_groups:
         raise GagaError(f"{folder.work / 'bank.npz'} does not fit the labels. {_AGAIN}")
+    mode = mode or mode_of_preset(bank.preset)
+    if not isinstance(config, LiftConfig):
+        config = (config or IdentitySettings()).config(bank.preset, mode)
     cameras = select_views(folder, "train")
     known = [camera.name for camera in folder.cameras]
     masks = mask_folder(folder.work / "masks", [camera.name for camera in cameras], known)
@@ -149,7 +157,7 @@ def _task(
             raise GagaError(f"The label map of {camera.name} names unknown groups. {_AGAIN}")
         return groups
 
-    return LiftTask(
+    task = LiftTask(
         gaussians=gaussians,
         cameras=views_with_masks(cameras, masks),
         labels=labels,
@@ -160,3 +168,4 @@ def _task(
         config=config,
         checkpoint=folder.work / CHECKPOINT,
     )
+    return task, mode

@@ -35,7 +35,7 @@ from gaga_core.pipeline.place import find_photos
 from gaga_core.pipeline.reconstruct import reconstruct_scene
 from gaga_core.pipeline.render import render_views
 from gaga_core.pipeline.segment import segment_scene
-from gaga_core.pipeline.settings import ReconstructConfig
+from gaga_core.pipeline.settings import IdentitySettings, ReconstructConfig
 from gaga_core.progress import Stage
 from gaga_core.segmentation.choose import provider_named
 from gaga_core.segmentation.regions import NAME as REGIONS
@@ -53,7 +53,7 @@ class RunConfig:
     associate: AssociateConfig = field(default_factory=lambda: AssociateConfig.of("robust"))
     keeps_groups: bool = True  # of another preset than that; False: they are made again
     mode: Mode | None = None  # of the lift; None = as the preset of the groups has it
-    lift: LiftConfig = field(default_factory=LiftConfig)
+    lift: LiftConfig | IdentitySettings = field(default_factory=IdentitySettings)
 
 
 @dataclass(eq=False)

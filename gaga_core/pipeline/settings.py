@@ -11,7 +11,7 @@ from gaga_core.settings import check_limits, setting
 
 if TYPE_CHECKING:
     from gaga_core.grouping.associate import AssociateConfig
-    from gaga_core.identity.lift import LiftConfig
+    from gaga_core.identity.lift import LiftConfig, Mode
     from gaga_core.placing.ladder import LadderConfig
     from gaga_core.placing.sfm import SfmConfig
     from gaga_core.training.settings import TrainConfig
@@ -132,10 +132,13 @@ class GroupSettings:
     """Least overlap of a mask with a group to join it, in (0, 1]; default: 0.1, as published."""
     inlier_factor: float | None = setting(None, "Inlier factor f", least=0.0, most=4.0)
     """f of the depth gate: pixels within f IQRs of the mask's depths count; default: 1."""
-    depth: Literal["expected", "median", "none"] | None = setting(None, "Depth of a pixel")
-    """Of a pixel; none: all Gaussians behind a mask. Default: expected (paper), median (robust)."""
-    order: Literal["name", "coverage"] | None = setting(None, "Order of the views")
-    """Of the views; coverage: widest first. Default: name (paper), coverage (robust)."""
+    depth: Literal["expected", "median", "none", "front"] | None = setting(None, "Depth of a pixel")
+    """Of a pixel; none: all Gaussians behind a mask; front: no depth but the front 20 % of a mask's
+    Gaussians in each of 32 x 32 patches. Default: expected (paper), front (released), median
+    (robust)."""
+    order: Literal["name", "string", "coverage"] | None = setting(None, "Order of the views")
+    """Of the views; name: by the numbers in it, string: by its characters, coverage: widest first.
+    Default: name (paper), string (released), coverage (robust)."""
 
     def config(self, preset: str) -> "AssociateConfig":
         """The settings of ``preset`` with those that were given.
@@ -159,24 +162,35 @@ class IdentitySettings:
     lift_iterations: int | None = setting(None, "Training steps", least=2, most=100_000)
     """Training steps of identities from zeros (paper); default: 10,000, as published."""
     pseudo: Literal["masks", "bank"] | None = setting(None, "Pseudo labels")
-    """Labels that identities are trained on: masks with their groups' ids (figure 2 and published
-    code, the default), or the bank's groups splatted into the views (text of section 3.3)."""
+    """Labels that identities are trained on: masks with their groups' ids (figure 2 and released
+    code), or the bank's groups splatted into the views (text of section 3.3). Default: bank where
+    the preset paper trains, else masks."""
     void: Literal["ignore", "train"] | None = setting(None, "Pixels without a mask")
-    """Pixels that no mask covers: ignore them (the default), or train them as class 0, as the
-    published code does."""
+    """Pixels that no mask covers: ignore them, or train them as class 0. Default: train where the
+    preset released trains, else ignore."""
+    pixels: int | None = setting(None, "Pixels of a step", least=0)
+    """Pixels of a view that a training step takes, drawn once; 0 = all. Default: all where the
+    presets paper and released train, else (and in gaga compare) 16384, which takes a thirtieth of
+    the time."""
 
-    def config(self) -> "LiftConfig":
-        """Settings of a lift with those that were given; ``ValueError`` when out of range."""
+    def config(self, preset: str, mode: "Mode") -> "LiftConfig":
+        """Settings of a lift of ``preset`` with those that were given; ``ValueError`` when out of
+        range."""
         from gaga_core.identity.lift import LiftConfig
 
-        config = LiftConfig()
+        config = LiftConfig.of(preset, mode)
         paper, refine = config.paper, config.refine
         if self.lift_iterations is not None:
             paper = replace(paper, iterations=self.lift_iterations)
+        if self.pixels is not None:
+            # A sample is without the smallest weights, which halves its memory.
+            w_min = 0.0 if self.pixels == 0 else type(paper.rows)().w_min
+            paper = replace(paper, rows=replace(paper.rows, per_view=self.pixels, w_min=w_min))
         if self.void is not None:
-            rows = replace(paper.rows, train_void=self.void == "train")
-            paper = replace(paper, rows=rows)
-            refine = replace(refine, rows=replace(refine.rows, train_void=rows.train_void))
+            trains = self.void == "train"
+            rows = replace(paper.rows, train_void=trains)
+            paper = replace(paper, rows=rows, has_none=paper.has_none or trains)
+            refine = replace(refine, rows=replace(refine.rows, train_void=trains))
         return replace(config, paper=paper, refine=refine, pseudo=self.pseudo or config.pseudo)
 
 

@@ -326,8 +326,8 @@ def current_file(
 
 # --- The groups with which a model opens: of the last association, or those that its file carries.
 # After an association and a lift there are two labels for every Gaussian: the votes of the masks,
-# and the classifier on its identity encoding. The preset paper takes those of the classifier once
-# it is trained as published; otherwise votes are in use. The other ones wait in
+# and the classifier on its identity encoding. The presets paper and released take those of the
+# classifier once it is trained as published; otherwise votes are in use. The other ones wait in
 # `scene.Identities`.
 
 
@@ -344,8 +344,8 @@ class OpenedGroups:
 def groups_of_folder(work: Path, n_gaussians: int) -> OpenedGroups:
     """The groups of the last association in ``work`` (SCENE/gaga), which has a labels.npz.
 
-    Labels come from the identities where they were trained as published from groups of the preset
-    paper, else from the votes. Raises ``GagaError`` when a file is damaged or of another model.
+    Labels come from the identities where they were trained as published from groups of a published
+    preset, else from the votes. Raises ``GagaError`` when a file is damaged or of another model.
     """
     votes = read_labels(work / "labels.npz", n_gaussians)
     labels, sure = votes["labels"], votes.get("confidence")
@@ -355,7 +355,7 @@ def groups_of_folder(work: Path, n_gaussians: int) -> OpenedGroups:
     if found is None:
         return OpenedGroups(labels, confidence, bank)
     lifted, colors, mode = found
-    if bank is not None and (mode, bank.preset) == ("paper", "paper"):
+    if bank is not None and bank.is_published and mode == "paper":
         identities = Identities("identities", Labelling(labels, confidence), colors)
         return OpenedGroups(lifted.labels, lifted.confidence, bank, identities)
     return OpenedGroups(labels, confidence, bank, Identities("votes", lifted, colors))

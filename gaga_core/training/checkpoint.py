@@ -91,7 +91,7 @@ _NO_EFFECT = ("snapshot_seconds", "checkpoint_seconds")  # settings that change 
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """The splats that drew the held-out views best so far."""
+    """The splats that drew the choosing held-out views best so far, with the PSNR of these."""
 
     iteration: int
     psnr: float  # dB, mean over the held-out views

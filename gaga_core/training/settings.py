@@ -168,6 +168,11 @@ class TrainConfig:
         training begins to learn by heart when it has learned the scene."""
         return self.keep_best and fewness(n_views) > 0
 
+    def choosing(self, n_views: int) -> int:
+        """One held-out view in so many chooses the splats that are kept, the first one at least,
+        and the others tell how good they are; 0 = none chooses."""
+        return 2 if self.keeps_best(n_views) else 0
+
     def cpu_seconds(self, n_pixels: int) -> float:
         """Rough time of all processors together for photos of ``n_pixels`` at training size.
 

@@ -114,7 +114,7 @@ class Trained:
     """The end of a training."""
 
     gaussians: Gaussians
-    quality: HeldOutQuality | None  # on held-out views; None without any
+    quality: HeldOutQuality | None  # on held-out views that chose nothing; None without any
     losses: FloatArray  # (iterations,)
     measured: tuple[Measured, ...]
     kept: int  # iteration that the splats are of: the last one, or the best measured
@@ -129,7 +129,8 @@ def train_stage(
     checkpoint: Path | None = None,
     team: Team = SINGLE_WORKER,
 ) -> Stage[Trained]:
-    """Train ``initial`` on ``views.train``; measure on ``views.test``.
+    """Train ``initial`` on ``views.train``; measure on ``views.test``, or on the half of these that
+    does not choose (`TrainConfig.choosing`).
 
     Each `Progress` carries a `TrainUpdate`. ``checkpoint`` is a file that is written every
     `TrainConfig.checkpoint_seconds` or less often (see `checkpoint_schedule`), when the stage is
@@ -179,7 +180,8 @@ def train_stage(
     last = engine.copied(state) if best is None else best.gaussians
     # A copy that was brought back from a checkpoint has no comments.
     gaussians = with_degree(last, config.sh_degree).with_antialiasing(config.antialiased)
-    quality = yield from quality_stage(gaussians, views.test, rasterizer, setting.background)
+    _, reporting = _parted(views.test, setting)
+    quality = yield from quality_stage(gaussians, reporting, rasterizer, setting.background)
     kept = state.iteration if best is None else best.iteration
     return Trained(gaussians, quality, state.losses, _measured(state), kept)
 
@@ -237,20 +239,31 @@ def _measure_stage(
 ) -> Stage[None]:
     """Measure on held-out ``views``: a point of the curves, and the best splats so far.
 
-    Only the first worker of a team measures; all keep the same splats.
+    Only the first worker of a team measures; all keep the same splats. What chooses is no point of
+    the curves, unless there is but one held-out view.
     """
     team, now, psnr = setting.team, engine.copied(state), 0.0
     if team.rank == 0:
-        quality = yield from quality_stage(now, views, rasterizer, setting.background)
-        assert quality is not None
-        psnr = quality.psnr
-        row = (state.iteration, psnr, quality.ssim)
+        choosing, reporting = _parted(views, setting)
+        chosen = yield from quality_stage(now, choosing, rasterizer, setting.background)
+        quality = yield from quality_stage(now, reporting, rasterizer, setting.background)
+        psnr, shown = 0.0 if chosen is None else chosen.psnr, quality or chosen
+        assert shown is not None
+        row = (state.iteration, shown.psnr, shown.ssim)
         state.measured = np.concatenate([state.measured, [row]])
     psnr = team.size * float(team.mean_values(np.array([psnr]))[0])
     if not setting.config.keeps_best(len(setting.views)):
         return
     if state.best is None or psnr >= state.best.psnr:
         state.best = Best(state.iteration, psnr, now)
+
+
+def _parted(
+    views: Sequence[TrainView], setting: Setting
+) -> tuple[Sequence[TrainView], Sequence[TrainView]]:
+    """Held-out views that choose which splats are kept, and those that tell how good they are."""
+    every = setting.config.choosing(len(setting.views))
+    return (views[::every], [v for i, v in enumerate(views) if i % every]) if every else ((), views)
 
 
 def _measured(state: TrainState) -> tuple[Measured, ...]:
@@ -297,7 +310,8 @@ def report_of(trained: Trained, config: TrainConfig, cost: Cost) -> dict[str, Js
     """The content of ``report.json``: plain values only.
 
     ``kept_iteration`` is the one that the splats are of (`TrainConfig.keeps_best`); ``held_out``
-    has PSNR in dB and SSIM of each held-out view and their means, null without any; ``loss_curve``
+    has PSNR in dB and SSIM of each held-out view that did not choose it and their means, null
+    without any; ``loss_curve``
     at most 500 points, each the mean of the iterations since the one before.
     """
     quality = trained.quality

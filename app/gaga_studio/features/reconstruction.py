@@ -212,6 +212,8 @@ def _figures(report: dict[str, object]) -> str:
     held_out = train.get("held_out")
     if isinstance(held_out, dict) and isinstance(held_out.get("psnr"), float):
         text += f", {held_out['psnr']:.1f} dB on photos that were held out"
+    elif train.get("curve"):  # it chose, so it tells nothing
+        text += ", the best by the one photo that was held out"
     return f"{text}."
 
 

@@ -243,13 +243,16 @@ def _contents(history: History) -> list[int]:
 class OtherGroups:
     """Groups of the other preset, and the bank of the groups that they are compared with."""
 
-    found: tuple[MemoryBank, IntArray] | None = None
+    found: tuple[MemoryBank, str, IntArray] | None = None
 
 
 def other_preset(session: Session) -> str:
-    """Return the preset that the groups of the scene are not from."""
+    """Return a preset that the groups of the scene are not from: that of the settings, if it is."""
     bank = session.scene.bank if session.scene is not None else None
-    return "robust" if bank is not None and bank.preset == "paper" else "paper"
+    here, chosen = "robust" if bank is None else bank.preset, session.settings.preset
+    if chosen != here:
+        return chosen
+    return "paper" if here == "robust" else "robust"
 
 
 def other_labels(session: Session) -> IntArray | None:
@@ -258,11 +261,11 @@ def other_labels(session: Session) -> IntArray | None:
     found = document.feature(OtherGroups).found if document is not None else None
     if document is None or found is None:
         return None
-    bank, labels = found
-    if bank is not document.scene.bank:
+    bank, preset, labels = found
+    if bank is not document.scene.bank or preset != other_preset(session):
         return None
     scene = document.scene
-    key = (bank, scene.revision.splats, scene.revision.labels)
+    key = (bank, preset, scene.revision.splats, scene.revision.labels)
     return document.read.once("other", key, lambda: spread(scene, _renamed(labels, scene)))
 
 
@@ -275,7 +278,7 @@ def associate_other(session: Session) -> bool:
 
     def done(found: "Association") -> None:
         if is_same() and bank is not None:
-            document.feature(OtherGroups).found = bank, found.labels
+            document.feature(OtherGroups).found = bank, preset, found.labels
 
     config = session.feature(FindState).association(preset)
     stage = association.associate_project_stage(document.settled(), session.masks, config)
@@ -288,6 +291,11 @@ def missing_text(session: Session) -> str:
     if running is not None and running.title == _job_title(preset):
         return f"The groups of the preset {preset} are being computed"
     return f"Groups of {preset} not known: close this split, open it again"
+
+
+def found_text(session: Session) -> str:
+    """Say which groups of the other preset are shown."""
+    return f"Groups of {other_preset(session)}, labels by vote of the masks"
 
 
 def _job_title(preset: str) -> str:

@@ -157,7 +157,7 @@ class SceneCache:
     def overlap_is_of_points(self) -> bool:
         """Whether overlaps in the log are shares of surface points, not of splats."""
         bank = self._scene.bank
-        return bank is not None and bank.preset == "robust"
+        return bank is not None and not bank.is_published
 
     def decision_now(self, former: Decision | None) -> Decision | None:
         """Return the present decision on the mask of ``former``; None if the bank has none."""

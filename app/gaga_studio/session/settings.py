@@ -19,7 +19,7 @@ from gaga_studio.system import paths
 _LOG = logging.getLogger(__name__)
 _MOST_RECENT = 10
 _MOST_PATHS = {"recent": _MOST_RECENT, "upright": 100}  # in a setting
-PRESETS = ("robust", "paper")
+PRESETS = ("robust", "paper", "released")
 # What else than a number or a text of the right kind a setting must be.
 RANGES: Mapping[str, tuple[float, float]] = {
     "fly_speed": (0.1, 5.0),
@@ -31,7 +31,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
 }
 _Theme = Annotated[str, msgspec.Meta(pattern="^(dark|light)$")]
 _Keys = Annotated[str, msgspec.Meta(pattern="^(supersplat|blender)$")]
-_Preset = Annotated[str, msgspec.Meta(pattern="^(robust|paper)$")]
+_Preset = Annotated[str, msgspec.Meta(pattern="^(robust|paper|released)$")]
 _Identities = Annotated[str, msgspec.Meta(pattern="^(preset|none|vote|refine|paper)$")]
 _HexColor = Annotated[str, msgspec.Meta(pattern="^#[0-9a-fA-F]{6}$")]
 _Address = Annotated[str, msgspec.Meta(pattern=r"^(|https?://\S{1,300})$")]

@@ -15,7 +15,7 @@ from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.json_file import read_foreign_json
 from gaga_core.io.masks.label_maps import RECORD, MaskRecord
 
-VERSION = 2  # grows whenever the same settings give other figures
+VERSION = 3  # grows whenever the same settings give other figures
 
 
 def digest_of(path: Path | None) -> str:

@@ -33,7 +33,7 @@ from gaga_core.evaluate.benchmark.tables import (
 from gaga_core.evaluate.group_scores import UNANSWERED, score_stage
 from gaga_core.evaluate.prompt_scores import lerf_mask_stage
 from gaga_core.evaluate.published import Conditions, sparse_views
-from gaga_core.evaluate.settings import BenchmarkConfig
+from gaga_core.evaluate.settings import BenchmarkConfig, changes_of
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.grouping.bank_file import read_groups
@@ -200,6 +200,8 @@ def run_benchmark(
         protocol=dataset.protocol,
         sparse_splats=few,
         is_retrained=config.retrain_sparse,
+        changes=changes_of(config.groups),
+        threshold=config.groups.threshold,
     )
 
 
@@ -221,8 +223,8 @@ def _run_scene(
         raise GagaError(" ".join(scene.missing))
     masks, splats = None, ""
     if config.pred is None:
-        scene, splats = yield from _with_splats(scene, config, out / scene.name, rasterizer)
-        masks = yield from _masks_of(scene, config, out / scene.name, rasterizer)
+        scene, splats = yield from with_splats(scene, config, out / scene.name, rasterizer)
+        masks = yield from masks_of_scene(scene, config, out / scene.name, rasterizer)
     task = _Task(scene, config, out / scene.name, masks, find, rasterizer)
     settings = _settings(dataset, task)
     file = out / f"{scene.name}.json"
@@ -247,7 +249,7 @@ def _run_scene(
     return SceneResult(scene.name, name, runs, n_reused, _conditions(task, splats))
 
 
-def _with_splats(
+def with_splats(
     scene: DatasetScene, config: BenchmarkConfig, out: Path, rasterizer: Rasterizer
 ) -> Stage[tuple[DatasetScene, str]]:
     """The scene with splats, trained here where it has none, and where they are from."""
@@ -297,6 +299,8 @@ def _settings(dataset: Dataset, task: _Task) -> dict[str, object]:
         "train": list(folder.train),
         "preset": asdict(AssociateConfig.of(config.preset)),
         "lift": config.lifted_by,
+        "groups": asdict(config.groups),
+        "identities": asdict(config.identities),
         "find": "given"
         if task.find is not None
         else {name: str(folder or "") for name, folder in vars(config.find).items()},
@@ -314,7 +318,7 @@ def _settings(dataset: Dataset, task: _Task) -> dict[str, object]:
     }
 
 
-def _masks_of(
+def masks_of_scene(
     scene: DatasetScene, config: BenchmarkConfig, out: Path, rasterizer: Rasterizer
 ) -> Stage[Path]:
     """The label maps to associate: of the scene, or made here by the weights-free provider."""
@@ -346,13 +350,13 @@ def _run(task: _Task, share: float, gaussians: Gaussians | None) -> Stage[Benchm
     root = task.out / ("views_all" if share == 1.0 else f"views_{100 * share:g}")
     own, engine = replace(folder, root=root, train=train), task.rasterizer
     start, n_parts = time.perf_counter(), 4
-    settings = AssociateConfig.of(config.preset)
+    settings = config.groups.config(config.preset)
     stage = associate_scene(own, task.masks, settings, gaussians=gaussians, rasterizer=engine)
     yield from part(stage, 0, n_parts, TITLE)
     what: Literal["groups", "identity"] = "groups"
     if config.lifted_by != "none":
         what, lift = "identity", config.lifted_by
-        lifting = lift_scene(own, lift, gaussians=gaussians, rasterizer=engine)
+        lifting = lift_scene(own, lift, config.identities, gaussians=gaussians, rasterizer=engine)
         yield from part(lifting, 1, n_parts, TITLE)
     predictions = root / "groups"
     shown = render_views(own, predictions, what=what, gaussians=gaussians, rasterizer=engine)

@@ -12,6 +12,7 @@ from gaga_core.evaluate.published import (
     PROMPT_METRICS,
     PROMPTS,
     SPARSE_IOU,
+    THRESHOLD_MIOU,
     Conditions,
     absent_scenes,
     departures,
@@ -111,6 +112,8 @@ class BenchmarkReport:
     sparse_splats: str = ""  # which splats runs over few views use
     is_retrained: bool = False  # they were trained on those views alone, as published
     is_further: bool = False  # of scenes that no published figure is a mean over
+    changes: str = ""  # settings of the association that are not the preset's
+    threshold: float | None = None  # of overlap, where it is one of them
 
     def to_json(self) -> dict[str, object]:
         """Plain values; scores in 0..1, published figures in percent."""
@@ -152,7 +155,15 @@ class BenchmarkReport:
         if absent and self.protocol == "instance":
             n = len(absent) + sum(s.scene not in absent for s in self.scenes)
             found.append(f"scenes: {len(absent)} of {n} are not here, and the mean is over all")
+        if self.changes and not self._at_threshold():
+            found.append(f"settings: {self.changes}")
         return list(dict.fromkeys(found))
+
+    def _at_threshold(self) -> Mapping[str, tuple[float, ...]]:
+        """Published mIoU by scene where only the overlap threshold was changed; mBIoU is not."""
+        if self.dataset != "lerf-mask" or self.changes != f"threshold {self.threshold}":
+            return {}
+        return {s: (v,) for s, v in THRESHOLD_MIOU.get(self.threshold or 0.0, {}).items()}
 
     def _departs(self) -> bool:
         """Whether the published figures may not stand next to ours."""
@@ -183,7 +194,9 @@ class BenchmarkReport:
         whole = [(s.scene, run) for s in self.scenes if (run := s.run(1.0)) is not None]
         scored = [(scene, run) for scene, run in whole if run.scores is not None]
         instance = self.protocol in ("instance", "qualitative")
-        tables = [self._instance_table(scored) if instance else self._prompt_table(scored)]
+        tables = []
+        if scored or not whole:
+            tables.append(self._instance_table(scored) if instance else self._prompt_table(scored))
         if instance and scored:
             tables.append(self._void_free_table(scored))
         if len(self._shares()) > 1 and scored:
@@ -218,7 +231,9 @@ class BenchmarkReport:
         if self.dataset in PROMPTS:
             n = 1 if self.protocol == "3d-ovs" else 2
             names = list(PROMPT_METRICS[:n])
-            rows = [[scene, *_tenths(v, n)] for scene, v in PROMPTS[self.dataset].items()]
+            figures = self._at_threshold() or PROMPTS[self.dataset]
+            rows = [[scene, *_tenths(v, len(v))] for scene, v in figures.items()]
+            names = names[: len(rows[0]) - 1]
         head = f"{self.title}, published: measured in another way than ours"
         return (_table([[head, *names], *rows], *(f"Not as published: {r}." for r in why)),)
 
@@ -249,11 +264,12 @@ class BenchmarkReport:
         """Ours, next to the published figures where both were measured the same way."""
         names = PROMPT_METRICS[: 1 if self.protocol == "3d-ovs" else 2]
         n, departs = len(names), self._departs()
-        published = {} if departs else PROMPTS.get(self.dataset, {})
+        published = {} if departs else self._at_threshold() or PROMPTS.get(self.dataset, {})
         beside = [] if departs else [f"published {name}" for name in names]
 
         def theirs(values: Sequence[float]) -> list[str]:
-            return [] if departs else _tenths(values, n)
+            shown = [] if departs else _tenths(values, n)
+            return shown + [""] * (len(beside) - len(shown))
 
         # Means over the same scenes: a published one counts where ours does.
         known = [published[scene] for scene, _ in whole if scene in published]

@@ -1,10 +1,10 @@
 """Repair an association by hand: a mask goes to another group, and what follows from it is redone.
 
 The bank before the mask's view stays; from that view on every mask is decided again in the same
-order, the moved one as given: with "paper" by the splats behind it, with "robust" by points on its
-surface (see `reassociate_points`). Either way decisions made by hand stay, ids of groups stay, and
-only splats of groups whose masks changed get another label. (The authors name "a dynamic
-reassignment mechanism" as future work.)
+order, the moved one as given: with "robust" by points on its surface, else by the splats behind it
+(see `follow_points`). Either way decisions made by hand stay, ids of groups stay, and only splats
+of groups whose masks changed get another label. (The authors name "a dynamic reassignment
+mechanism" as future work.)
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,8 +18,14 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.gate import ViewMasks
-from gaga_core.grouping.gate_kernels import take_free
-from gaga_core.grouping.memory_bank import Decision, MemoryBank, Overlaps, groups_of_masks
+from gaga_core.grouping.memory_bank import (
+    Decision,
+    MemoryBank,
+    Overlaps,
+    groups_of_masks,
+    overlap_of,
+    with_gaussians,
+)
 from gaga_core.grouping.repair.view_evidence import Evidence, gather_stage
 from gaga_core.grouping.robust.consensus import ConsensusConfig, merged_masks
 from gaga_core.grouping.robust.label_masks import fill_unseen, voting_labels
@@ -313,28 +319,27 @@ def _refill(
     former = {(d.view, d.mask): d for d in bank.log}
     order = list(dict.fromkeys(d.view for d in bank.log))
     start = order.index(first)
-    ids = _Ids(free)
-    group, log = np.full(len(bank.group), -1, np.int32), list[Decision]()
+    ids, live = _Ids(free), MemoryBank.empty(len(bank.group), bank.preset)
+    log = list[Decision]()
     for i, view in enumerate(order):
         masks, mask_of = evidence.gaussians_of(evidence.camera(view))
         if i < start:
             decisions = [former[view, int(m)] for m in masks.ids[1:] if (view, int(m)) in former]
         else:
-            decisions = _decided(evidence, view, (masks, mask_of), group, (former, forced), ids)
+            decisions = _decided(evidence, view, (masks, mask_of), live, (former, forced), ids)
         ids.opened |= {d.group for d in decisions}
         of_mask = groups_of_masks(replace(bank, log=tuple(decisions)), [view])[view]
         dense = np.append(of_mask, np.zeros(int(masks.ids[-1]) + 1, np.int32))[masks.ids]
-        group = group.copy()
-        take_free(mask_of, dense.astype(np.int32), group)
+        opened = np.isin(masks.ids, [d.mask for d in decisions if d.is_new])
+        live = with_gaussians(live, mask_of, dense.astype(np.int32), opened)
         log += decisions
         top = max(bank.n_groups, ids.free - 1)
-        live = replace(bank, group=group, n_groups=top, log=tuple(log))
+        live = replace(live, n_groups=top, log=tuple(log))
         n_open = len(ids.opened - {0})
         snapshot = BankSnapshot(view, live, n_open, keeps_ids=True)
         message = f"{view}: {n_open} groups"
         yield Progress(STAGE, i + 1, len(order), message, snapshot if i >= start else None)
-    n_groups = max((bank.n_groups, *(d.group for d in log)))
-    return replace(bank, group=group, n_groups=n_groups, log=tuple(log))
+    return replace(live, n_groups=max((bank.n_groups, *(d.group for d in log))))
 
 
 class _Ids:
@@ -364,20 +369,23 @@ def _decided(
     evidence: Evidence,
     view: str,
     shown: tuple[ViewMasks, IntArray],
-    group: IntArray,
+    bank: MemoryBank,  # before the view
     known: tuple[Mapping[tuple[str, int], Decision], Mapping[tuple[str, int], int]],
     ids: _Ids,
 ) -> list[Decision]:
     """`memory_bank.add_view`, but masks of ``known[1]`` go where it says."""
     (masks, mask_of), (former, forced) = shown, known
-    overlaps = Overlaps.of(mask_of, group, len(masks))
+    group, shared = bank.group, bank.shared
+    overlaps = Overlaps.of(mask_of, group, len(masks), shared)
     sizes, (best, second) = overlaps.sizes, overlaps.groups.T
 
     def share(m: int, g: int) -> float:
-        """Of #G(m), 0 for no group."""
+        """The overlap, 0 with no group."""
         at = np.flatnonzero(overlaps.groups[m] == g)
         n = overlaps.counts[m, at[0]] if len(at) else ((mask_of == m) & (group == g)).sum()
-        return int(n) / max(int(sizes[m]), 1) if g else 0.0
+        if len(at) == 0:
+            n += ((mask_of[shared[:, 0]] == m) & (shared[:, 1] == g)).sum()
+        return overlap_of(int(n), int(sizes[m]), bank.preset) if g else 0.0
 
     log, opened = [], set(ids.opened)
     for m in range(1, len(masks.ids)):
@@ -385,7 +393,7 @@ def _decided(
         joins = best[m] > 0 and share(m, int(best[m])) >= evidence.config.threshold
         if key in forced:
             to = forced[key]
-        elif sizes[m] == 0:
+        elif sizes[m] == 0 and bank.preset != "released":
             to = 0
         else:
             to = int(best[m]) if joins else ids.of_new_group(former.get(key))

@@ -162,8 +162,12 @@ def merge_groups(scene: Scene, groups: Sequence[int], title: str = "Merge") -> E
 def _merged_bank(bank: MemoryBank, into: int, others: Sequence[int]) -> MemoryBank:
     gone = set(others)
     log = tuple(replace(d, group=into) if d.group in gone else d for d in bank.log)
-    group = np.where(np.isin(bank.group, np.array(others, np.int32)), into, bank.group)
-    return replace(bank, group=group.astype(np.int32), log=log)
+    group, held = (
+        np.where(np.isin(ids, np.array(others, np.int32)), into, ids).astype(np.int32)
+        for ids in (bank.group, bank.shared[:, 1])
+    )
+    shared = np.stack([bank.shared[:, 0], held], axis=1)
+    return replace(bank, group=group, log=log, shared=shared)
 
 
 # --- parts of objects ---------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """What stands on the two sides of the line: nothing there changes the scene."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,13 @@ def test_the_other_preset_keeps_the_ids_of_what_is_alike(associated: Session) ->
     both = (other > 0) & (labels > 0)
     assert (other[both] == labels[both]).mean() > 0.9
     assert len(other) == len(scene)
+    assert split_view.found_text(session) == "Groups of robust, labels by vote of the masks"
+    session.settings = replace(session.settings, preset="released")
+    assert split_view.other_preset(session) == "released"  # the chosen one, and not known yet
+    assert split_view.other_labels(session) is None
+    assert split_view.associate_other(session)
+    assert session.jobs.wait(), session.notices
+    assert split_view.other_labels(session) is not None
 
 
 def test_a_cancelled_association_is_not_on_the_way(associated: Session) -> None:

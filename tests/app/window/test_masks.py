@@ -151,8 +151,9 @@ def test_a_click_asks_the_model_that_is_chosen(
 # --- The sheet Find objects with its folded switches, the lift, and the identity view.
 
 
+@pytest.mark.parametrize("preset", ["Paper", "Released"])
 def test_objects_are_found_as_published(
-    display: str, scene_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    display: str, scene_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, preset: str
 ) -> None:
     monkeypatch.setenv("GAGA_HOME", str(tmp_path / "home"))
 
@@ -162,15 +163,20 @@ def test_objects_are_found_as_published(
         state.groups, state.identities = GroupSettings(threshold=0.2), IdentitySettings(12)
         few = replace(state)
         d.menu("Find/###Find objects with settings…")
-        d.click("Find objects/Preset/###Paper")
-        assert session.settings.preset == "paper"
+        d.click(f"Find objects/Preset/###{preset}")
+        assert session.settings.preset == preset.lower()
         d.click("Find objects/**/Memory bank (section 3.2)")
         d.click("Find objects/**/Identity encodings (section 3.3)")
         assert state == few  # what is shown is not changed
+        _capture(d, f"find-{preset.lower()}")
         d.click("Find objects/###Find")
         d.settle()
         assert command("object.labels_identities").is_on(session)  # type: ignore[misc]
         assert session.need().history.undo_title == "Lift groups to identities"
+        bank = d.scene.bank
+        assert bank is not None
+        assert bank.preset == preset.lower()
+        _capture(d, f"found-{preset.lower()}")
         plain = d.pixels().astype(int)
         d.menu("View/###Identity encodings")
         assert session.view.mode is Mode.IDENTITY

@@ -107,7 +107,7 @@ def test_settings_of_the_association_are_switches(tmp_path: Path, capsys: Captur
 
 def test_preset_paper_is_the_whole_method(tmp_path: Path, capsys: Capture) -> None:
     """Association of 3.2, identities trained from zeros, labels by their classifier."""
-    assert IdentitySettings().config().paper.iterations == 10_000
+    assert IdentitySettings().config("robust", "paper").paper.iterations == 10_000
     root = tmp_path / "scene"
     write_scene(root)
     few = ("--lift-iterations", "20", "--void", "train", "--pseudo", "bank")

@@ -88,6 +88,17 @@ def test_prompts_are_scored_by_phrase_and_unanswered_ones_count_as_nothing(tmp_p
     assert heads[1:] == ["mIoU", "mBIoU", "published mIoU", "published mBIoU", "missing"]
     assert scene[3:] == [*(f"{v:.1f}" for v in PUBLISHED["lerf-mask"]["figurines"]), "2"]
     assert mean[3:5] == scene[3:5]
+    # The threshold table: its published mIoU is next to ours, its mBIoU is not known.
+    at = replace(report, scenes=(same,), changes="threshold 0.2", threshold=0.2)
+    (table,) = at.tables()
+    heads, scene, mean = table.table()
+    assert scene[1:] == [*scene[1:3], "85.8", "", "2"]
+    assert all(float(value) > 0 for value in scene[1:3])
+    apart = replace(at, scenes=report.scenes).tables()[1].table()
+    assert apart[0][1:] == ["mIoU"]
+    assert apart[1:] == [["figurines", "85.8"], ["ramen", "51.3"], ["teatime", "71.7"]]
+    other = replace(at, changes="inlier factor 2.0", threshold=None)
+    assert other.departures() == ["settings: inlier factor 2.0"]
 
 
 def test_a_pixel_is_a_prompts_where_a_group_is_probable_enough(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Section 3.2 of the paper in plain numpy.
+"""Section 3.2 of the paper, and what its released code does instead, in plain numpy.
 
 Masks one by one, groups as arrays of Gaussians, nothing shared with `gaga_core.grouping`: only
 depth maps and blending weights are the rasterizer's.
@@ -25,6 +25,7 @@ class Reading:
     groups: dict[int, LongArray] = field(default_factory=dict)  # Gaussians of each, by id
     of_mask: dict[tuple[str, int], int] = field(default_factory=dict)  # 0 = none
     overlap: dict[tuple[str, int], float] = field(default_factory=dict)  # with the best group
+    opened: set[tuple[str, int]] = field(default_factory=set)  # masks that opened a group
 
 
 def read(
@@ -54,6 +55,37 @@ def read(
             bank.groups[chosen] = np.union1d(bank.groups.get(chosen, free[:0]), free)
             bank.owner[free] = chosen
             bank.of_mask[camera.name, mask] = chosen
+    return bank
+
+
+def read_released(
+    gaussians: Gaussians, views: Sequence[Camera], maps: Mapping[str, IntArray]
+) -> Reading:
+    """The released code's bank after all views, sorted as strings; groups are counted from 1.
+
+    No depth map; overlap n / (size + n); a mask that joins brings what no group holds, one that
+    opens a group brings all of it; a mask without Gaussians opens an empty group.
+    """
+    bank = Reading(np.zeros(len(gaussians), np.int32))
+    for camera in sorted(views, key=lambda view: view.name):
+        labels = maps[camera.name]
+        behind = _front(gaussians, camera, labels)
+        for mask in sorted(set(labels[labels > 0].tolist())):
+            chosen, best, key = 0, 0.0, (camera.name, mask)
+            for group, held in sorted(bank.groups.items()):
+                n = len(np.intersect1d(behind[mask], held, assume_unique=True))
+                if n and n / (len(behind[mask]) + n) > best:
+                    chosen, best = group, n / (len(behind[mask]) + n)
+            bank.overlap[key] = best
+            free = behind[mask][bank.owner[behind[mask]] == 0]
+            if best >= _THRESHOLD:
+                bank.groups[chosen] = np.union1d(bank.groups[chosen], free)
+            else:
+                chosen = len(bank.groups) + 1
+                bank.groups[chosen] = behind[mask]
+                bank.opened.add(key)
+            bank.owner[free] = chosen
+            bank.of_mask[key] = chosen
     return bank
 
 
@@ -110,3 +142,20 @@ def _projected(
     inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
     pixel = [np.where(inside, at, 0).astype(np.int64) for at in (u, v)]
     return pixel[0], pixel[1], z, inside
+
+
+def _front(gaussians: Gaussians, camera: Camera, labels: IntArray) -> dict[int, LongArray]:
+    """The front fifth of the Gaussians of each mask in each of 32 x 32 patches, at least one."""
+    column, row, z, inside = _projected(gaussians, camera)
+    result = {}
+    for mask in set(labels[labels > 0].tolist()):
+        kept = [np.zeros(0, np.int64)]
+        for patch in range(32 * 32):
+            top, left = divmod(patch, 32)
+            there = inside & (labels[row, column] == mask)
+            there &= (row * 32 // camera.height == top) & (column * 32 // camera.width == left)
+            found = np.flatnonzero(there)
+            nearest = found[np.argsort(z[found])]
+            kept.append(nearest[: max(1, int(0.2 * len(found)))])
+        result[mask] = np.sort(np.concatenate(kept))
+    return result

@@ -27,12 +27,14 @@ def scene() -> Synthetic:
     return objects_scene(n_objects=5, n_cameras=10, seed=4)
 
 
-def test_the_paper_s_bank_is_the_one_of_all_views(scene: Synthetic) -> None:
-    whole = associate(scene, true_masks(scene, scene.cameras), "paper")
-    first = associate(scene, true_masks(scene, scene.cameras[:FIRST]), "paper")
+@pytest.mark.parametrize("preset", ["paper", "released"])
+def test_a_published_bank_is_the_one_of_all_views(scene: Synthetic, preset: str) -> None:
+    whole = associate(scene, true_masks(scene, scene.cameras), preset)
+    first = associate(scene, true_masks(scene, scene.cameras[:FIRST]), preset)
     added = add(scene, true_masks(scene, scene.cameras), first)
     assert added.bank.log == whole.bank.log
     assert np.array_equal(added.bank.group, whole.bank.group)
+    assert np.array_equal(added.bank.shared, whole.bank.shared)
     assert (added.labels == whole.labels).mean() > 0.99
 
 

@@ -11,8 +11,11 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.closed_form import ClosedForm
 from gaga_core.identity.field import Identity, LiftFigures
+from gaga_core.identity.lift import LiftConfig
 from gaga_core.identity.refine import RefineConfig, refine_identity
+from gaga_core.identity.rows import RowConfig, WholeViews, whole_views
 from gaga_core.identity.train import PaperConfig, TimeEstimate, train_identity
+from gaga_core.pipeline.settings import IdentitySettings
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from tests.core.identity.noisy import ROWS, G, Views, right_pixels
@@ -97,6 +100,68 @@ def test_training_from_zeros_learns_the_groups(
     assert right_pixels(scene, identity.field) > 0.9
     assert np.array_equal(identity.labels, identity.field.labels())
     assert (identity.labels > 0).all()  # class 0 was never trained
+
+
+def _whole(scene: Synthetic, views: Views, label_map: LabelMap, config: RowConfig) -> WholeViews:
+    return run_stage(whole_views(scene.gaussians, views, label_map, choose(), config))
+
+
+def test_a_step_takes_all_pixels_of_its_view_whatever_fits_into_memory(
+    scene: Synthetic, train: Views, label_map: LabelMap
+) -> None:
+    whole = RowConfig(per_view=0, w_min=0.0, train_void=True)
+    kept = _whole(scene, train, label_map, whole)
+    made = _whole(scene, train, label_map, replace(whole, memory_bytes=1))
+    encodings = np.random.default_rng(0).normal(size=(len(scene.gaussians), 16)).astype(np.float32)
+    for i, camera in enumerate(train):
+        assert np.array_equal(kept[i].labels, label_map(camera).ravel())
+        drawn = choose().render(scene.gaussians, camera, channels=encodings).image
+        features = made[i].rows.multiply(encodings)
+        assert np.abs(features - drawn.reshape(features.shape)).max() < 1e-3
+    assert len(kept.kept) == len(train)
+    assert len(made.kept) == 0
+    ignored = _whole(scene, train, label_map, replace(whole, train_void=False))
+    assert [len(batch.labels) for batch in ignored] == [(label_map(c) > 0).sum() for c in train]
+    config = replace(PAPER, rows=whole)
+    tight = replace(config, rows=made.config)
+    one, other = (_train(scene, train, label_map, c)[0] for c in (config, tight))
+    assert np.array_equal(one.field.encodings, other.field.encodings)
+
+
+def test_classes_are_the_groups_alone_where_none_is_no_class(
+    scene: Synthetic, train: Views, label_map: LabelMap
+) -> None:
+    config = replace(PAPER, has_none=False, iterations=60)
+    identity, figures = _train(scene, train, label_map, config)
+    assert (identity.labels > 0).all()
+    assert identity.field.probabilities(identity.field.encodings)[:, 0].max() < 1e-30
+    # The loss of an even guess among the G groups is 1, in units of ln G.
+    assert figures.loss_before == pytest.approx(1, abs=0.25)
+    assert (figures.loss or 1) < (figures.loss_before or 0)
+    bias = identity.field.bias
+    assert bias[0] < -1e8
+    assert np.abs(bias[1:]).max() < 1
+    with pytest.raises(ValueError, match="class 0"):
+        replace(config, rows=RowConfig(train_void=True))
+
+
+def test_each_preset_trains_as_it_says() -> None:
+    """The paper's text, its released code, and the sample of robust (docs/method.md)."""
+    paper, released, robust = (LiftConfig.of(name) for name in ("paper", "released", "robust"))
+    assert (paper.pseudo, released.pseudo, robust.pseudo) == ("bank", "masks", "masks")
+    for config in (paper, released):
+        rows, rates = config.paper.rows, config.paper.rates
+        assert (rows.per_view, rows.w_min) == (0, 0.0)
+        assert (rates.epsilon, rates.layer_epsilon) == (1e-15, 1e-8)
+        assert config.paper.iterations == 10_000
+    assert (paper.paper.has_none, paper.paper.rows.train_void) == (False, False)
+    assert (released.paper.has_none, released.paper.rows.train_void) == (True, True)
+    assert robust == LiftConfig() == LiftConfig.of("paper", "vote")
+    assert robust.paper.rows.per_view == 16384
+    sampled = IdentitySettings(pixels=16384, void="train").config("paper", "paper")
+    assert sampled.paper.rows == RowConfig(train_void=True)
+    assert sampled.paper.has_none
+    assert sampled.pseudo == "bank"
 
 
 def test_the_estimate_comes_first(scene: Synthetic, train: Views, label_map: LabelMap) -> None:

@@ -48,6 +48,23 @@ def folder(made: Path, tmp_path: Path) -> SceneFolder:
     return open_scene_folder(shutil.copytree(made, tmp_path / "scene"))
 
 
+def test_the_report_names_the_mask_ids_of_the_first_view(folder: SceneFolder) -> None:
+    """Groups are counted from 1; the paper calls those of the first view by their masks' ids."""
+    for path in (folder.root / "masks").glob("*/*.png"):
+        labels = read_labels(path)
+        write_labels(path, np.where(labels > 0, 7 * labels + 35, 0).astype(np.int32))
+    for preset in ("paper", "released", "robust"):
+        bank = run_stage(associate_scene(folder, config=AssociateConfig.of(preset))).bank
+        saved = load_bank(folder.work / "bank.npz")
+        assert (saved.preset, saved.log) == (preset, bank.log)
+        assert np.array_equal(saved.shared, bank.shared)
+        entry = json.loads((folder.work / "report.json").read_text())["associate"]
+        first = [d for d in bank.log if d.view == folder.train[0] and d.group]
+        named = {str(d.group): d.mask for d in first} if preset != "robust" else {}
+        assert entry["first_view"] == named
+        assert all(mask >= 42 for mask in named.values())
+
+
 def test_associate_writes_bank_labels_and_pseudo_labels(folder: SceneFolder) -> None:
     result = run_stage(associate_scene(folder))
     bank = load_bank(folder.work / "bank.npz")

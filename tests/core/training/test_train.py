@@ -218,7 +218,7 @@ def test_the_report_is_plain_json_and_says_what_came_out(known: Known) -> None:
     report = json.loads(json.dumps(report_of(trained, config, Cost(12.34, 56.78))))
     assert trained.quality is not None
     assert report["held_out"]["psnr"] == pytest.approx(trained.quality.psnr, abs=1e-3)
-    assert [v["name"] for v in report["held_out"]["views"]] == ["000.png", "001.png"]
+    assert [v["name"] for v in report["held_out"]["views"]] == ["001.png"]  # the other one chose
     assert report["splats"] == len(trained.gaussians)
     assert report["settings"]["density"]["max_splats"] == 700
     assert [p["iteration"] for p in report["loss_curve"]] == list(range(1, 31))

@@ -35,15 +35,33 @@ def previewed(known: Known, settings: TrainConfig) -> tuple[Trained, list[Gaussi
 
 def test_the_best_measured_splats_are_the_result(contrary: Known) -> None:
     trained, previews = previewed(contrary, config())
-    best = max(trained.measured, key=lambda m: m.psnr)
-    assert best.iteration == trained.kept < 30
+    kept = next(m for m in trained.measured if m.iteration == trained.kept)
+    assert trained.kept < 30
     assert trained.quality is not None
-    assert trained.quality.psnr == best.psnr > trained.measured[-1].psnr
+    assert trained.quality.psnr == kept.psnr > trained.measured[-1].psnr
     then = previews[trained.kept - 1]
     n_sh = then.sh.shape[1]
     assert_same(replace(trained.gaussians, sh=trained.gaussians.sh[:, :n_sh].copy()), then)
     assert not trained.gaussians.sh[:, n_sh:].any()
     assert trained.gaussians.sh_degree == 1
+
+
+def test_what_chooses_does_not_tell_how_good_the_choice_is(contrary: Known) -> None:
+    """Every other held-out photo chooses; the report is of the rest, none where one is all."""
+    chooser, teller = contrary.views.test[0], contrary.views.train[0]
+    views = replace(contrary.views, test=(chooser, teller))
+    trained, _ = previewed(replace(contrary, views=views), config())
+    assert trained.quality is not None
+    assert [view.name for view in trained.quality.views] == [teller.camera.name]
+    kept = {m.iteration: m.psnr for m in trained.measured}
+    assert trained.quality.psnr == kept[trained.kept] < max(kept.values())
+    alone = replace(contrary.views, test=(chooser,))
+    only, _ = previewed(replace(contrary, views=alone), config())
+    assert (only.kept, only.quality) == (trained.kept, None)
+    assert len(only.measured) == len(trained.measured)
+    whole, _ = previewed(replace(contrary, views=views), config(keep_best=False))
+    assert whole.quality is not None
+    assert len(whole.quality.views) == 2
 
 
 def test_the_last_ones_where_nothing_was_better_or_photos_are_many(contrary: Known) -> None:

@@ -1,14 +1,15 @@
 """Find objects: associate masks with settings, identities, and the stage that comes next."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, UInt8Array
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot, associate_stage
-from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.grouping.memory_bank import MemoryBank, Preset
 from gaga_core.identity.field import FILE as IDENTITY_FILE
 from gaga_core.identity.field import encoding_colors, save_identity
 from gaga_core.identity.lift import LiftConfig, lift_groups, mode_of_preset, task_of_association
@@ -54,11 +55,12 @@ def lift_mode(settings: Settings, preset: str = "") -> LiftMode | None:
     """The mode of identities once objects are found by ``preset`` (default: that of the settings).
 
     None: not at all.
-    Preset paper trains them, as published. Robust leaves them: its labels are votes either way.
+    Presets paper and released train them, as published. Robust leaves them: its labels are votes
+    either way.
     """
     modes: dict[str, LiftMode] = {"vote": "vote", "refine": "refine", "paper": "paper"}
     if settings.identities == "preset":
-        return "paper" if (preset or settings.preset) == "paper" else None
+        return None if (preset or settings.preset) == "robust" else "paper"
     return modes.get(settings.identities)
 
 
@@ -73,15 +75,15 @@ _CHANGED = "The objects were found again meanwhile, so the identities are left o
 def lift(session: Session, mode: LiftMode | None = None) -> None:
     """Make identities of the groups as one edit, in ``mode``; default: as the settings say.
 
-    Labels come from them where the paper says so: trained, from groups of the preset paper.
+    Labels come from them where they are published so: trained, from groups of a published preset.
     """
     document = session.need()
     bank = document.settled().scene.bank
-    preset = bank.preset if bank is not None else "paper"
+    preset: Preset = bank.preset if bank is not None else "paper"
     mode = mode or lift_mode(session.settings, preset) or mode_of_preset(preset)
-    options = session.feature(FindState).identities.config()
+    options = session.feature(FindState).identities.config(preset, mode)
     stage = lift_project_stage(document.project, session.masks, mode, options)
-    used = (mode, preset) == ("paper", "paper")
+    used = mode == "paper" and preset != "robust"
 
     check = watch(session, document, _CHANGED, lambda: document.settled().scene.bank is bank)
 
@@ -289,20 +291,23 @@ COMMANDS: tuple[Command, ...] = (
 # --- the stage that a scene needs next
 
 # Measured on two cores: a depth picture, a vote and the gate, per view and million splats.
-_SECONDS_PER_VIEW = {"paper": 0.6, "robust": 1.2}
+_SECONDS_PER_VIEW = {"paper": 0.6, "released": 0.4, "robust": 1.2}
 _LEAST_SECONDS = 2.0
 _SECONDS_PER_PHOTO = 0.7  # regions: depth, superpixels and merging
 _SECONDS_PER_STEP = 0.02  # of identities from zeros, 16,384 pixels each
+_SECONDS_PER_PIXEL = 2.4e-6  # ... of a step on all pixels, measured on ycb_table
 
 
-def training_seconds(config: LiftConfig) -> float:
-    """Estimated time to train identities."""
-    return config.paper.iterations * _SECONDS_PER_STEP
+def training_seconds(config: LiftConfig, cameras: Sequence[Camera]) -> float:
+    """Estimated time to train identities on views of ``cameras``."""
+    n, whole = config.paper.rows.per_view, max((c.width * c.height for c in cameras), default=0)
+    per_step = _SECONDS_PER_STEP * n / 16384 if n else _SECONDS_PER_PIXEL * whole
+    return config.paper.iterations * per_step
 
 
-def training_text(config: LiftConfig) -> str:
+def training_text(config: LiftConfig, cameras: Sequence[Camera]) -> str:
     """A sentence on the training of identities after an association."""
-    n, seconds = config.paper.iterations, duration_text(training_seconds(config))
+    n, seconds = config.paper.iterations, duration_text(training_seconds(config, cameras))
     return (
         f"Then {n:,} training steps, {seconds}. Cancel keeps the objects; the next run continues."
     )
@@ -404,5 +409,6 @@ def stage_offer(session: Session) -> StageOffer | None:
     if document is None or session.jobs.running or document.read.has_groups():
         return None
     trains = lift_mode(session.settings) == "paper"
-    training = training_seconds(session.feature(FindState).identities.config()) if trains else 0.0
+    options = session.feature(FindState).identities.config(session.settings.preset, "paper")
+    training = training_seconds(options, session.cameras) if trains else 0.0
     return offer_of(document.project, len(session.masks), session.settings.preset, training)

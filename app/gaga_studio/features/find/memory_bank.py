@@ -302,10 +302,10 @@ def consequences_of_adding(session: Session) -> tuple[str, ...]:
         "Names, colors, folders and parents stay; so do merged and split objects, "
         "and masks that you moved."
     ]
-    if scene.bank is not None and scene.bank.preset == "paper":
+    if scene.bank is not None and scene.bank.is_published:
         said.append(
-            "Splats that you put elsewhere by hand can follow the new masks: the preset Paper does "
-            "not distinguish them from others."
+            "Splats that you put elsewhere by hand can follow the new masks: the preset "
+            f"{scene.bank.preset.capitalize()} does not distinguish them from others."
         )
     else:
         said.append("Splats that you put elsewhere by hand stay there.")

@@ -11,7 +11,6 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
-from gaga_core.identity.lift import LiftConfig
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.segmentation.choose import ProviderEntry
 from gaga_core.segmentation.models.catalogue import known_model
@@ -380,7 +379,8 @@ FIND_OBJECTS = "Find objects"
 _NAMES = 11.0  # width of the names of fields, ems
 _PRESETS = (
     ("robust", "", "Robust", "Groups by the agreement of all views"),
-    ("paper", "", "Paper", "The published method: memory bank view by view, trained identities"),
+    ("paper", "", "Paper", "The paper's text: memory bank view by view, trained identities"),
+    ("released", "", "Released", "The paper's released code, where it differs from the text"),
 )
 _IDENTITIES = {
     "preset": "As in the preset",
@@ -389,9 +389,19 @@ _IDENTITIES = {
     "refine": "By vote, then a few training steps",
     "paper": "Trained from zeros, as published",
 }
-_DEPTHS = {"expected": "Expected", "median": "Median", "none": "None: all behind the mask"}
-_ORDERS = {"name": "By name", "coverage": "Widest views first"}
+_DEPTHS = {
+    "expected": "Expected",
+    "median": "Median",
+    "none": "None: all behind the mask",
+    "front": "None: front 20 % of each patch",
+}
+_ORDERS = {
+    "name": "By name",
+    "string": "By name, 10 before 2",
+    "coverage": "Widest views first",
+}
 _PSEUDO = {"masks": "Masks with their groups", "bank": "The splatted bank"}
+_PIXELS = {0: "All, as published", 16384: "16,384: a thirtieth of the time"}
 _VOID = {"ignore": "Left out", "train": "Trained as no group"}
 C = TypeVar("C", GroupSettings, IdentitySettings)
 
@@ -449,14 +459,20 @@ def _identities(session: Session) -> None:
     chosen = widgets.choice("Identities", _IDENTITIES, settings.identities, em(_NAMES))
     if chosen != settings.identities:
         session.change_settings(replace(settings, identities=chosen))
-    identities, lift = state.identities, state.identities.config()
+    identities = state.identities
+    lift = identities.config(settings.preset, lift_mode(settings) or "vote")
     steps = setting_of(identities, "lift_iterations")
     widgets.field_name(steps.title, em(_NAMES))
     changed, n = imgui.input_int(f"##{steps.title}", lift.paper.iterations, 1000)
     widgets.tooltip("Of identities that are trained from zeros; published: 10,000")
     if changed:
         identities = replace(identities, lift_iterations=int(steps.clamped(n)))
-    hint = "What identities are trained on: figure 2 and the published code, or the text"
+    hint, n = "Of a view, while identities are trained from zeros", lift.paper.rows.per_view
+    title = setting_of(identities, "pixels").title
+    pixels = widgets.choice(title, {n: f"{n:,}"} | _PIXELS, n, em(_NAMES), hint=hint)
+    if pixels != n:
+        identities = replace(identities, pixels=pixels)
+    hint = "What identities are trained on: figure 2 and the released code, or the text"
     identities = _choice(identities, "pseudo", _PSEUDO, lift.pseudo, hint)
     void = "train" if lift.paper.rows.train_void else "ignore"
     state.identities = _choice(identities, "void", _VOID, void)
@@ -468,7 +484,8 @@ def _find_row(session: Session) -> None:
     no_masks = "" if len(session.masks) else "This scene has no masks. Use Make masks."
     mode = lift_mode(session.settings)
     then = " and train" if mode == "paper" else ""
-    hint = training_text(state.identities.config()) if then else ""
+    options = state.identities.config(session.settings.preset, "paper")
+    hint = training_text(options, session.cameras) if then else ""
     face = Face(f"Find objects{then}", icons.RUN, primary=True)
     if widgets.button("Find", face, why_not=busy or no_masks, hint=hint):
         imgui.close_current_popup()
@@ -481,7 +498,7 @@ def _find_row(session: Session) -> None:
         imgui.close_current_popup()
         association.lift(session)
     imgui.same_line()
-    as_preset = state.groups == GroupSettings() and state.identities.config() == LiftConfig()
+    as_preset = state.groups == GroupSettings() and state.identities == IdentitySettings()
     as_preset &= session.settings.identities == Settings().identities
     same = "All settings are those of the preset." if as_preset else ""
     if widgets.button("Reset", why_not=same, hint="Take every switch from the preset"):

@@ -15,7 +15,11 @@ from gaga_studio.ui.kit.theme import em
 
 _THEMES = {"dark": "Dark", "light": "Light"}
 _PROFILES = {"supersplat": "SuperSplat", "blender": "Blender"}
-_PRESETS = {"robust": "Robust: all views decide", "paper": "Paper: one view after the other"}
+_PRESETS = {
+    "robust": "Robust: all views decide",
+    "paper": "Paper: one view after the other",
+    "released": "Released: as the paper's released code",
+}
 _LOG = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
 SHEET = "Preferences"
 _NAMES = 11.5  # width of the names of fields, ems

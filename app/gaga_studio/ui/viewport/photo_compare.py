@@ -121,6 +121,8 @@ def _sides(
             drawing.add_rect_filled(ImVec2(low, whole.y), ImVec2(high, bottom), ground)
             sentence = _photo_side(session, compared, photo, place, side) or sentence
         elif low == whole.x and drawn:  # the right side is the picture itself
+            if side is Side.PRESET:
+                sentence = split_view.found_text(session)
             corner, end = ImVec2(whole.x, whole.y), ImVec2(whole.x + whole.width, bottom)
             texture = imgui.ImTextureRef(drawn)
             imgui.get_window_draw_list().add_image(texture, corner, end, ImVec2(0, 1), ImVec2(1, 0))

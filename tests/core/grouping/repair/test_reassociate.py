@@ -21,7 +21,7 @@ from gaga_core.raster.base import Frame
 from tests.core.grouping.true_masks import true_map
 from tests.scenes import Synthetic, objects_scene
 
-PRESETS = ("paper", "robust")
+PRESETS = ("paper", "released", "robust")
 _FLOOR = 6
 
 
@@ -219,7 +219,8 @@ def test_an_older_bank_tells_its_preset_by_the_order_of_its_views(
     found, evidence = made
     arrays = bank_arrays(found.bank)
     del arrays["preset"]
-    assert bank_of(arrays).preset == evidence.config.preset
+    older = "robust" if evidence.config.preset == "robust" else "paper"  # there were these two
+    assert bank_of(arrays).preset == older
     with pytest.raises(ValueError, match="preset"):
         bank_of({**arrays, "preset": np.array("other")})
 
