@@ -42,10 +42,10 @@ from gaga_studio.features.base import (
     Command,
     ask,
     busy,
-    first_of,
     no_groups,
+    no_photos,
+    no_scene,
     no_selection,
-    no_views,
     not_saveable,
 )
 from gaga_studio.features.find.search import SearchState
@@ -254,7 +254,7 @@ def export(
     session.need().settled()
     groups = cleanup.to_clean(session) if what != "scene" else ()
     if not groups:
-        scene = folders.scene_along(session)
+        scene = replace(folders.scene_along(session))  # as it is now: the job may wait
         listed = selected_groups(scene).tolist()
         start_export(session, path, export_stage(scene, what, path, listed, form, options))
         return
@@ -279,7 +279,7 @@ def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
         session.has_exported = True
         session.notify(Level.INFO, text, shows=path)
 
-    session.jobs.start(f"Export to {path.name}", stage, on_done=done)
+    session.jobs.start(f"Export to {path.name}", stage, on_done=done, waits=True)
 
 
 def export_stage(
@@ -445,21 +445,19 @@ def _not_filmable(session: Session) -> str:
     return (camera.no_path(session) if camera.no_photo_files(session) else "") or busy(session)
 
 
-_no_objects = first_of(no_groups, busy)
-_no_chosen = first_of(no_selection, busy)
 COMMANDS: tuple[Command, ...] = (
     ask(
         "file.export_scene",
         "Export scene…",
         Request.EXPORT_SCENE,
         "Ctrl+Shift+E",
-        enabled=not_saveable,
+        enabled=no_scene,
     ),
-    ask("file.export_page", "Export a web page…", Request.EXPORT_PAGE, enabled=not_saveable),
-    ask("file.export_selected", "Export selection…", Request.EXPORT_SELECTED, enabled=_no_chosen),
-    ask("file.export_objects", "Export objects…", Request.EXPORT_OBJECTS, enabled=_no_objects),
-    ask("file.export_meshes", "Export meshes…", Request.EXPORT_MESHES, enabled=_no_objects),
-    ask("file.export_cameras", "Export cameras…", Request.EXPORT_CAMERAS, enabled=no_views),
+    ask("file.export_page", "Export a web page…", Request.EXPORT_PAGE, enabled=no_scene),
+    ask("file.export_selected", "Export selection…", Request.EXPORT_SELECTED, enabled=no_selection),
+    ask("file.export_objects", "Export objects…", Request.EXPORT_OBJECTS, enabled=no_groups),
+    ask("file.export_meshes", "Export meshes…", Request.EXPORT_MESHES, enabled=no_groups),
+    ask("file.export_cameras", "Export cameras…", Request.EXPORT_CAMERAS, enabled=no_photos),
     ask(
         "file.save_picture",
         "Save picture…",
