@@ -29,6 +29,7 @@ class Notice:
     command: str = ""  # id of one that the notice offers
     time: float = field(default_factory=time.monotonic)  # seconds, ``time.monotonic``
     shows: Path | None = None  # what was written: it can be shown in its folder
+    otherwise: str = ""  # id of the other answer: the notice is a question, and stays until then
 
 
 class NothingSelectedError(GagaError):

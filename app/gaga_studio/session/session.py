@@ -138,6 +138,10 @@ def _group_at(
 _MOST_NOTICES = 50
 T = TypeVar("T")
 NO_GROUPS = "There are no groups here. Use Find objects to make them."
+NO_OBJECTS_OF_A_FILE = (
+    "A single splat file has no photos to find objects in. Make them by clicks with the "
+    "tool Object (O), or open the scene folder of the file."
+)
 COPY, ELSEWHERE, RELOAD = "Save with a copy", "Save elsewhere…", "Reload"
 
 
@@ -195,10 +199,19 @@ class Session:
     # --- messages
 
     def notify(
-        self, level: Level, text: str, command: str = "", *, shows: Path | None = None
+        self,
+        level: Level,
+        text: str,
+        command: str = "",
+        *,
+        shows: Path | None = None,
+        otherwise: str = "",
     ) -> None:
-        """Tell the user one sentence; offer the command with this id, or to show a file."""
-        notice = Notice(level, plain_text(text), command, shows=shows)
+        """Tell the user one sentence; offer the command with this id, or to show a file.
+
+        With the command ``otherwise`` it is a question, which stays until it is answered.
+        """
+        notice = Notice(level, plain_text(text), command, shows=shows, otherwise=otherwise)
         waits = self.document is not None and self.document.waiting
         if waits and self.notices and self.notices[-1].text == notice.text:
             return  # it is said already, and a drag would say it in every frame
@@ -582,6 +595,12 @@ class Session:
     def selected_groups(self) -> tuple[int, ...]:
         """Objects with a selected splat, ascending."""
         return self.document.read.selected_groups() if self.document is not None else ()
+
+    @property
+    def no_groups_text(self) -> str:
+        """Sentence on how to get objects where there are none."""
+        is_file = self.project is not None and self.project.folder is None
+        return NO_OBJECTS_OF_A_FILE if is_file else NO_GROUPS
 
     def decisions(self, group: int) -> tuple[Decision, ...]:
         """Return which masks joined a group and why, in the order of the association."""
