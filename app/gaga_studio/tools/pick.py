@@ -15,7 +15,9 @@ class PickTool(ClickTool):
     name = ToolName.PICK
 
     def click(self, session: Session, place: ViewportPoint) -> None:
-        """Select the object under the mouse."""
+        """Select the object under the mouse; where there are no objects, as the tool Object."""
+        if click_object.first_click(session, place):
+            return
         selection.click(session, place.u, place.v, place.width, place.height, place.how)
 
     def hint(self, session: Session) -> str:
