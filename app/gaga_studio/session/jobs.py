@@ -270,6 +270,8 @@ class _Delivery(Generic[T]):
         latest = self.latest
         if latest is None or latest.total <= 0:
             return None
+        if latest.left_s is not None:
+            return latest.left_s
         share = min(latest.done / latest.total, 1.0)
         begun_at, begun_share = self._begun.get(latest.stage, (0.0, share))
         done, left = share - begun_share, 1 - share

@@ -173,10 +173,8 @@ def _label(session: Session, found: "PhotoFind") -> str:
     """ "Make splats from 50 photos, about 4 min"; no time where too few cannot make any."""
     if reconstruction.too_few(found):
         return reconstruction.title(session)
-    seconds = found.seconds(reconstruction.plan_of(found).config)
-    return association.StageOffer(
-        "", reconstruction.title(session), seconds=max(seconds, 1.0)
-    ).label
+    seconds = reconstruction.seconds_of(session, found, reconstruction.plan_of(found))
+    return association.StageOffer("", reconstruction.title(session), seconds=seconds).label
 
 
 # --- while it runs
@@ -315,7 +313,9 @@ def _sheet_end(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -
     if is_other:
         widgets.dim("With other settings the training starts again.", wrap=True)
         found = replace(found, iteration=0)
-    about = association.StageOffer("", "", seconds=max(found.seconds(plan.config), 1.0)).duration
+    about = association.StageOffer(
+        "", "", seconds=reconstruction.seconds_of(session, found, plan)
+    ).duration
     widgets.dim(f"It takes {about} on the processor here.")
     face = Face("Start", icons.RUN, width=em(8), primary=True)
     if answer("Start", face, why_not=reconstruction.why_not(session)):
