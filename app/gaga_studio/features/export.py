@@ -23,6 +23,7 @@ from gaga_core.export.export import (
     least_psnr,
     objects_indices,
     objects_losses,
+    sampled_bytes,
 )
 from gaga_core.export.options import ExportOptions, PageContent, Point
 from gaga_core.export.page import content_of
@@ -58,7 +59,6 @@ from gaga_studio.system import paths
 What = Literal["scene", "selected", "objects"] | Literal["cameras"]
 Export = Literal["scene", "selected", "objects"]
 _AS_IS = ExportOptions()
-_FILLED = 0.6  # of the triangles of a ball: most objects are thinner
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,10 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
         degree = min(degree, options.sh_degree)
     n_splats = options.count(len(splats))
     n_listed = len(np.unique(scene.labels[splats])) if plan.form is SplatFormat.HTML else 0
-    n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree, n_listed)
+    if plan.form is SplatFormat.SPZ:
+        n_bytes = sampled_bytes(scene.gaussians, splats, n_splats, options)
+    else:
+        n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree, n_listed)
     if n_splats < len(splats):
         lost = ("Neighbours are merged; the loss is measured afterwards.", *lost)
     return ExportSummary(n_splats, n_files, n_bytes, lost)
@@ -193,10 +196,14 @@ def _mesh_summary(
 
 
 def _mesh_bytes(how: MeshExport) -> int:
-    """About how large the file of an object is: of a mesh, as of a ball that fills its voxels."""
-    n = 250 if how.form is not MeshForm.MESH else round(5 * how.config.voxels**2 * _FILLED)
-    vertex, triangle = (24, 12) if how.file is MeshFile.GLB else (50, 19)
-    return n // 2 * vertex + n * triangle
+    """About how large the file of an object is: nearly all meshes reach their limit."""
+    is_glb = how.file is MeshFile.GLB
+    if how.form is MeshForm.BOX:
+        return 1_000 if is_glb else 370  # 12 triangles, measured
+    if how.form is MeshForm.COLLIDER:
+        return 5_200 if is_glb else 6_900  # 128 vertices, 252 triangles, measured
+    n = how.config.triangles or 5 * how.config.voxels**2  # of a ball
+    return n * 24 + 1_000 if is_glb else n * 44
 
 
 def form_of_name(name: str) -> SplatFormat | None:
