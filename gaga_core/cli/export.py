@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from gaga_core.io.splats.splat_files import SplatFormat
     from gaga_core.scene.project import Project
 
-_CHANGES = ("sh_degree", "crop", "centre", "ground", "scale", "decimate", "upright")
+_CHANGES = ("sh_degree", "crop", "centre", "ground", "scale", "decimate", "as_trained")
 _SPLATS = ("scene", "objects")
 _WORLD = (*_SPLATS, "cameras")  # what lies in the world of the exported splats
 GOES_WITH = {  # --what that a switch changes something of
@@ -35,6 +35,7 @@ GOES_WITH = {  # --what that a switch changes something of
     "ground": _WORLD,
     "scale": _WORLD,
     "decimate": _SPLATS,
+    "as_trained": _SPLATS,
     "identity": _SPLATS,
 }
 

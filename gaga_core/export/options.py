@@ -49,10 +49,10 @@ class ExportOptions:
     decimate: float = 1.0
     """Share of the splats to keep, 0.25 for a quarter: neighbours that are alike are merged. What
     that loses is told in dB: pictures of before against pictures of after (scene, objects)."""
-    upright: bool = True
-    """Turn what a .glb holds so that up is y, as glTF has it; else it has the axes of the scene.
-    Other forms always have these (scene, objects)."""
-    up: Point = (0.0, 0.0, 1.0)  # unit, world: ``ground`` moves along it, ``upright`` turns it
+    as_trained: bool = False
+    """Leave a .glb in the axes of the scene, as other forms are; else it is turned so that up is y,
+    as glTF has it (scene, objects)."""
+    up: Point = (0.0, 0.0, 1.0)  # unit, world: ``ground`` moves along it, a .glb is turned by it
     page: PageContent = field(default_factory=PageContent)  # of an .html
 
     def __post_init__(self) -> None:
@@ -103,7 +103,7 @@ class ExportOptions:
         """
         up, to = np.array(self.up, np.float64), np.array([0.0, -1.0, 0.0])
         axis, cosine = np.cross(up, to), float(up @ to)
-        if not self.upright or cosine > 1 - 1e-9:
+        if self.as_trained or cosine > 1 - 1e-9:
             return np.eye(3)
         if cosine < -1 + 1e-9:  # it stands on its head: half around x
             return np.diag([1.0, -1.0, -1.0])

@@ -45,9 +45,21 @@ class _Refused:
 
 def why_not(session: Session) -> str:
     """Return why no splats can be made now; "" when they can."""
+    return busy(session) or (too_few(session.photos) if session.photos is not None else "")
+
+
+def why_no_settings(session: Session) -> str:
+    """Return why there is nothing to set; "" when there is."""
     if session.photos is None:
         return "No photos without splats are open. Open a folder of photos, or a video."
-    return busy(session) or too_few(session.photos)
+    return why_not(session)
+
+
+def open_photos(session: Session, path: Path) -> None:
+    """Open a video, or the folder of a photo."""
+    from gaga_core.placing.photos import is_video
+
+    session.open(path if is_video(path) or path.is_dir() else path.parent)
 
 
 def too_few(found: "PhotoFind") -> str:
@@ -94,7 +106,10 @@ def found_text(found: "PhotoFind") -> str:
 def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
     """Make splats of the photos that are open, as a job that shows them while they are trained."""
     found = session.photos
-    if found is None or why_not(session):
+    if found is None:  # they are chosen first
+        session.request = Request.OPEN_PHOTOS
+        return
+    if why_not(session):
         session.notify(Level.WARNING, why_not(session))
         return
     plan = plan or plan_of(found)
@@ -263,6 +278,7 @@ def plan_with(plan: ReconstructionPlan, name: str, value: object) -> Reconstruct
 
 
 COMMANDS: tuple[Command, ...] = (
+    ask("file.open_photos", "Start from photos or a film…", Request.OPEN_PHOTOS),
     Command("file.make_splats", "Make splats from photos", make, enabled=why_not, describe=title),
-    ask("file.make_splats_as", "Make splats as…", Request.MAKE_SPLATS, enabled=why_not),
+    ask("file.make_splats_as", "Make splats as…", Request.MAKE_SPLATS, enabled=why_no_settings),
 )

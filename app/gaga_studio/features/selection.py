@@ -371,7 +371,6 @@ COMMANDS: tuple[Command, ...] = (
         "Select nothing",
         select_none,
         "Ctrl+Shift+A",
-        ("Ctrl+D",),
         enabled=no_selection,
     ),
     Command("select.invert", "Invert selection", select_inverse, "Ctrl+I", enabled=no_scene),

@@ -42,7 +42,7 @@ def why_not_left(session: Session) -> str:
     if session.document is None:
         return "No scene is open."
     path = session.document.project.model_path
-    return "" if _is_open_question(path) else f"{path.name} says which way is up."
+    return "" if _is_open_question(path) else "The file says which way is up."
 
 
 def _name(session: Session) -> str:

@@ -128,6 +128,7 @@ class Request(Enum):
     # A path of the file dialog.
     OPEN_FOLDER = auto()
     OPEN_FILE = auto()
+    OPEN_PHOTOS = auto()
     ADD_SPLATS = auto()
     IMPORT_MASK_FOLDER = auto()
     IMPORT_MASK_FILE = auto()

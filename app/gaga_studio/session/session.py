@@ -462,15 +462,22 @@ class Session:
         self.document, (self.provider, self.masks) = Document(project), found
         self.document.history.set_budget(self.settings.undo_bytes)
         self._claim(self.document)
+        self.active_view = self.show_start()
+
+    def show_start(self, *, animated: bool = False) -> int | None:
+        """Show what is shown first of a scene; return the photo that it is, if it is one."""
+        document = self.need()
+        scene, before = document.scene, self.rig.pose
         if self.cameras:
-            self.rig.frame_scene(
-                *splat_box(project.scene), self.cameras, up=self.document.up_of_photos()
-            )
+            up = document.up_of_photos()
+            self.rig.frame_scene(*splat_box(scene), self.cameras, up=up)
         else:
-            up = guess_up(project.scene.gaussians)
-            self.rig.frame_scene(*whole_box(project.scene), up=up)
-        self.rig.follow(self.document.world)
-        self.active_view = 0 if self.cameras else None
+            up = self.rig.up if animated else guess_up(scene.gaussians)
+            self.rig.frame_scene(*whole_box(scene), up=up)
+        self.rig.follow(document.world)
+        if animated:
+            self.rig.fly_from(before)
+        return 0 if self.cameras else None
 
     def _forget(self) -> None:
         if self.document is not None:

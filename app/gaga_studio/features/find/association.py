@@ -338,12 +338,14 @@ class StageOffer:
 
 
 def duration_text(seconds: float) -> str:
-    """ "about 20 s", "about 3 min"; empty when it is not known."""
+    """ "about 20 s", "about 3 min", "about 2 h"; empty when it is not known."""
     if seconds <= 0:
         return ""
     if seconds < 90:
         return f"about {max(5 * round(seconds / 5), 5)} s"
-    return f"about {round(seconds / 60)} min"
+    if seconds < 5400:
+        return f"about {round(seconds / 60)} min"
+    return f"about {round(seconds / 3600)} h"
 
 
 def offer_of(project: Project, n_masks: int, preset: str, training_s: float = 0.0) -> StageOffer:

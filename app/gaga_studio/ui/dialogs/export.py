@@ -76,10 +76,12 @@ def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool)
 def _up(options: ExportOptions) -> ExportOptions:
     widgets.field_name("Up", em(NAMES))
     choices = [
-        (True, "", "Y, as glTF has it", "It stands upright in other programs"),
-        (False, "", "As trained", "Axes of the scene, x and y reversed, as a .ply has them"),
+        (False, "", "Y, as glTF has it", "It stands upright in other programs"),
+        (True, "", "As trained", "Axes of the scene, x and y reversed, as a .ply has them"),
     ]
-    return replace(options, upright=widgets.segmented("Up", choices, options.upright, why_not={}))
+    return replace(
+        options, as_trained=widgets.segmented("Up", choices, options.as_trained, why_not={})
+    )
 
 
 def _color(options: ExportOptions, degree: int) -> ExportOptions:
