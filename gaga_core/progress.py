@@ -36,6 +36,7 @@ class Progress:
     total: int  # 0 when unknown
     message: str = ""
     payload: object = None
+    left_s: float | None = None  # seconds until all of it is done, where the stage itself knows
 
 
 Stage = Generator[Progress, None, T]

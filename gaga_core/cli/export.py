@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from gaga_core.io.splats.splat_files import SplatFormat
     from gaga_core.scene.project import Project
 
-_CHANGES = ("sh_degree", "crop", "centre", "ground", "scale", "decimate")
+_CHANGES = ("sh_degree", "crop", "centre", "ground", "scale", "decimate", "as_trained")
 _SPLATS = ("scene", "objects")
 _WORLD = (*_SPLATS, "cameras")  # what lies in the world of the exported splats
 GOES_WITH = {  # --what that a switch changes something of
@@ -24,6 +24,7 @@ GOES_WITH = {  # --what that a switch changes something of
     "form": _SPLATS,
     "mesh_file": ("objects",),
     "voxels": ("objects",),
+    "triangles": ("objects",),
     "only": ("objects",),
     "with_children": ("objects",),
     "folder": ("objects",),
@@ -34,6 +35,7 @@ GOES_WITH = {  # --what that a switch changes something of
     "ground": _WORLD,
     "scale": _WORLD,
     "decimate": _SPLATS,
+    "as_trained": _SPLATS,
     "identity": _SPLATS,
 }
 
@@ -68,6 +70,8 @@ class ExportCommand:
     """Of meshes, colliders and boxes."""
     voxels: int = 96
     """Of a mesh along the longest side of its object: how fine it is."""
+    triangles: int = 20_000
+    """Of a mesh, about, at most: larger ones are made of fewer voxels. 0: as many as there are."""
     only: tuple[int, ...] = ()
     """Group ids (objects); default: all."""
     with_children: bool = False
@@ -159,7 +163,7 @@ class ExportCommand:
         if self.options.decimate != 1.0:
             raise GagaError("--decimate is for splats: choose --voxels for the size of a mesh.")
         with possible():
-            config = MeshConfig(self.voxels)
+            config = MeshConfig(self.voxels, self.triangles)
         return MeshExport(MeshForm(self.form), MeshFile(self.mesh_file), config)
 
     def _objects(

@@ -49,7 +49,10 @@ class ExportOptions:
     decimate: float = 1.0
     """Share of the splats to keep, 0.25 for a quarter: neighbours that are alike are merged. What
     that loses is told in dB: pictures of before against pictures of after (scene, objects)."""
-    up: Point = (0.0, 0.0, 1.0)  # unit, world: ``ground`` moves along it
+    as_trained: bool = False
+    """Leave a .glb in the axes of the scene, as other forms are; else it is turned so that up is y,
+    as glTF has it (scene, objects)."""
+    up: Point = (0.0, 0.0, 1.0)  # unit, world: ``ground`` moves along it, a .glb is turned by it
     page: PageContent = field(default_factory=PageContent)  # of an .html
 
     def __post_init__(self) -> None:
@@ -92,6 +95,29 @@ class ExportOptions:
             return np.asarray(middle, np.float64)
         lowest = float(np.percentile(finite @ up, _LOWEST))
         return np.asarray(middle + (lowest - middle @ up) * up, np.float64)
+
+    def turn(self) -> DoubleArray:
+        """The rotation (3, 3) of what a .glb holds: up becomes -y, which its writer makes y.
+
+        Splats, meshes and colliders of one export have the same one.
+        """
+        up, to = np.array(self.up, np.float64), np.array([0.0, -1.0, 0.0])
+        axis, cosine = np.cross(up, to), float(up @ to)
+        if self.as_trained or cosine > 1 - 1e-9:
+            return np.eye(3)
+        if cosine < -1 + 1e-9:  # it stands on its head: half around x
+            return np.diag([1.0, -1.0, -1.0])
+        x, y, z = axis
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        return np.asarray(np.eye(3) + cross + cross @ cross / (1 + cosine), np.float64)
+
+    def standing(self, gaussians: Gaussians) -> Gaussians:
+        """``gaussians`` as a .glb holds them, see `turn`."""
+        from gaga_core.io.splats.glb import placed
+
+        place = np.eye(4)
+        place[:3, :3] = self.turn()
+        return placed(gaussians, place)
 
     def applied(self, gaussians: Gaussians, origin: DoubleArray) -> Gaussians:
         """``gaussians`` as they are written: with less color, from ``origin`` (3,), scaled."""

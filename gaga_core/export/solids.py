@@ -117,15 +117,21 @@ _CRUMB = 0.05  # parts smaller than this share of the largest one are left out
 _SEEN = 2.0  # voxels: a vertex no farther from a view's depth has its color
 
 
+_OFF, _TRIES = 1.1, 4  # times the triangles that are asked for: near enough; tries to get there
+
+
 @dataclass(frozen=True)
 class MeshConfig:
     """Resolution of a mesh."""
 
     voxels: int = 96  # along the longest side of the object
+    triangles: int = 20_000  # about so many at most, by fewer voxels; 0 = no limit
 
     def __post_init__(self) -> None:
         if not 8 <= self.voxels <= 512:
             raise ValueError(f"voxels: expected 8 to 512, got {self.voxels}")
+        if self.triangles < 0:
+            raise ValueError(f"triangles: expected 0 or more, got {self.triangles}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +186,7 @@ def proxy_mesh_stage(
         if is_above[k]:
             frames.append((camera, frame))
     field = np.where(weight > 0, total / np.maximum(weight, 1e-6), -1).reshape(grid.shape)
-    vertices, faces = _surface(field)
+    vertices, faces = _at_most(field, config.triangles)
     world = grid.origin + grid.voxel * vertices
     colors = _colors(world, gaussians.take(finite), frames, _SEEN * voxel)
     yield Progress(STEP, len(cameras), len(cameras))
@@ -218,6 +224,23 @@ def _pixels(camera: Camera, points: DoubleArray) -> tuple[LongArray, LongArray, 
     pixels, z = camera.project(points)
     column = np.clip(pixels[:, 0].astype(np.int64), 0, camera.width - 1)
     return np.clip(pixels[:, 1].astype(np.int64), 0, camera.height - 1), column, z
+
+
+def _at_most(field: FloatArray, triangles: int) -> tuple[DoubleArray, DoubleArray]:
+    """`_surface` of about ``triangles`` at most (0: all), of a coarser ``field`` where needed."""
+    from scipy import ndimage
+
+    vertices, faces = _surface(field)
+    share = 1.0
+    for _ in range(_TRIES if triangles and len(faces) > _OFF * triangles else 0):
+        share *= np.sqrt(triangles / len(faces))  # their number goes with the square, nearly
+        coarse = ndimage.zoom(field, share, order=1)
+        steps = (np.array(field.shape) - 1) / np.maximum(np.array(coarse.shape) - 1, 1)
+        vertices, faces = _surface(coarse)
+        vertices = vertices * steps
+        if triangles / _OFF < len(faces) < _OFF * triangles:
+            break
+    return vertices, faces
 
 
 def _surface(field: FloatArray) -> tuple[DoubleArray, DoubleArray]:

@@ -307,6 +307,9 @@ def _on_plane(camera: Camera, chart: Chart) -> tuple[DoubleArray, BoolArray]:
 _RIM_SPLAT = 0.8  # spacings: largest deviation of a seen splat that is made again
 _THING = 3.0  # sizes of the object: what is larger is no object that stands on the surface
 _BASE = 3.0  # cells: what is finer is texture
+# Chosen on the demo's teapot: a factor of a shadow from which on a cell next to the hole is made
+# again, and how many cells from the hole.
+_DEEP, _DEEP_CELLS = 1.2, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,12 +362,14 @@ class Work:
         self.dropped |= within  # whether there is a hole or not: nothing is in an object's body
         hidden = ~self.is_object & ~self.is_known
         n_filled = 0
-        for chart in charts:
-            shadow = self._shadow(chart, own)
+        for whole in charts:
+            chart, shadow = whole, self._shadow(whole, own)
             if not chart.hole.any() or n_filled == self.config.most_surfaces:
                 if shadow.is_cast:
                     self.gain = self._lit_by(chart, shadow)
                 continue
+            if chart.plane.is_layered:
+                chart = _with_dark_rim(chart, shadow)
             # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
             small = self.gaussians.scales.max(axis=1) < _RIM_SPLAT * chart.plane.spacing
             local = chart.plane.local(self.points)
@@ -429,6 +434,19 @@ class Work:
         near[plane.splats] = splat_gains(chart, shadow.factors, local, rgb)
         near[self.locked] = 1.0
         return np.maximum(self.gain, near)
+
+
+def _with_dark_rim(chart: Chart, shadow: _Shadow) -> Chart:
+    """The chart whose hole has the cells next to it that its shadow makes too dark to brighten.
+
+    What touched the object is nearly black: brightened, it shows noise in the object's color.
+    """
+    deep = chart.known & (shadow.factors @ LUMA > _DEEP)
+    deep &= ndimage.binary_dilation(chart.hole, iterations=_DEEP_CELLS)
+    rim = ndimage.binary_dilation(deep, mask=chart.known) & ndimage.binary_dilation(
+        chart.hole, iterations=_DEEP_CELLS + 1
+    )
+    return replace(chart, hole=chart.hole | rim, known=chart.known & ~rim, again=chart.again | rim)
 
 
 def _sizes(points: DoubleArray, labels: IntArray) -> DoubleArray:

@@ -50,6 +50,8 @@ _ALIGNED = 0.8  # cosine between its normal and the plane's
 _SOLID = 0.2  # opacity
 _LAYER = 0.7  # spacings: half the height of the layer of splats that make a surface
 _NEAR = 6  # neighbours that tell the spacing
+_TOLERANCE = 0.02  # of the object's size: how far from a plane a splat is still on it
+_LEVEL = 0.99  # cosine between the normals of two planes of which one lies on the other
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +64,7 @@ class Plane:
     spacing: float  # usual distance between neighbours among them
     thickness: float  # heights of the splats scatter by this much
     label: int  # group of the surface
+    is_layered: bool = False  # another surface lies on it, as a cloth on a table
 
     def local(self, points: DoubleArray) -> DoubleArray:
         """Coordinates (N, 3) along u, v and the normal of world points (N, 3)."""
@@ -108,7 +111,10 @@ def surfaces_around(
     solid = gaussians.opacities[candidates] > _SOLID
     rng = np.random.default_rng(config.seed)
     found: list[Plane] = []
-    for label in np.unique(labels[candidates]):
+    # What most of its surroundings is comes first: only so many planes are looked at.
+    near_labels = labels[candidates[distance < config.reach * size]]
+    around, n_near = np.unique(near_labels, return_counts=True)
+    for label in around[np.argsort(-n_near, kind="stable")]:
         rows = np.flatnonzero(labels[candidates] == label)
         while len(found) < 4 * config.most_surfaces:
             firm = rows[solid[rows]]
@@ -126,7 +132,32 @@ def surfaces_around(
             found.append(replace(plane, splats=candidates[rows[within]]))
             rows = rows[~within]
     found.sort(key=lambda plane: -len(plane.splats))
-    return found
+    return _laid_on(found, points, own.mean(axis=0), _TOLERANCE * size)
+
+
+def _laid_on(
+    planes: Sequence[Plane], points: DoubleArray, towards: DoubleArray, height: float
+) -> list[Plane]:
+    """``planes`` (most splats first) where those lying up to ``height`` on another are part of it.
+
+    A cloth and its table are one picture: its edge is continued, not one of them over the other.
+    """
+    result: list[Plane] = []
+    for plane in planes:
+        for k, other in enumerate(result):
+            level = np.median(other.local(points[plane.splats])[:, 2])
+            if abs(level) < height and plane.axes[:, 2] @ other.axes[:, 2] > _LEVEL:
+                both = np.union1d(other.splats, plane.splats)
+                normal = other.axes[:, 2]
+                through = np.median(points[both] @ normal)
+                joined = _plane(points[both], np.append(normal, through), towards, other.label)
+                # Both levels are the surface: `tolerance_of` is four times this.
+                thickness = max(joined.thickness, other.thickness, abs(float(level)) / 2)
+                result[k] = replace(joined, splats=both, thickness=thickness, is_layered=True)
+                break
+        else:
+            result.append(plane)
+    return result
 
 
 def _ransac(
@@ -138,7 +169,7 @@ def _ransac(
     rng: np.random.Generator,
 ) -> tuple[DoubleArray | None, BoolArray]:
     """The plane (n, d) with most splats on it, and which these are."""
-    tolerance = 0.02 * size
+    tolerance = _TOLERANCE * size
     best, most = None, np.zeros(len(points), np.bool_)
     for k in range(_TRIES):
         if k % 2 and (flat & near).any():

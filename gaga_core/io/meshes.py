@@ -52,6 +52,11 @@ class TriangleMesh:
         vertices = (self.vertices.astype(np.float64) - origin) * scale
         return replace(self, vertices=vertices.astype(np.float32))
 
+    def turned(self, rotation: AnyArray) -> "TriangleMesh":
+        """The mesh turned about the origin by ``rotation`` (3, 3)."""
+        vertices = self.vertices.astype(np.float64) @ np.asarray(rotation, np.float64).T
+        return replace(self, vertices=np.ascontiguousarray(vertices, np.float32))
+
 
 def write_mesh(path: Path, mesh: TriangleMesh, kind: MeshFile, name: str) -> None:
     """Write ``mesh``, called ``name`` in the file; ``GagaError`` where it cannot be written."""

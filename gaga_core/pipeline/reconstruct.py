@@ -9,9 +9,10 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -194,11 +195,24 @@ def _tidied(workspace: Path) -> Iterator[None]:
 # --- Photos without splats: what a path holds, which run to continue, and how long it takes.
 
 
-# Structure from motion of photos of a room, measured on two cores: seconds of one core.
-_SECONDS_PER_PHOTO = 0.35
-_SECONDS_PER_PAIR = 0.012
+# The steps that take long, in their order.
+FEATURES, MATCHES, PLACES, TRAINS = STEPS = (
+    "Find features",
+    "Match photos",
+    "Place photos",
+    "Train splats",
+)
+# Structure from motion of photos of a room, measured on two cores: seconds of one core, a photo or
+# a pair. The training is counted in such seconds already.
+_RATES = {FEATURES: 0.2, MATCHES: 0.012, PLACES: 0.15, TRAINS: 1.0}
+_LEARNED = 0.5  # weight of the newest run in a rate that is kept
+_MOST_OFF = 20.0  # factor: a rate that is off by more was measured while something else was wrong
+_TRUSTED = 0.1  # share of a step from which on its own rate is trusted more than what was expected
 _TIMES = {"draft": 1.0, "standard": 4.0, "full": 12.0}  # more and finer features
 _VIDEO_SIZE = (1920, 1080)  # pixels: a guess, the header is not read for it
+
+
+Rates = Mapping[str, float]  # by step: how many times as long as expected it took on this machine
 
 
 @dataclass(frozen=True)
@@ -219,30 +233,123 @@ class PhotoFind:
         """Its name."""
         return (self.photos or self.scene).name
 
-    def seconds(self, config: ReconstructConfig) -> float:
-        """Rough time that making splats takes here, on the processor."""
-        return (self._placing(config) + self._training(config)) / n_threads()
+    def seconds(self, config: ReconstructConfig, rates: Rates | None = None) -> float:
+        """Time that making splats takes here, on the processor; ``rates`` of earlier runs."""
+        return sum(self.expected(config, rates or {}).values())
 
-    def placing_share(self, config: ReconstructConfig) -> float:
-        """Share of that time that goes into placing the photos, 0..1."""
-        placing = self._placing(config)
-        return placing / (placing + self._training(config))
+    def expected(self, config: ReconstructConfig, rates: Rates) -> dict[str, float]:
+        """Seconds of each of `STEPS` that is to be done, at what it took here before."""
+        rate = {step: rates.get(step, 1.0) for step in STEPS}
+        return {step: n * rate[step] for step, n in self._work(config).items()}
 
-    def _placing(self, config: ReconstructConfig) -> float:
-        if self.is_placed:
-            return 0.0
-        sfm, n = config.sfm(), self.n_photos
-        neighbours = sfm.overlap * 2 if self.is_video else sfm.neighbours
-        pairs = n * (n - 1) / 2
-        if self.is_video or n > sfm.exhaustive_up_to:
-            pairs = min(pairs, n * neighbours)
-        return _TIMES[config.quality] * (_SECONDS_PER_PHOTO * n + _SECONDS_PER_PAIR * pairs)
+    def _work(self, config: ReconstructConfig) -> dict[str, float]:
+        """Seconds that each step would take on a machine like the one that was measured."""
+        work = {TRAINS: max(self._training(config), 1.0)}
+        if not self.is_placed:
+            sfm, n = config.sfm(), self.n_photos
+            neighbours = sfm.overlap * 2 if self.is_video else sfm.neighbours
+            pairs = n * (n - 1) / 2
+            if self.is_video or n > sfm.exhaustive_up_to:
+                pairs = min(pairs, n * neighbours)
+            times = _TIMES[config.quality]
+            counts = {FEATURES: n * times, MATCHES: pairs * times, PLACES: n * times}
+            work = {**{step: _RATES[step] * count for step, count in counts.items()}, **work}
+        return {step: seconds / n_threads() for step, seconds in work.items()}
 
     def _training(self, config: ReconstructConfig) -> float:
-        settings, (width, height) = config.train(), self.size
-        times = min(1.0, settings.longest_side / max(width, height))
-        left = 1 - min(self.iteration / settings.iterations, 1.0)
-        return max(left * settings.cpu_seconds(round(width * height * times**2)), 1.0)
+        settings, n_pixels = config.train(), self.n_pixels(config)
+        before = settings.spent(n_pixels, self.iteration / settings.iterations)
+        return (1 - before) * settings.cpu_seconds(n_pixels)
+
+    def n_pixels(self, config: ReconstructConfig) -> int:
+        """Pixels of a photo in the training."""
+        width, height = self.size
+        times = min(1.0, config.train().longest_side / max(width, height))
+        return round(width * height * times**2)
+
+
+class Estimate:
+    """How far a reconstruction is, and how long it still takes: one estimate for all its steps.
+
+    Each step is expected to take what it took here before, for this number of photos, pairs, and
+    pixels; the longer it runs the more counts how long it takes now, and what is to come is
+    expected to be off by as much as what was done. The share never goes back.
+    """
+
+    def __init__(
+        self,
+        found: PhotoFind,
+        config: ReconstructConfig,
+        rates: Rates,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._expected = found.expected(config, rates)
+        self._known, self._clock = dict(rates), clock
+        settings, n_pixels = config.train(), found.n_pixels(config)
+        self._spent = partial(settings.spent, n_pixels)
+        self._start = -1.0  # when the first word comes
+        self._began: dict[str, tuple[float, float]] = {}  # seconds and share at its first word
+        self._took: dict[str, float] = {}  # seconds
+        self._now = ""
+        self._share = 0.0
+
+    def follow(self, step: Progress) -> tuple[float, float]:
+        """Take the newest word of a step; returns the share 0..1 of all, and seconds left."""
+        at = self._clock()
+        self._start = at if self._start < 0 else self._start
+        share = min(step.done / step.total, 1.0) if step.total > 0 else 0.0
+        if step.stage in self._expected:
+            share = self._spent(share) if step.stage == TRAINS else share
+            if step.stage != self._now:
+                self._end_step(at)
+                self._now = step.stage
+            self._began.setdefault(step.stage, (at, share))
+        elif self._now and self._now != TRAINS and step.total > 0:
+            self._end_step(at)  # something between two steps
+        left = self._left(at, share)
+        elapsed = at - self._start
+        self._share = max(self._share, elapsed / max(elapsed + left, 1e-9))
+        return self._share, left
+
+    def rates(self) -> dict[str, float]:
+        """The rates for the next run, when all is done."""
+        self._end_step(self._clock())
+        result = dict(self._known)
+        for step, seconds in self._took.items():
+            before = self._known.get(step, 1.0)
+            done = 1 - self._began[step][1]  # a training that was taken up did a part only
+            measured = seconds * before / max(self._expected[step] * done, 1e-6)
+            measured = min(max(measured, 1 / _MOST_OFF), _MOST_OFF)
+            weight = _LEARNED if step in self._known else 1.0
+            result[step] = before + weight * (measured - before)
+        return result
+
+    def _end_step(self, at: float) -> None:
+        if self._now:
+            self._took[self._now] = at - self._began[self._now][0]
+            self._now = ""
+
+    def _left(self, at: float, share: float) -> float:
+        """Seconds that what is running and what is to come still take."""
+        took, expected = sum(self._took.values()), sum(self._expected[s] for s in self._took)
+        left = 0.0
+        if self._now:
+            began, first = self._began[self._now]
+            part = (share - first) / max(1 - first, 1e-9)
+            trust, usual = min(part / _TRUSTED, 1.0), self._expected[self._now]
+            guess = max(usual * self._off(took, expected), at - began)
+            whole = trust * ((at - began) / part if part > 0 else 0.0) + (1 - trust) * guess
+            left = whole * (1 - part)
+            took, expected = took + part * whole, expected + part * usual
+        ahead = sum(n for step, n in self._expected.items() if step not in self._began)
+        return left + self._off(took, expected) * ahead
+
+    def _off(self, took: float, expected: float) -> float:
+        """By how much what is to come is off, after ``expected`` seconds that ``took`` others."""
+        if expected <= 0:
+            return 1.0
+        weight = min(expected / (_TRUSTED * sum(self._expected.values())), 1.0)
+        return 1 + weight * (min(max(took / expected, 1 / _MOST_OFF), _MOST_OFF) - 1)
 
 
 def look_at_photos(path: Path) -> PhotoFind | None:

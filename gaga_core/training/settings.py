@@ -183,6 +183,21 @@ class TrainConfig:
         splats = 0.7 * self.density.max_splats
         return self.iterations * (0.21e-6 * pixels + 0.67e-6 * splats)
 
+    def spent(self, n_pixels: int, share: float) -> float:
+        """Share 0..1 of the training's time that a ``share`` of its iterations takes.
+
+        Early ones are cheaper: by the figures of `cpu_seconds`, with splats that grow evenly from
+        none until 0.6 of the iterations, which are those 0.7 on average.
+        """
+        halved, grown = self.half_until, 0.6
+
+        def until(x: float) -> float:
+            pixels = n_pixels * (x - 0.75 * min(x, halved))
+            splats = min(x, grown) ** 2 / (2 * grown) + max(x - grown, 0.0)
+            return 0.21e-6 * pixels + 0.67e-6 * self.density.max_splats * splats
+
+        return until(min(max(share, 0.0), 1.0)) / until(1.0)
+
     def with_mcmc(self) -> "TrainConfig":
         """These settings with the strategy of Kheradmand 2024 and its regularisers."""
         stop = max(self.density.stop, 25 / 30)

@@ -135,10 +135,15 @@ def not_one_object(session: Session) -> str:
 
 no_scene = needs(lambda session: True, "")
 no_selection = needs(lambda session: len(session.selected_indices()), str(NothingSelectedError()))
-no_groups = needs(
-    lambda session: session.live is not None or session.need().read.has_groups(),
-    "There are no groups yet. Use Find objects to make them.",
-)
+
+
+def no_groups(session: Session) -> str:
+    """Needs objects."""
+    if session.document is None or session.live is not None or session.document.read.has_groups():
+        return no_scene(session)
+    return session.no_groups_text
+
+
 no_confidence = needs(
     lambda session: session.need().scene.confidence is not None,
     "The confidence of the groups is not known. Use Find objects.",

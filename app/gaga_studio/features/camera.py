@@ -49,6 +49,11 @@ def frame_all(session: Session) -> None:
     _frame(session, None)
 
 
+def show_start(session: Session) -> None:
+    """Fly to the view in which the scene was opened."""
+    session.active_view = session.show_start(animated=True)
+
+
 def frame_selected(session: Session) -> None:
     """Show the selection; everything when nothing is selected."""
     indices = session.selected_indices()
@@ -432,9 +437,9 @@ COMMANDS: tuple[Command, ...] = (
         "Show the whole scene",
         frame_all,
         "Shift+F",
-        ("Home",),
         enabled=no_scene,
     ),
+    Command("view.home", "Back to the first view", show_start, "Home", enabled=no_scene),
     *(_axis(axis) for axis in ("front", "back", "left", "right", "top", "bottom")),
     Command("view.next_photo", "Next photo", lambda s: next_view(s, 1), "Right", enabled=no_photos),
     Command(

@@ -126,10 +126,11 @@ _ALL = (
 )
 _BY_ID = {command.id: command for command in _ALL}
 _ORDER = {
-    "File": """file.open_folder file.open_file file.make_splats file.make_splats_as
-        file.add_splats file.demo file.save file.save_as file.export_scene file.export_page
-        file.export_selected file.export_objects file.export_meshes file.export_cameras
-        file.export_masks file.save_script file.save_picture file.close file.quit""",
+    "File": """file.open_photos file.open_folder file.open_file file.make_splats
+        file.make_splats_as file.add_splats file.demo file.save file.save_as
+        file.export_scene file.export_page file.export_selected file.export_objects
+        file.export_meshes file.export_cameras file.export_masks file.save_script
+        file.save_picture file.close file.quit""",
     "Edit": """edit.undo edit.redo edit.duplicate edit.delete edit.mirror_x edit.mirror_y
         edit.mirror_z edit.reduce edit.delete_floaters edit.confirm edit.cancel edit.preferences""",
     "Select": """select.all select.none select.invert select.grow select.shrink select.alike
@@ -148,7 +149,7 @@ _ORDER = {
     "View": """view.color view.groups view.depth view.confidence view.centres view.rings view.mask
         view.identity view.next_mode view.groups_centres view.identity_centres view.folder_colors
         view.look_auto view.look_classic view.look_antialiased view.background view.frame_selected
-        view.frame_all view.front view.back view.left view.right view.top view.bottom
+        view.frame_all view.home view.front view.back view.left view.right view.top view.bottom
         view.next_photo view.previous_photo view.fly view.frusta view.outline view.box
         view.lights_masks view.mask_gate view.timeline view.lod view.build_lod view.panels
         view.info""",
@@ -160,9 +161,10 @@ _ORDER = {
         camera.film""",
     "Tools": """tool.pick tool.object tool.rect tool.lasso tool.polygon tool.brush tool.sphere
         tool.erase tool.color tool.clone tool.move tool.rotate tool.scale tool.ground
-        tool.turn_upright tool.measure tool.origin_here tool.snap tool.local_axes tool.set_pivot
-        tool.pivot_here tool.reset_pivot tool.splats tool.visible_only tool.click_model
-        tool.smaller_brush tool.larger_brush tool.remove_corner job.cancel""",
+        tool.turn_upright tool.leave_upright tool.measure tool.origin_here tool.snap
+        tool.local_axes tool.set_pivot tool.pivot_here tool.reset_pivot tool.splats
+        tool.visible_only tool.click_model tool.smaller_brush tool.larger_brush
+        tool.remove_corner job.cancel""",
     "Help": "help.palette help.shortcuts help.first_steps help.about",
 }
 MENUS: Mapping[str, tuple[Command, ...]] = {

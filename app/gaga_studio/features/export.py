@@ -23,6 +23,7 @@ from gaga_core.export.export import (
     least_psnr,
     objects_indices,
     objects_losses,
+    sampled_bytes,
 )
 from gaga_core.export.options import ExportOptions, PageContent, Point
 from gaga_core.export.page import content_of
@@ -42,10 +43,10 @@ from gaga_studio.features.base import (
     Command,
     ask,
     busy,
-    first_of,
     no_groups,
+    no_photos,
+    no_scene,
     no_selection,
-    no_views,
     not_saveable,
 )
 from gaga_studio.features.find.search import SearchState
@@ -58,7 +59,6 @@ from gaga_studio.system import paths
 What = Literal["scene", "selected", "objects"] | Literal["cameras"]
 Export = Literal["scene", "selected", "objects"]
 _AS_IS = ExportOptions()
-_FILLED = 0.6  # of the triangles of a ball: most objects are thinner
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,10 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
         degree = min(degree, options.sh_degree)
     n_splats = options.count(len(splats))
     n_listed = len(np.unique(scene.labels[splats])) if plan.form is SplatFormat.HTML else 0
-    n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree, n_listed)
+    if plan.form is SplatFormat.SPZ:
+        n_bytes = sampled_bytes(scene.gaussians, splats, n_splats, options)
+    else:
+        n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree, n_listed)
     if n_splats < len(splats):
         lost = ("Neighbours are merged; the loss is measured afterwards.", *lost)
     return ExportSummary(n_splats, n_files, n_bytes, lost)
@@ -193,10 +196,14 @@ def _mesh_summary(
 
 
 def _mesh_bytes(how: MeshExport) -> int:
-    """About how large the file of an object is: of a mesh, as of a ball that fills its voxels."""
-    n = 250 if how.form is not MeshForm.MESH else round(5 * how.config.voxels**2 * _FILLED)
-    vertex, triangle = (24, 12) if how.file is MeshFile.GLB else (50, 19)
-    return n // 2 * vertex + n * triangle
+    """About how large the file of an object is: nearly all meshes reach their limit."""
+    is_glb = how.file is MeshFile.GLB
+    if how.form is MeshForm.BOX:
+        return 1_000 if is_glb else 370  # 12 triangles, measured
+    if how.form is MeshForm.COLLIDER:
+        return 5_200 if is_glb else 6_900  # 128 vertices, 252 triangles, measured
+    n = how.config.triangles or 5 * how.config.voxels**2  # of a ball
+    return n * 24 + 1_000 if is_glb else n * 44
 
 
 def form_of_name(name: str) -> SplatFormat | None:
@@ -254,7 +261,7 @@ def export(
     session.need().settled()
     groups = cleanup.to_clean(session) if what != "scene" else ()
     if not groups:
-        scene = folders.scene_along(session)
+        scene = replace(folders.scene_along(session))  # as it is now: the job may wait
         listed = selected_groups(scene).tolist()
         start_export(session, path, export_stage(scene, what, path, listed, form, options))
         return
@@ -279,7 +286,7 @@ def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
         session.has_exported = True
         session.notify(Level.INFO, text, shows=path)
 
-    session.jobs.start(f"Export to {path.name}", stage, on_done=done)
+    session.jobs.start(f"Export to {path.name}", stage, on_done=done, waits=True)
 
 
 def export_stage(
@@ -445,21 +452,19 @@ def _not_filmable(session: Session) -> str:
     return (camera.no_path(session) if camera.no_photo_files(session) else "") or busy(session)
 
 
-_no_objects = first_of(no_groups, busy)
-_no_chosen = first_of(no_selection, busy)
 COMMANDS: tuple[Command, ...] = (
     ask(
         "file.export_scene",
         "Export scene…",
         Request.EXPORT_SCENE,
         "Ctrl+Shift+E",
-        enabled=not_saveable,
+        enabled=no_scene,
     ),
-    ask("file.export_page", "Export a web page…", Request.EXPORT_PAGE, enabled=not_saveable),
-    ask("file.export_selected", "Export selection…", Request.EXPORT_SELECTED, enabled=_no_chosen),
-    ask("file.export_objects", "Export objects…", Request.EXPORT_OBJECTS, enabled=_no_objects),
-    ask("file.export_meshes", "Export meshes…", Request.EXPORT_MESHES, enabled=_no_objects),
-    ask("file.export_cameras", "Export cameras…", Request.EXPORT_CAMERAS, enabled=no_views),
+    ask("file.export_page", "Export a web page…", Request.EXPORT_PAGE, enabled=no_scene),
+    ask("file.export_selected", "Export selection…", Request.EXPORT_SELECTED, enabled=no_selection),
+    ask("file.export_objects", "Export objects…", Request.EXPORT_OBJECTS, enabled=no_groups),
+    ask("file.export_meshes", "Export meshes…", Request.EXPORT_MESHES, enabled=no_groups),
+    ask("file.export_cameras", "Export cameras…", Request.EXPORT_CAMERAS, enabled=no_photos),
     ask(
         "file.save_picture",
         "Save picture…",

@@ -1,23 +1,30 @@
 """From photos to splats: the offer, the job, its preview, and its question."""
 
+import json
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError
+from gaga_core.io.files import atomic_write
+from gaga_core.io.json_file import read_json
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_studio.features.base import Command, ask, busy
 from gaga_studio.session.notices import Level, Request, UserQuestion, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, TrainingUpdate
+from gaga_studio.system import paths
 
 if TYPE_CHECKING:
-    from gaga_core.pipeline.reconstruct import PhotoFind, Reconstruction
+    from gaga_core.pipeline.reconstruct import Estimate, PhotoFind, Reconstruction
     from gaga_core.pipeline.settings import ReconstructConfig
 
 TITLE = "Make splats"
 _STEPS = 1000  # of the job's bar
+_RATES = "rates.json"  # in the home of gaga-studio
+_LOG = logging.getLogger(__name__)
 _ANYWAY, _STOP = "Use it anyway", "Cancel"
 
 
@@ -38,9 +45,21 @@ class _Refused:
 
 def why_not(session: Session) -> str:
     """Return why no splats can be made now; "" when they can."""
+    return busy(session) or (too_few(session.photos) if session.photos is not None else "")
+
+
+def why_no_settings(session: Session) -> str:
+    """Return why there is nothing to set; "" when there is."""
     if session.photos is None:
         return "No photos without splats are open. Open a folder of photos, or a video."
-    return busy(session) or too_few(session.photos)
+    return why_not(session)
+
+
+def open_photos(session: Session, path: Path) -> None:
+    """Open a video, or the folder of a photo."""
+    from gaga_core.placing.photos import is_video
+
+    session.open(path if is_video(path) or path.is_dir() else path.parent)
 
 
 def too_few(found: "PhotoFind") -> str:
@@ -87,11 +106,18 @@ def found_text(found: "PhotoFind") -> str:
 def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
     """Make splats of the photos that are open, as a job that shows them while they are trained."""
     found = session.photos
-    if found is None or why_not(session):
+    if found is None:  # they are chosen first
+        session.request = Request.OPEN_PHOTOS
+        return
+    if why_not(session):
         session.notify(Level.WARNING, why_not(session))
         return
     plan = plan or plan_of(found)
+    from gaga_core.pipeline.reconstruct import Estimate
+
     training = TrainingPreview(found.name, plan.config.train().iterations)
+    known = session.feature(KnownRates)
+    estimate = Estimate(found, plan.config, known.rates)
 
     def progress(payload: object) -> None:
         if isinstance(payload, TrainingUpdate) and training.take(payload):
@@ -104,6 +130,7 @@ def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
         if isinstance(result, _Refused):
             _ask(session, plan, result.finding)
             return
+        known.keep(estimate.rates())
         session.notify(Level.INFO, _figures(result.report))
         session.training = None
         session.open(plan.scene)
@@ -113,7 +140,7 @@ def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
             session.training = None
             _look_again(session, plan.scene)
 
-    if session.jobs.start(title(session), _stage(found, plan), progress, done, end):
+    if session.jobs.start(title(session), _stage(found, plan, estimate), progress, done, end):
         session.training = training
 
 
@@ -134,7 +161,9 @@ def _look_again(session: Session, scene: Path) -> None:
         session.photos = look_at_photos(scene) or session.photos
 
 
-def _stage(found: "PhotoFind", plan: ReconstructionPlan) -> "Stage[Reconstruction | _Refused]":
+def _stage(
+    found: "PhotoFind", plan: ReconstructionPlan, estimate: "Estimate"
+) -> "Stage[Reconstruction | _Refused]":
     # In the job's thread: numba and the reader of photos are a good part of the launch time.
     from gaga_core.io.folder.scene_folder import find_sparse, open_scene_folder
     from gaga_core.pipeline.compile_kernels import after_warm_up
@@ -142,13 +171,13 @@ def _stage(found: "PhotoFind", plan: ReconstructionPlan) -> "Stage[Reconstructio
     from gaga_core.pipeline.reconstruct import reconstruct_scene
 
     yield Progress(TITLE, 0, 0, "Preparing")
-    yield from after_warm_up(_nothing())
-    share, config = found.placing_share(plan.config), plan.config
+    yield from mapped(after_warm_up(_nothing()), _unknown)  # it is not a part of the bar
+    config = plan.config
     notes: tuple[str, ...] = ()
     if find_sparse(plan.scene) is None:
         place = reconstruct_scene(found.photos, plan.scene, replace(config, only="sfm"))
         try:
-            placed = yield from mapped(place, _in_steps(0, share))
+            placed = yield from mapped(place, _in_steps(estimate))
         except WrongModelError as error:
             return _Refused(error.finding)
         notes = placed.notes
@@ -156,36 +185,54 @@ def _stage(found: "PhotoFind", plan: ReconstructionPlan) -> "Stage[Reconstructio
     seen = TrainingUpdate(folder.cameras, notes, placement=placement_of(read_entry(plan.scene)))
     train = reconstruct_scene(None, plan.scene, replace(config, only="all"))
     try:
-        return (yield from mapped(mapped(train, _in_steps(share, 1)), _gathered(seen)))
+        made = yield from mapped(mapped(train, _in_steps(estimate)), _gathered(seen))
     except WrongModelError as error:  # of poses that lay there: the photos contradict them
         return _Refused(error.finding)
+    return made
 
 
 def _nothing() -> Stage[None]:
     yield Progress(TITLE, 0, 0, "Preparing")
 
 
-def _in_steps(start: float, end: float) -> Callable[[Progress], Progress]:
-    """Map progress into a share of the job; the bar never goes back."""
-    best = start
+def _unknown(step: Progress) -> Progress:
+    """What another job prepares as well has no share of this one."""
+    return Progress(TITLE, 0, 0, f"{step.stage}: {step.message}" if step.message else step.stage)
+
+
+def _in_steps(estimate: "Estimate") -> Callable[[Progress], Progress]:
+    """Map progress into a share of the whole job, with the time that is left of it."""
 
     def change(step: Progress) -> Progress:
-        nonlocal best
-        is_long = step.stage in ("Train splats", "Place photos", "Match photos", "Find features")
-        if step.total > 0 and is_long:
-            done = step.done / step.total
-            best = max(best, start + (end - start) * _placed(step.stage, done))
+        share, left = estimate.follow(step)
         message = f"{step.stage}: {step.message}" if step.message else step.stage
-        done = round(best * _STEPS)
-        return replace(step, stage=TITLE, done=done, total=_STEPS, message=message)
+        done = min(int(share * _STEPS), _STEPS - 1)
+        return replace(step, stage=TITLE, done=done, total=_STEPS, message=message, left_s=left)
 
     return change
 
 
-def _placed(stage: str, done: float) -> float:
-    """Share of its half of the job; the three steps of placing take about a third each."""
-    part = {"Find features": 0, "Match photos": 1, "Place photos": 2}.get(stage)
-    return done if part is None else (part + min(done, 1.0)) / 3
+class KnownRates:
+    """How long each step took on this machine, in parts of what is expected; kept between runs."""
+
+    def __init__(self) -> None:
+        self.rates: dict[str, float] = {}
+        path = paths.home() / _RATES
+        try:
+            self.rates = read_json(path, dict[str, float], "") if path.is_file() else {}
+        except GagaError as error:  # it is measured again
+            _LOG.warning("rates: %s", error)
+
+    def keep(self, rates: dict[str, float]) -> None:
+        """Keep what was measured for the next run."""
+        self.rates = rates
+        with atomic_write(paths.home() / _RATES) as temporary:
+            temporary.write_text(json.dumps(rates, indent=1) + "\n", encoding="utf-8")
+
+
+def seconds_of(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -> float:
+    """Seconds that making splats takes on this machine."""
+    return max(found.seconds(plan.config, session.feature(KnownRates).rates), 1.0)
 
 
 def _gathered(seen: TrainingUpdate) -> Callable[[Progress], Progress]:
@@ -233,6 +280,7 @@ def plan_with(plan: ReconstructionPlan, name: str, value: object) -> Reconstruct
 
 
 COMMANDS: tuple[Command, ...] = (
+    ask("file.open_photos", "Start from photos or a film…", Request.OPEN_PHOTOS),
     Command("file.make_splats", "Make splats from photos", make, enabled=why_not, describe=title),
-    ask("file.make_splats_as", "Make splats as…", Request.MAKE_SPLATS, enabled=why_not),
+    ask("file.make_splats_as", "Make splats as…", Request.MAKE_SPLATS, enabled=why_no_settings),
 )

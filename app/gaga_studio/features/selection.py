@@ -31,13 +31,15 @@ from gaga_studio.features.base import (
     no_selection,
 )
 from gaga_studio.session.notices import Level, notifies
-from gaga_studio.session.session import NO_GROUPS, Session
+from gaga_studio.session.session import Session
 from gaga_studio.session.view import ViewportPoint
 
 if TYPE_CHECKING:
     from gaga_core.scene.selection.by_screen import Screen
 
 # --- objects
+
+NO_OBJECT = "This belongs to no object. Make it one with the tool Object (O)."
 
 
 def click(session: Session, u: float, v: float, width: int, height: int, how: How = "set") -> int:
@@ -47,7 +49,7 @@ def click(session: Session, u: float, v: float, width: int, height: int, how: Ho
     """
     found = session.pick(u, v, width, height)
     group = found.group if found is not None else 0
-    session.hint = NO_GROUPS if found is not None and group == 0 else ""
+    session.hint = NO_OBJECT if found is not None and group == 0 else ""
     if group:
         select_groups(session, (group,), how)
     elif how == "set":
@@ -369,7 +371,6 @@ COMMANDS: tuple[Command, ...] = (
         "Select nothing",
         select_none,
         "Ctrl+Shift+A",
-        ("Ctrl+D",),
         enabled=no_selection,
     ),
     Command("select.invert", "Invert selection", select_inverse, "Ctrl+I", enabled=no_scene),

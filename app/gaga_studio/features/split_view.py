@@ -19,7 +19,7 @@ from gaga_studio.features.base import Command, busy, no_photos, watch
 from gaga_studio.features.find import association
 from gaga_studio.features.find.association import FindState
 from gaga_studio.session.notices import notifies
-from gaga_studio.session.session import NO_GROUPS, Session
+from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, PhotoCompareMode, Side, ViewState
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def why_not(session: Session, side: Side) -> str:
     if side in (Side.TRUTH, Side.ERRORS) and truth_folder(session) is None:
         return f"There are no true maps: put them into {TRUTH.as_posix()} of the scene folder."
     if side in (Side.GROUPS, Side.ERRORS) and not document.read.has_groups():
-        return NO_GROUPS
+        return session.no_groups_text
     if side is Side.BEFORE and not _contents(document.history):
         return "Nothing has been edited yet."
     if side is Side.PRESET and (document.scene.bank is None or len(session.masks) == 0):

@@ -222,7 +222,7 @@ COMMANDS: tuple[Command, ...] = (
         enabled=_no_redo,
         describe=lambda s: "Redo" if _no_redo(s) else f"Redo {s.need().history.redo_title}",
     ),
-    Command("edit.duplicate", "Duplicate", duplicate, "Shift+D", enabled=no_selection),
+    Command("edit.duplicate", "Duplicate", duplicate, "Ctrl+D", ("Shift+D",), enabled=no_selection),
     *(_mirror(axis) for axis in range(3)),
     Command("object.reset_placement", "Reset placement", reset, enabled=no_selection),
 )

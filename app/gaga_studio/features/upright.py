@@ -12,7 +12,7 @@ from gaga_core.scene.selection.bounds import splat_box
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 
-COMMAND = "tool.turn_upright"
+COMMAND, LEAVE = "tool.turn_upright", "tool.leave_upright"
 _TITLE = "Turn upright"
 # Half around x: from right, up, back, which some programs write into .spz, to right, down, front.
 _HALF_TURN = np.concatenate([np.diag([1.0, -1.0, -1.0]), np.zeros((3, 1))], axis=1)
@@ -25,16 +25,41 @@ def turn(session: Session) -> bool:
 
     The file is turned from then on whenever it is opened, if it does not say how it stands.
     """
-    document = session.need()
     if not _turn(session, is_content=True):
         return False
-    name = str(document.project.model_path.resolve())
-    if _is_open_question(document.project.model_path):
-        now = session.settings.upright
-        others = tuple(path for path in now if path != name)
-        kept = others if name in now else (name, *others)[:_MOST]
-        session.change_settings(replace(session.settings, upright=kept))
+    _remember(session, is_turned=_name(session) not in session.settings.upright)
     return True
+
+
+def leave(session: Session) -> bool:
+    """Remember that the file stands as it should: it is not asked about again."""
+    _remember(session, is_turned=False)
+    return True
+
+
+def why_not_left(session: Session) -> str:
+    """Needs a file that does not say which way is up."""
+    if session.document is None:
+        return "No scene is open."
+    path = session.document.project.model_path
+    return "" if _is_open_question(path) else "The file says which way is up."
+
+
+def _name(session: Session) -> str:
+    return str(session.need().project.model_path.resolve())
+
+
+def _remember(session: Session, *, is_turned: bool) -> None:
+    """Note whether the file that is open is turned, if it does not say how it stands."""
+    if not _is_open_question(session.need().project.model_path):
+        return
+    name, now = _name(session), session.settings
+    turned, left = (tuple(p for p in known if p != name) for known in (now.upright, now.as_filed))
+    if is_turned:
+        turned = (name, *turned)[:_MOST]
+    else:
+        left = (name, *left)[:_MOST]
+    session.change_settings(replace(now, upright=turned, as_filed=left))
 
 
 @notifies
@@ -46,8 +71,9 @@ def opened(session: Session) -> bool:
         return False  # a saved project keeps how it stands
     if str(path.resolve()) in session.settings.upright:
         return _turn(session, is_content=False)
-    text = f"{path.name} does not say which way is up. Is it upside down?"
-    session.notify(Level.HINT, text, COMMAND)
+    if str(path.resolve()) not in session.settings.as_filed:
+        text = f"{path.name} does not say which way is up. Is it upside down?"
+        session.notify(Level.HINT, text, COMMAND, otherwise=LEAVE)
     return False
 
 

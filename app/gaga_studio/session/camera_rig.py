@@ -273,6 +273,11 @@ class CameraRig:
         self.pose = replace(self.pose, pivot=target if inside and target is not None else centre)
         self.go_to(cameras[0], animated=animated)
 
+    def fly_from(self, start: Pose) -> None:
+        """Come to the present pose from ``start``, as a jump does."""
+        goal, self.pose = self.pose, start
+        self._jump(goal, animated=True)
+
     def update(self, dt: float) -> bool:
         """Advance a jump by ``dt`` seconds; return whether the camera moved."""
         if self._goal is None or self._start is None:

@@ -1,5 +1,7 @@
 """Run one stage at a time in a thread, with progress, cancel and errors; a save runs in parallel.
 
+A stage that nobody waits for gives way to any other, and one that concerns nothing else waits.
+
 The worker never touches the scene: what a stage yields and returns is handed over by ``poll``,
 which the main thread calls every frame.
 """
@@ -50,6 +52,7 @@ class JobRunner:
     def __init__(self, notify: Notify) -> None:
         self._notify = notify
         self._worker: _Worker | None = None
+        self._waiting: deque[_Worker] = deque()  # for the worker
         self._quiet: _Worker | None = None
         self._saver: _Worker | None = None
         self._saves: deque[_Worker] = deque()  # they wait for the saver
@@ -62,13 +65,14 @@ class JobRunner:
 
     @property
     def why_busy(self) -> str:
-        """Sentence on what runs; "" when nothing does."""
-        return f"{job.title} is still running." if (job := self.running) is not None else ""
+        """Sentence on what runs; "" when nothing does, or only what gives way."""
+        ahead = self._ahead() or [one for one in (self._saver,) if one is not None]
+        return f"{ahead[0].title} is still running." if ahead else ""
 
     @property
     def at_risk(self) -> Job | None:
         """The job that is lost when the program ends now; saves are waited for."""
-        return self._worker.describe() if self._worker is not None else None
+        return next((one.describe() for one in self._ahead()), None)
 
     def start(
         self,
@@ -77,19 +81,32 @@ class JobRunner:
         on_progress: Callable[[object], None] | None = None,
         on_done: Callable[[T], None] | None = None,
         on_end: Callable[[], None] | None = None,
+        *,
+        gives_way: bool = False,
+        waits: bool = False,
     ) -> bool:
         """Run ``stage`` in a thread; False, and a notice, when another job runs.
+
+        A job that ``gives_way`` ends, without a value, for any other that is started; one that
+        ``waits`` starts after the one that runs, so it must work on values of its own.
 
         ``on_progress`` gets the newest payload, ``on_done`` the value; ``on_end`` is called last
         in every case: done, failed, cancelled. All are called by ``poll``.
         """
-        if self._worker is not None:
+        ahead = self._ahead()
+        if ahead and not waits:
             stage.close()
-            running = self._worker.title
-            self._notify(Level.WARNING, f"{running} is still running. Wait for it, or cancel it.")
+            text = f"{ahead[-1].title} is still running. Wait for it, or cancel it."
+            self._notify(Level.WARNING, text)
             return False
-        self._worker = _Worker(title, _Delivery(stage, on_progress, on_done, on_end))
-        self._worker.start()
+        if ahead:
+            self._notify(Level.HINT, f"{title} starts when {ahead[-1].title} is done.")
+        worker = _Worker(title, _Delivery(stage, on_progress, on_done, on_end))
+        worker.gives_way = gives_way
+        if self._worker is not None and self._worker.gives_way:
+            self._worker.cancel()
+        self._waiting.append(worker)
+        self._next()
         return True
 
     def start_save(
@@ -137,7 +154,10 @@ class JobRunner:
             return
         worker.join()
         self._worker = None
-        self._finish(worker)
+        try:
+            self._finish(worker)
+        finally:
+            self._next()
 
     def cancel(self) -> None:
         """Ask the job to stop at its next step; everything stays as it was before it."""
@@ -158,6 +178,8 @@ class JobRunner:
 
         Saves are not cancelled.
         """
+        while self._waiting:
+            self._waiting.pop().delivery.stage.close()
         # A compiler that is cut off by the end of the process may abort it: wait for its step.
         ending = ((self._worker, timeout_s), (self._quiet, _QUIET_STEP_S))
         for worker, _ in ending:
@@ -171,6 +193,15 @@ class JobRunner:
             self._saver.join()
             self._saver = None
             self._next_save()
+
+    def _ahead(self) -> "list[_Worker]":
+        """What runs or waits and does not give way."""
+        return [one for one in (self._worker, *self._waiting) if one and not one.gives_way]
+
+    def _next(self) -> None:
+        if self._worker is None and self._waiting:
+            self._worker = self._waiting.popleft()
+            self._worker.start()
 
     def _next_save(self) -> None:
         if self._saver is None and self._saves:
@@ -239,6 +270,8 @@ class _Delivery(Generic[T]):
         latest = self.latest
         if latest is None or latest.total <= 0:
             return None
+        if latest.left_s is not None:
+            return latest.left_s
         share = min(latest.done / latest.total, 1.0)
         begun_at, begun_share = self._begun.get(latest.stage, (0.0, share))
         done, left = share - begun_share, 1 - share
@@ -290,6 +323,7 @@ class _Worker(threading.Thread):
         self.title = title
         self.delivery = delivery
         self.on_error = on_error
+        self.gives_way = False
         self.error: Exception | None = None
         self.said: list[str] = []  # sentences for the user: what readers left out, say
         self.has_value = False

@@ -29,6 +29,7 @@ class Notice:
     command: str = ""  # id of one that the notice offers
     time: float = field(default_factory=time.monotonic)  # seconds, ``time.monotonic``
     shows: Path | None = None  # what was written: it can be shown in its folder
+    otherwise: str = ""  # id of the other answer: the notice is a question, and stays until then
 
 
 class NothingSelectedError(GagaError):
@@ -127,6 +128,7 @@ class Request(Enum):
     # A path of the file dialog.
     OPEN_FOLDER = auto()
     OPEN_FILE = auto()
+    OPEN_PHOTOS = auto()
     ADD_SPLATS = auto()
     IMPORT_MASK_FOLDER = auto()
     IMPORT_MASK_FILE = auto()

@@ -138,6 +138,10 @@ def _group_at(
 _MOST_NOTICES = 50
 T = TypeVar("T")
 NO_GROUPS = "There are no groups here. Use Find objects to make them."
+NO_OBJECTS_OF_A_FILE = (
+    "A single splat file has no photos to find objects in. Make them by clicks with the "
+    "tool Object (O), or open the scene folder of the file."
+)
 COPY, ELSEWHERE, RELOAD = "Save with a copy", "Save elsewhere…", "Reload"
 
 
@@ -195,10 +199,19 @@ class Session:
     # --- messages
 
     def notify(
-        self, level: Level, text: str, command: str = "", *, shows: Path | None = None
+        self,
+        level: Level,
+        text: str,
+        command: str = "",
+        *,
+        shows: Path | None = None,
+        otherwise: str = "",
     ) -> None:
-        """Tell the user one sentence; offer the command with this id, or to show a file."""
-        notice = Notice(level, plain_text(text), command, shows=shows)
+        """Tell the user one sentence; offer the command with this id, or to show a file.
+
+        With the command ``otherwise`` it is a question, which stays until it is answered.
+        """
+        notice = Notice(level, plain_text(text), command, shows=shows, otherwise=otherwise)
         waits = self.document is not None and self.document.waiting
         if waits and self.notices and self.notices[-1].text == notice.text:
             return  # it is said already, and a drag would say it in every frame
@@ -449,15 +462,22 @@ class Session:
         self.document, (self.provider, self.masks) = Document(project), found
         self.document.history.set_budget(self.settings.undo_bytes)
         self._claim(self.document)
+        self.active_view = self.show_start()
+
+    def show_start(self, *, animated: bool = False) -> int | None:
+        """Show what is shown first of a scene; return the photo that it is, if it is one."""
+        document = self.need()
+        scene, before = document.scene, self.rig.pose
         if self.cameras:
-            self.rig.frame_scene(
-                *splat_box(project.scene), self.cameras, up=self.document.up_of_photos()
-            )
+            up = document.up_of_photos()
+            self.rig.frame_scene(*splat_box(scene), self.cameras, up=up)
         else:
-            up = guess_up(project.scene.gaussians)
-            self.rig.frame_scene(*whole_box(project.scene), up=up)
-        self.rig.follow(self.document.world)
-        self.active_view = 0 if self.cameras else None
+            up = self.rig.up if animated else guess_up(scene.gaussians)
+            self.rig.frame_scene(*whole_box(scene), up=up)
+        self.rig.follow(document.world)
+        if animated:
+            self.rig.fly_from(before)
+        return 0 if self.cameras else None
 
     def _forget(self) -> None:
         if self.document is not None:
@@ -582,6 +602,12 @@ class Session:
     def selected_groups(self) -> tuple[int, ...]:
         """Objects with a selected splat, ascending."""
         return self.document.read.selected_groups() if self.document is not None else ()
+
+    @property
+    def no_groups_text(self) -> str:
+        """Sentence on how to get objects where there are none."""
+        is_file = self.project is not None and self.project.folder is None
+        return NO_OBJECTS_OF_A_FILE if is_file else NO_GROUPS
 
     def decisions(self, group: int) -> tuple[Decision, ...]:
         """Return which masks joined a group and why, in the order of the association."""

@@ -18,7 +18,7 @@ from gaga_studio.system import paths
 
 _LOG = logging.getLogger(__name__)
 _MOST_RECENT = 10
-_MOST_PATHS = {"recent": _MOST_RECENT, "upright": 100}  # in a setting
+_MOST_PATHS = {"recent": _MOST_RECENT, "upright": 100, "as_filed": 100}  # in a setting
 PRESETS = ("robust", "paper", "released")
 # What else than a number or a text of the right kind a setting must be.
 RANGES: Mapping[str, tuple[float, float]] = {
@@ -43,6 +43,7 @@ class Settings:
 
     recent: tuple[str, ...] = ()  # paths, newest first
     upright: tuple[str, ...] = ()  # paths of files that are turned when they are opened
+    as_filed: tuple[str, ...] = ()  # paths of such files that stand as they should
     preset: _Preset = "robust"  # of the association
     identities: _Identities = "preset"  # made after it: preset = as the preset has it
     fly_speed: float = 1.0  # 1 crosses the scene in about four seconds

@@ -15,7 +15,12 @@ class PickTool(ClickTool):
     name = ToolName.PICK
 
     def click(self, session: Session, place: ViewportPoint) -> None:
-        """Select the object under the mouse; again: a part of it, with Alt what it is a part of."""
+        """Select the object under the mouse; again: a part of it, with Alt what it is a part of.
+
+        Where there are no objects, as the tool Object does.
+        """
+        if click_object.first_click(session, place):
+            return
         at = place.u, place.v, place.width, place.height
         found = session.pick(*at) if place.how == "set" else None
         if found is None or not object_list.click_again(session, found.splat, up=place.alt):

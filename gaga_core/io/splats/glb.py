@@ -258,7 +258,7 @@ def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
             # Next to them stand those of the whole, first in the axes of the file.
             n_bytes += 3 * len(splats) * row_bytes(splats.sh.shape[1])
             check_memory(path, n_bytes, f"{len(splats):,} splats and more", n_stored)
-            found.append(_moved(splats, place))
+            found.append(placed(splats, place))
     return found
 
 
@@ -333,8 +333,8 @@ def _decoded(buffers: Buffers, attributes: Mapping[str, int]) -> Gaussians:
     return found
 
 
-def _moved(gaussians: Gaussians, place: DoubleArray) -> Gaussians:
-    """The splats in the scene of their node; a node may turn and scale, but not stretch."""
+def placed(gaussians: Gaussians, place: DoubleArray) -> Gaussians:
+    """The splats moved by ``place`` (4, 4), which may turn and scale, but not stretch."""
     if np.array_equal(place, np.eye(4)):
         return gaussians
     linear = place[:3, :3]

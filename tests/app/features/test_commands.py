@@ -32,8 +32,10 @@ from gaga_studio.ui.kit import icons
 # What can be done with nothing open.
 _ALWAYS = {
     "object.models",
+    "file.open_photos",
     "file.open_folder",
     "file.open_file",
+    "file.make_splats",  # asks for photos
     "file.demo",
     "file.quit",
     "edit.preferences",
@@ -124,7 +126,8 @@ def test_a_film_needs_a_path_or_photos_that_are_here(session: Session) -> None:
 
 def test_while_a_job_runs_what_needs_one_says_so(session: Session) -> None:
     association.associate(session)
-    assert "running" in command("file.export_scene").enabled(session)
+    assert "running" in command("file.save_picture").enabled(session)
+    assert not command("file.export_scene").enabled(session), "it waits"
     assert not command("file.save").enabled(session)
     assert not command("job.cancel").enabled(session)
     session.jobs.cancel()
@@ -138,8 +141,8 @@ _NEEDS_MORE = {
     "object.make",
     *(f"camera.bookmark_{key}" for key in range(1, 10)),
     "camera.play",
-    "file.make_splats",
     "file.make_splats_as",
+    "tool.leave_upright",
     "camera.clear_path",
     "camera.save_path",
     "camera.film",
@@ -247,7 +250,7 @@ def test_while_flying_the_fly_keys_are_not_shortcuts(associated: Session) -> Non
     assert for_shortcut("Shift+D", associated) is command("edit.duplicate")
     run("view.fly", associated)
     assert for_shortcut("Shift+D", associated) is None
-    assert for_shortcut("Ctrl+D", associated) is command("select.none")
+    assert for_shortcut("Ctrl+D", associated) is command("edit.duplicate")
     assert for_shortcut("V", associated) is command("view.fly")
 
 

@@ -47,6 +47,7 @@ def test_a_turned_file_is_turned_when_it_is_opened_again(
     session = new_session()
     before = _opened(session, silent)
     assert session.notices[-1].command == upright.COMMAND
+    assert session.notices[-1].otherwise == upright.LEAVE
     assert run(upright.COMMAND, session)
     assert session.unsaved
     assert load_settings()[0].upright == (str(silent),)
@@ -62,6 +63,21 @@ def test_a_turned_file_is_turned_when_it_is_opened_again(
     other.undo()
     third = new_session()
     np.testing.assert_allclose(_opened(third, silent), before, atol=1e-6)
+
+
+def test_a_file_that_stands_upright_is_not_asked_about_again(
+    new_session: Callable[[], Session], silent: Path
+) -> None:
+    session = new_session()
+    _opened(session, silent)
+    assert run(upright.LEAVE, session)
+    assert not session.unsaved
+    other = new_session()
+    other.settings = load_settings()[0]
+    _opened(other, silent)
+    assert not any(notice.command for notice in other.notices)
+    assert run(upright.COMMAND, other)  # a second thought counts
+    assert load_settings()[0].as_filed == ()
 
 
 def test_what_is_reset_stays_upright_in_a_scene_that_was_turned(

@@ -221,3 +221,29 @@ def _until_quiet_ends(runner: JobRunner) -> None:
         assert time.monotonic() < end
         time.sleep(0.002)
         runner.poll()
+
+
+def test_a_job_gives_way_to_one_that_concerns_something_else_and_exports_wait() -> None:
+    runner, said = _runner()
+    values: list[int] = []
+    ends: list[str] = []
+    runner.start(
+        "Prepare clicks",
+        _count(10_000, 0.001),
+        values.append,
+        on_end=lambda: ends.append("prepared"),
+        gives_way=True,
+    )
+    assert runner.why_busy == ""
+    assert runner.at_risk is None
+    assert runner.start("Open", _count(3), on_done=values.append)
+    assert runner.why_busy == "Open is still running."
+    assert not runner.start("Find objects", _count(1))
+    assert runner.start("Export", _count(5), on_done=values.append, waits=True)
+    assert runner.wait()
+    assert ends == ["prepared"]
+    assert values[-2:] == [3, 5]
+    assert said == [
+        (Level.WARNING, "Open is still running. Wait for it, or cancel it."),
+        (Level.HINT, "Export starts when Open is done."),
+    ]

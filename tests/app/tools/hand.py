@@ -3,7 +3,10 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from gaga_core.arrays import DoubleArray
+from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.session.session import Session
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
@@ -50,6 +53,18 @@ class Hand:
             u, v = start + t * (end - start)
             self.play(keys, u=float(u), v=float(v))
         self.play(keys, left=False)
+
+
+def surface(session: Session) -> DoubleArray:
+    """A pixel (2,) that shows something solid."""
+    scene = session.need().scene
+    pixels, _ = session.rig.camera(W, H).project(world_means(scene, np.arange(len(scene))))
+    for u, v in np.floor(pixels) + 0.5:
+        inside = 0 < u < W and 0 < v < H
+        found = session.pick(float(u), float(v), W, H) if inside else None
+        if found is not None and found.weights.sum() > 0.9:
+            return np.array([u, v])
+    raise AssertionError("nothing solid is in the picture")
 
 
 def titles(session: Session) -> list[str]:

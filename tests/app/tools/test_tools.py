@@ -15,14 +15,15 @@ from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_volume import SurfacePoint, map_between
 from gaga_core.scene.tint import mean_color
 from gaga_studio.features import objects, selection
-from gaga_studio.features.commands import for_shortcut, run
+from gaga_studio.features.commands import command, for_shortcut, run
+from gaga_studio.features.find import association, memory_bank
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState
 from gaga_studio.ui.chrome.status import status_text
 from tests.app.looks import snapshot
-from tests.app.tools.hand import H, Hand, W, state, titles
+from tests.app.tools.hand import H, Hand, W, state, surface, titles
 
 
 def _pixels(session: Session, group: int) -> DoubleArray:
@@ -76,12 +77,61 @@ def test_shift_adds_control_removes_and_a_click_on_nothing_clears(associated: Se
     assert associated.selected_groups() == ()
 
 
-def test_click_without_groups_says_what_is_missing(session: Session) -> None:
-    hand = Hand(session)
-    hand.click(W / 2 + 0.5, H / 2 + 0.5)
-    assert session.selected_groups() == ()
-    assert session.hint == NO_GROUPS
-    assert status_text(session, hand.controller.tool(session)) == NO_GROUPS
+def test_the_first_click_where_there_are_no_objects_is_the_tool_objects(session: Session) -> None:
+    hand, at = Hand(session), surface(session)
+    pose = session.rig.pose
+    session.rig.zoom(-20)
+    hand.click(1.5, 1.5)
+    assert session.tool is ToolName.PICK, "a click on nothing changes no tool"
+    session.rig.pose = pose
+    hand.click_at(at)
+    assert session.tool is ToolName.OBJECT
+    assert session.jobs.why_busy == "", "preparing clicks holds nothing up"
+    assert session.jobs.wait()
+    assert len(session.selected_indices()) > 0
+    assert "Enter makes it an object" in status_text(session, hand.controller.tool(session))
+    assert run("object.make", session)
+    session.tool = ToolName.PICK
+    selection.select_none(session)
+    hand.click_at(at)
+    assert session.tool is ToolName.PICK, "now there is an object to select"
+    assert len(session.selected_groups()) == 1
+
+
+def test_what_is_said_of_objects_fits_what_is_open(session: Session) -> None:
+    assert session.no_groups_text == NO_GROUPS
+    session.need().project.folder = None
+    text = session.no_groups_text
+    assert "tool Object" in text
+    assert command("object.hide").enabled(session) != NO_GROUPS
+    assert command("file.export_objects").enabled(session) == text
+    offer = association.stage_offer(session)
+    assert offer is not None
+    assert offer.reason == text
+
+
+def test_masks_are_of_what_is_selected(associated: Session) -> None:
+    """Not of what was; a part that was cut off shows the masks that made the whole."""
+    hand = Hand(associated)
+    group, at = _apart(associated)
+    hand.click_at(at)
+    assert memory_bank.group_of_panel(associated) == group
+    assert memory_bank.made_from(associated, group) == group
+    rows = associated.selected_indices()
+    document = associated.need()
+    document.select(rows[: len(rows) // 3], "set", "A part")
+    objects.separate(associated)
+    part = int(document.scene.labels[rows[0]])
+    assert part != group
+    selection.select_groups(associated, (part,))
+    assert memory_bank.group_of_panel(associated) == part
+    assert not associated.decisions(part)
+    assert memory_bank.made_from(associated, part) == group
+    objects.hide(associated)
+    assert memory_bank.group_of_panel(associated) == 0
+    selection.select_none(associated)
+    assert associated.focus
+    assert memory_bank.group_of_panel(associated) == 0
 
 
 def test_drag_with_the_pick_tool_orbits_and_edits_nothing(associated: Session) -> None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gaga_studio.features import export, objects, selection
@@ -9,6 +10,7 @@ from gaga_studio.features.commands import run
 from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, load_settings
+from gaga_studio.session.view import TrainingPreview
 from gaga_studio.ui.dialogs.first_steps import _HIGH, STEPS, FirstSteps, place
 from gaga_studio.ui.kit.picture_area import PictureArea
 from tests.app.looks import finish
@@ -41,6 +43,34 @@ def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path
     session.undo()
     look()
     assert progress.done == {name for name, _ in STEPS}, "what was done stays done"
+
+
+def test_only_what_was_done_is_ticked_and_photos_count(session: Session, tmp_path: Path) -> None:
+    """Making an object, naming it and an export change nothing that is seen."""
+    progress = FirstSteps()
+    progress.follow(session)
+    session.need().select(np.arange(40), "set", "Forty")
+    objects.separate(session)
+    progress.follow(session)
+    assert progress.done >= {"open", "find", "click"}
+    objects.rename(session, session.focus, "ball")
+    export.export(session, "scene", tmp_path / "out.ply")
+    finish(session)
+    progress.follow(session)
+    assert "export" in progress.done
+    assert "change" not in progress.done
+    objects.hide(session)
+    progress.follow(session)
+    assert progress.next == 0
+
+    photos = FirstSteps()
+    session.photos = session.document = None
+    photos.follow(session)
+    assert photos.next == 1
+    session.training = TrainingPreview("photos", 100)
+    photos.follow(session)
+    assert [name for name, _ in photos.steps][:2] == ["open", "train"]
+    assert photos.next == 2
 
 
 def test_objects_that_a_project_brought_are_found_already(associated: Session) -> None:

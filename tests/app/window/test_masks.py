@@ -210,6 +210,13 @@ def test_photos_become_splats_before_the_eyes(display: str, tmp_path: Path) -> N
         assert d.exists("**/###Make splats")
         _capture(d, "photos")
         d.click("**/###Settings…")
+        _capture(d, "simple sheet")
+        assert not d.exists("**/##Iterations"), "the rest is under More"
+        d.click("**/###Good")
+        assert d.studio.ui.plan.plan is not None
+        assert d.studio.ui.plan.plan.config.quality == "standard"
+        d.click("**/###Quick look")
+        d.click("**/More")
         d.type_into("**/##Iterations", "20000")
         d.type_into("**/##Longest side, pixels", "160")
         _capture(d, "sheet")

@@ -1,6 +1,7 @@
 """The rarer modes, the look and the background in the window; a moving picture comes back."""
 
 import gzip
+import time
 from pathlib import Path
 
 import numpy as np
@@ -223,6 +224,10 @@ def test_a_file_that_may_stand_on_its_head_offers_to_turn_it(
 
     def walk(d: Driver) -> None:
         before = d.pixels().astype(int)
+        later = time.monotonic() + 3600
+        with monkeypatch.context() as an_hour_later:
+            an_hour_later.setattr(time, "monotonic", lambda: later)
+            d.frames(3)
         d.click("Notice 0/###Turn upright")
         assert np.abs(d.pixels().astype(int) - before).mean() > 1
         assert d.session.settings.upright == (str(path),)

@@ -38,6 +38,7 @@ from gaga_studio.ui.kit.textures import groups_of_view
 from gaga_studio.ui.panels import inspector
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
+from tests.core.placing.photo_scenes import write_photos
 from tests.scenes import objects_scene, random_gaussians
 
 pytestmark = pytest.mark.window
@@ -57,8 +58,21 @@ def _clean(balls: Path) -> Iterator[None]:
     assert not work.exists(), "these tests save nothing"
 
 
-def test_nothing_open_offers_three_ways(display: str, balls: Path) -> None:
+def test_nothing_open_offers_four_ways(display: str, balls: Path, tmp_path: Path) -> None:
+    photos = tmp_path / "shots"
+    write_photos(photos, 3)
+
     def test(d: Driver) -> None:
+        d.click("Viewport/Start from photos or a film")
+        d.answer_path(photos / sorted(path.name for path in photos.iterdir())[0])
+        d.settle()
+        assert d.session.photos is not None
+        assert d.session.photos.photos == photos, "a photo stands for its folder"
+        d.on_main(d.session.close)
+        d.frames(3)
+        d.menu("File/###Make splats from photos")
+        assert d.exists("$FOCUSED/##Path"), "it asks for the photos"
+        d.keys(KEY.escape)
         for choice in ("Open a scene folder", "Open a splat file", "Try the demo"):
             assert d.exists(f"Viewport/{choice}"), choice
         d.click("Viewport/Open a scene folder")

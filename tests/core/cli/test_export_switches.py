@@ -15,6 +15,7 @@ _VALUES = {  # of each switch, another than its default
     "form": ["ply"],
     "mesh_file": ["obj"],
     "voxels": ["32"],
+    "triangles": ["500"],
     "only": ["3"],
     "with_children": [],
     "folder": ["Kitchen"],
@@ -25,6 +26,7 @@ _VALUES = {  # of each switch, another than its default
     "ground": [],
     "scale": ["2"],
     "decimate": ["0.5"],
+    "as_trained": [],
     "identity": [],
 }
 _WHAT = get_args(get_type_hints(ExportCommand)["what"])

@@ -17,12 +17,14 @@ from gaga_core.export.export import (
     export_scene_stage,
     exported_indices,
     objects_losses,
+    sampled_bytes,
     slug,
 )
 from gaga_core.export.options import ExportOptions
 from gaga_core.export.solids import MeshConfig
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats import ply
+from gaga_core.io.splats.glb import Buffers
 from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.io.splats.splat_files import SplatFormat, read_splats
 from gaga_core.progress import run_stage
@@ -205,6 +207,59 @@ def test_slugs() -> None:
     assert slug("***") == ""
     assert len(slug("x" * 500)) <= 60
     assert MANIFEST == "groups.json"
+
+
+def test_a_glb_stands_upright_and_all_of_an_object_lies_in_one_frame(tmp_path: Path) -> None:
+    """Splats, mesh, collider and box of a leaning cone whose tip is up."""
+    rng = np.random.default_rng(0)
+    up = np.array([0.0, 0.6, 0.8])
+    side = np.linalg.qr(np.column_stack([up, np.eye(3)[:, :2]]))[0][:, 1:]
+    height, turn = rng.uniform(0, 2, 4000), rng.uniform(0, 2 * np.pi, 4000)
+    radius = 0.5 * (1 - height / 2)
+    means = height[:, None] * up + (radius * [np.cos(turn), np.sin(turn)]).T @ side.T + 3
+    some = walk_scene(4000, sh_degree=1).gaussians
+    cone = replace(
+        some,
+        means=means.astype(np.float32),
+        log_scales=np.full((4000, 3), np.log(0.04), np.float32),
+        logit_opacities=np.full(4000, 5, np.float32),
+    )
+    scene = Scene.of(cone, np.ones(4000, np.int32))
+    options = ExportOptions(up=(0.0, 0.6, 0.8))
+    solids = [MeshExport(form, MeshFile.GLB, MeshConfig(24)) for form in MeshForm]
+    forms: list[SplatFormat | MeshExport] = [SplatFormat.GLB, *solids]
+    boxes = []
+    for form in forms:
+        manifest = run_stage(export_objects_stage(scene, tmp_path, [1], form=form, options=options))
+        path = tmp_path / f"group-1{form.suffix}"
+        gltf = Buffers.of(path.read_bytes(), path)
+        points = gltf.accessor(0, 3).astype(np.float64)
+        lo, hi = points.min(axis=0), points.max(axis=0)
+        boxes.append(np.concatenate([lo, hi]))
+        top = points[points[:, 1] > lo[1] + 0.75 * (hi[1] - lo[1])]
+        if form != solids[-1]:  # a box has no tip
+            assert np.ptp(top[:, 0]) < 0.5 * (hi[0] - lo[0]), "the tip is above"
+    assert manifest.is_file()
+    assert boxes[0][4] - boxes[0][1] == pytest.approx(2.0, abs=0.1)
+    for box in boxes[1:]:
+        np.testing.assert_allclose(box, boxes[0], atol=0.12)
+    as_trained = replace(options, as_trained=True)
+    run_stage(export_scene_stage(scene, tmp_path / "a.glb", options=as_trained))
+    np.testing.assert_allclose(read_splats(tmp_path / "a.glb").means, cone.means, atol=1e-5)
+    run_stage(export_scene_stage(scene, tmp_path / "a.ply", options=options))
+    assert np.array_equal(read_splats(tmp_path / "a.ply").means, cone.means)
+
+
+def test_what_is_said_of_the_size_of_an_spz_is_its_size(tmp_path: Path) -> None:
+    """Whether most of its colors are the same from every side or not."""
+    some = walk_scene(60_000, sh_degree=2).gaussians
+    plain = some.sh.copy()
+    plain[:, 1:] = 0
+    for splats in (some, replace(some, sh=plain)):
+        rows = np.arange(len(splats), dtype=np.int32)
+        run_stage(export_scene_stage(Scene.of(splats), tmp_path / "a.spz"))
+        said = sampled_bytes(splats, rows, len(rows), ExportOptions())
+        assert said == pytest.approx((tmp_path / "a.spz").stat().st_size, rel=0.2)
 
 
 def test_solids_stand_for_objects_in_the_place_and_size_of_the_files(tmp_path: Path) -> None:

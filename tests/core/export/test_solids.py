@@ -181,6 +181,19 @@ def test_another_program_reads_the_same_mesh(
     assert np.abs(shown - wanted).max() < 0.02
 
 
+def test_a_mesh_has_about_as_many_triangles_as_are_asked_for() -> None:
+    whole, fewer = (
+        run_stage(proxy_mesh_stage(_sphere(), CpuRasterizer(), config=MeshConfig(48, n)))
+        for n in (0, 3000)
+    )
+    assert len(whole.faces) > 6000
+    assert 2700 < len(fewer.faces) < 3300
+    edges = np.sort(fewer.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all(), "it stays closed"
+    for corner in (np.min, np.max):
+        assert np.allclose(corner(fewer.vertices, 0), corner(whole.vertices, 0), atol=0.05)
+
+
 def test_what_has_no_surface_is_one_sentence() -> None:
     splats = _sphere().take(np.arange(3))
     with pytest.raises(GagaError, match="few splats"):

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
-from gaga_core.fill.chart import Chart, chart_of, darker
+from gaga_core.fill.chart import Chart, chart_of, darker, tolerance_of
 from gaga_core.fill.fill import Filling, accepted, fill_stage, filled_edit
 from gaga_core.fill.shadows import gains
 from gaga_core.fill.surfaces import FillConfig, Seen, seen_stage, surfaces_around
@@ -166,6 +166,34 @@ def test_only_what_is_dark_is_a_gap() -> None:
     assert found[dark].all()
     assert not found[~ndimage.binary_dilation(dark, iterations=3)].any()
     assert not darker(color / 2, known, asked & ~ndimage.binary_dilation(dark, iterations=9)).any()
+
+
+def test_a_surface_is_found_whatever_its_number_and_a_cloth_on_it_is_part_of_it(
+    table: Table,
+) -> None:
+    """Things that lie around have planes, too: only so many are looked at."""
+    rng, made, labels = np.random.default_rng(0), [table.gaussians], [table.labels + 90]
+    for k in range(20):  # small leaning plates
+        points = np.column_stack([rng.uniform(-0.08, 0.08, (60, 2)), np.zeros(60)])
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        points = points @ turn.T + [0.4 * np.cos(k), 0.4 * np.sin(k), 0.15]
+        made.append(flat(points, np.full((60, 3), 0.5), 0))
+        labels.append(np.full(60, k + 1))
+    whole = made[0]
+    for plate in made[1:]:
+        whole = joined(whole, plate)
+    groups = np.concatenate(labels).astype(np.int32)
+    cloth = (groups == TABLE + 90) & (whole.means[:, 0] > 0)
+    groups[cloth] = 200
+    whole.means[cloth, 2] += 0.012
+    known = np.ones(len(groups), np.bool_)
+    found = surfaces_around(whole, groups, groups == BOX + 90, known, FillConfig())
+    assert found[0].is_layered
+    assert len(np.intersect1d(found[0].splats, np.flatnonzero(cloth))) > 0.9 * cloth.sum()
+    bare = (groups == TABLE + 90).sum()
+    assert len(np.setdiff1d(found[0].splats, np.flatnonzero(cloth))) > 0.9 * bare
+    own = whole.means[groups == BOX + 90].astype(np.float64)
+    assert tolerance_of(chart_of(whole, found[0], own, (), CPU, FillConfig())) > 0.012
 
 
 def test_the_edge_of_a_table_is_not_continued_into_the_air(table: Table) -> None:

@@ -1,5 +1,7 @@
 """Filling on surfaces with a pattern: it goes on in the hole, and is not taken for a shadow."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -54,6 +56,42 @@ def test_stripes_go_on_through_a_hole(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen = wrong()
     monkeypatch.setattr(texture, "STYLES", STYLES[:1])
     assert chosen < 0.4 * wrong()
+
+
+def cloth_on_a_table() -> DoubleArray:
+    """Grained wood, and from the middle on a light cloth with a stripe along its edge."""
+    rows = np.indices((SIDE, SIDE))[0]
+    color = np.where((rows < SIDE / 2)[:, :, None], [0.7, 0.45, 0.2], [0.9, 0.88, 0.82])
+    color = np.where((np.abs(rows - SIDE / 2 - 6) < 2)[:, :, None], [0.2, 0.5, 0.6], color)
+    grain = 1 + 0.01 * np.random.default_rng(0).normal(size=(SIDE, SIDE, 1))
+    blurred: DoubleArray = ndimage.gaussian_filter(color * grain, (0.6, 0.6, 0))
+    return blurred
+
+
+def test_the_edge_of_a_cloth_goes_on_through_a_hole(monkeypatch: pytest.MonkeyPatch) -> None:
+    color, hole = cloth_on_a_table(), disc(12)
+
+    def wrong() -> float:
+        found = continued_color(np.where(hole[:, :, None], 0, color), ~hole, hole)
+        return float(((found - color)[hole] ** 2).mean())
+
+    chosen = wrong()
+    monkeypatch.setattr(texture, "STYLES", STYLES[:2])
+    assert chosen < 0.5 * wrong()
+
+
+def test_a_shadow_over_a_cloth_and_its_table_is_found_by_its_outline() -> None:
+    """What these two differ by explains more of the brightness than any shadow does."""
+    none = np.zeros((SIDE, SIDE), np.bool_)
+    for depth, is_found in ((0.65, True), (1.0, False)):
+        bare = chart(cast_on(cloth_on_a_table(), 14.0, depth))
+        shaded = replace(bare, plane=replace(bare.plane, is_layered=True))
+        cast = shadow_of(shaded, shaded.hole, cylinder(), none)
+        assert (cast is not None) == is_found
+        if cast is not None:
+            true = disc(14, column=SIDE / 2 + 14) & ~shaded.hole
+            assert (cast.mask & true).sum() > 0.8 * true.sum()
+            assert cast.depth == pytest.approx(-np.log(depth), abs=0.15)
 
 
 def test_a_hole_with_no_room_for_a_piece_around_it_is_filled_smoothly() -> None:

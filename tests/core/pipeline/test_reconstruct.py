@@ -1,6 +1,7 @@
 """From photos to a scene folder: complete, taken up after a stop, never over a person's files."""
 
 import shutil
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from gaga_core.io.cameras.cameras_json import read_cameras_json
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.pipeline.place import WORKSPACE, find_photos, read_entry
-from gaga_core.pipeline.reconstruct import reconstruct_scene
+from gaga_core.pipeline.reconstruct import STEPS, TRAINS, Estimate, PhotoFind, reconstruct_scene
 from gaga_core.pipeline.run import missing_stages
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import Progress, run_stage
@@ -205,3 +206,68 @@ def test_settings_are_checked() -> None:
         with pytest.raises(GagaError, match="--"):
             replace(ReconstructConfig(), **wrong)
     assert ReconstructConfig(max_side=200).train().longest_side == 200
+
+
+# --- One estimate for all steps.
+
+
+def _estimated(
+    speeds: Mapping[str, float], rates: Mapping[str, float], iteration: int = 0
+) -> tuple[list[tuple[float, float, float]], dict[str, float]]:
+    """Share, seconds left and true seconds left at each word of a run, and the rates after it.
+
+    ``speeds``: by how much longer than expected each step takes; the training as its splats grow.
+    """
+    found = PhotoFind(Path("shots"), Path("scene"), 50, (1200, 800), iteration=iteration)
+    config, now, seen = ReconstructConfig(), 0.0, []
+    settings, n_pixels = config.train(), found.n_pixels(config)
+    clock = [0.0]
+    estimate = Estimate(found, config, rates, lambda: clock[0])
+    steps = {step: seconds * speeds[step] for step, seconds in found.expected(config, {}).items()}
+    whole = sum(steps.values()) + 6
+    for step in STEPS:
+        first = iteration / settings.iterations if step == TRAINS else 0.0
+        start = settings.spent(n_pixels, first)
+        for k in range(101):
+            share = first + (1 - first) * k / 100
+            spent = settings.spent(n_pixels, share) if step == TRAINS else share
+            start = start if step == TRAINS else 0.0
+            clock[0] = now + steps[step] * (spent - start) / (1 - start)
+            seen.append((*estimate.follow(Progress(step, round(share * 1e6), 10**6)), clock[0]))
+        now += steps[step]
+        for k in range(3):  # what is not counted
+            clock[0] = now + k
+            seen.append((*estimate.follow(Progress("Undistort photos", k, 3)), clock[0]))
+        now += 2
+    return [(share, left, whole + 2 - at) for share, left, at in seen], estimate.rates()
+
+
+def _worst(seen: list[tuple[float, float, float]], since: float = 0.1) -> float:
+    """The largest factor by which the time left was wrong, from a tenth on, to the last seconds."""
+    whole = seen[0][2]
+    off = [max(left / true, true / left) for _, left, true in seen if left > 0 and true > 10]
+    n = sum(true > (1 - since) * whole for _, _, true in seen)
+    return max(off[n:])
+
+
+@pytest.mark.parametrize("speed", [0.3, 1.0, 4.0])
+def test_the_time_left_is_right_from_a_tenth_on_and_the_bar_never_goes_back(speed: float) -> None:
+    speeds = dict.fromkeys(STEPS, speed)
+    seen, rates = _estimated(speeds, {})
+    shares = [share for share, _, _ in seen]
+    assert shares == sorted(shares)
+    assert 0 <= shares[0] < 0.01
+    assert _worst(seen) < 1.5
+    assert rates == pytest.approx(speeds, rel=0.1)
+
+
+def test_what_a_machine_took_is_what_it_is_expected_to_take_next() -> None:
+    """Steps that are off by different factors, which the first run could not know."""
+    speeds = dict(zip(STEPS, (3.0, 0.5, 6.0, 2.0), strict=True))
+    first, rates = _estimated(speeds, {})
+    assert _worst(first, since=0.0) > 1.5
+    second, again = _estimated(speeds, rates)
+    assert _worst(second, since=0.0) < 1.25
+    assert again == pytest.approx(rates, rel=0.1)
+    resumed, _ = _estimated(speeds, rates, iteration=ReconstructConfig().train().iterations // 2)
+    assert _worst(resumed) < 1.5

@@ -29,7 +29,7 @@ from gaga_studio.features.base import Command, ask, needs, no_bank, no_masks, wa
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
-from gaga_studio.session.session import Session
+from gaga_studio.session.session import NO_OBJECTS_OF_A_FILE, Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode
 
@@ -343,12 +343,14 @@ class StageOffer:
 
 
 def duration_text(seconds: float) -> str:
-    """ "about 20 s", "about 3 min"; empty when it is not known."""
+    """ "about 20 s", "about 3 min", "about 2 h"; empty when it is not known."""
     if seconds <= 0:
         return ""
     if seconds < 90:
         return f"about {max(5 * round(seconds / 5), 5)} s"
-    return f"about {round(seconds / 60)} min"
+    if seconds < 5400:
+        return f"about {round(seconds / 60)} min"
+    return f"about {round(seconds / 3600)} h"
 
 
 def offer_of(project: Project, n_masks: int, preset: str, training_s: float = 0.0) -> StageOffer:
@@ -358,10 +360,7 @@ def offer_of(project: Project, n_masks: int, preset: str, training_s: float = 0.
     """
     folder, scene = project.folder, project.scene
     if folder is None:
-        return StageOffer(
-            "A single splat file has no photos to find objects in. Make them by clicks with the "
-            "tool Object (O), or open the scene folder of the file."
-        )
+        return StageOffer(NO_OBJECTS_OF_A_FILE)
     if not folder.mask_folders:
         return _no_masks(folder)
     if n_masks == 0:

@@ -23,7 +23,7 @@ from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.view import ToolName
+from gaga_studio.session.view import ToolName, ViewportPoint
 
 if TYPE_CHECKING:
     from gaga_core.camera import Camera
@@ -136,7 +136,9 @@ def ask_model(session: Session) -> None:
         if again and session.document is document:
             ask_model(session)
 
-    clicks.is_asking = session.jobs.start(f"Ask {model.title}", stage, on_done=done, on_end=end)
+    clicks.is_asking = session.jobs.start(
+        f"Ask {model.title}", stage, on_done=done, on_end=end, gives_way=True
+    )
 
 
 def stop_asking(session: Session) -> None:
@@ -204,6 +206,19 @@ def begin(session: Session) -> None:
     prepare(session)
 
 
+def first_click(session: Session, place: ViewportPoint) -> bool:
+    """Take the tool with a click on something in a scene without objects; False elsewhere."""
+    document, is_on = session.document, place.how != "remove"
+    if document is None or session.live is not None or document.read.has_groups() or not is_on:
+        return False
+    found = session.pick(place.u, place.v, place.width, place.height)
+    if found is None or found.weights.sum() < _LEAST:
+        return False
+    begin(session)
+    click(session, place.u, place.v, place.width, place.height, is_on=True)
+    return True
+
+
 def prompt(session: Session) -> str:
     """Return what a click does now, in words."""
     document = session.need()
@@ -263,8 +278,9 @@ def prepare(session: Session) -> bool:
     def end() -> None:
         state.is_preparing, state.waiting = False, []
 
-    state.is_preparing = session.jobs.start(TITLE, stage(), on_done=done, on_end=end)
-    return state.is_preparing
+    started = session.jobs.start(TITLE, stage(), on_done=done, on_end=end, gives_way=True)
+    state.is_preparing = started
+    return started
 
 
 @notifies

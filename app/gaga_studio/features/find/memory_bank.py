@@ -18,7 +18,7 @@ from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.edits.splats import spread
-from gaga_core.scene.objects import ObjectTable
+from gaga_core.scene.objects import ObjectTable, group_indices
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import camera
 from gaga_studio.features.base import (
@@ -37,6 +37,7 @@ from gaga_studio.features.find import association
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
+from gaga_studio.session.scene_cache import labels_of_bank
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, ViewState
 
@@ -242,6 +243,32 @@ def watch_objects(session: Session, document: Document) -> Callable[[], bool]:
         return now.bank is bank and np.array_equal(now.labels[: len(labels)], labels)
 
     return watch(session, document, _CHANGED, is_same)
+
+
+# --- which object the panel is about
+
+
+def group_of_panel(session: Session) -> int:
+    """Return the object whose masks are shown: the one in the inspector; 0 with none selected."""
+    return session.focus if session.focus in session.selected_groups() else 0
+
+
+def made_from(session: Session, group: int) -> int:
+    """Return the object that the masks of ``group`` made: itself, or what it was split off.
+
+    A part that was cut off by hand has no masks of its own.
+    """
+    document, bank = session.need(), session.need().scene.bank
+    if bank is None or session.live is not None or document.read.decisions(group, None):
+        return group
+
+    def find() -> int:
+        rows = group_indices(document.scene, group)
+        before = labels_of_bank(bank, document.scene)[rows]
+        return int(np.bincount(before).argmax()) if len(rows) else 0
+
+    scene = document.scene
+    return document.read.once("made from", (group, bank, scene.revision.labels), find) or group
 
 
 # --- photos and masks that came later

@@ -47,7 +47,7 @@ from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, n
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request
-from gaga_studio.session.session import NO_GROUPS, Session
+from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 
 Kept = Callable[[Session, ObjectTable], frozenset[int] | None]
@@ -478,7 +478,7 @@ def no_question(session: Session) -> str:
     if document is None:
         return no_scene(session)
     if not document.read.has_groups():
-        return NO_GROUPS
+        return session.no_groups_text
     return (
         busy(session)
         if document.feature(SearchState).text.strip()

@@ -47,7 +47,7 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
         if id(notice) not in state.closed and now - notice.time < _seconds(notice)
     ]
     state.closed &= {id(notice) for notice in session.notices}
-    state.are_passing = any(notice.level is not Level.ERROR for notice in fresh)
+    state.are_passing = any(_seconds(notice) < float("inf") for notice in fresh)
     right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
     at = ImVec2(right, max(area.top, area.chip_bottom, area.card_bottom) + em(0.7))
     width = max(min(em(24), at.x - area.left - em(0.7)), em(12))
@@ -57,6 +57,8 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
 
 def _seconds(notice: Notice) -> float:
     """How long a notice stays."""
+    if notice.otherwise:
+        return float("inf")
     seconds = _SECONDS[notice.level]
     return max(seconds, _OFFER_SECONDS) if notice.command or notice.shows else seconds
 
@@ -81,10 +83,12 @@ def _card(
             imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + em(1.6))
             if widgets.button("Show in folder", Face("Show in folder", icons.FOLDER)):
                 export.show_in_folder(session, notice.shows)
-        if notice.command:
-            command = commands.command(notice.command)
+        for name in filter(None, (notice.command, notice.otherwise)):
+            command = commands.command(name)
+            if name == notice.otherwise:
+                widgets.next_to(command.title)
             if widgets.button(command.title, why_not=command.enabled(session)):
-                commands.run(notice.command, session)
+                commands.run(name, session)
                 state.closed.add(id(notice))
         imgui.set_cursor_pos(ImVec2(width - em(2.2), top))
         if widgets.small_icon("Close", icons.CLOSE, hint="Close"):

@@ -7,7 +7,7 @@ from imgui_bundle import imgui
 from gaga_studio.features import commands
 from gaga_studio.features.find import click_object
 from gaga_studio.session.notices import Request
-from gaga_studio.session.session import NO_GROUPS, Session
+from gaga_studio.session.session import Session
 from gaga_studio.session.view import REGION_TOOLS, Mode, SplatLook, ToolName
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -102,7 +102,7 @@ def _what_regions_take(session: Session) -> None:
     """In words, because "rings" and "centres" are what users of other editors stumble over."""
     view = session.view
     document = session.document
-    no_objects = "" if document and document.read.has_groups() else NO_GROUPS
+    no_objects = "" if document and document.read.has_groups() else session.no_groups_text
     takes = widgets.segmented(
         "What is selected",
         _TAKES,

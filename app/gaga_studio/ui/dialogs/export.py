@@ -73,6 +73,17 @@ def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool)
     return _crop(session, options)
 
 
+def _up(options: ExportOptions) -> ExportOptions:
+    widgets.field_name("Up", em(NAMES))
+    choices = [
+        (False, "", "Y, as glTF has it", "It stands upright in other programs"),
+        (True, "", "As trained", "Axes of the scene, x and y reversed, as a .ply has them"),
+    ]
+    return replace(
+        options, as_trained=widgets.segmented("Up", choices, options.as_trained, why_not={})
+    )
+
+
 def _color(options: ExportOptions, degree: int) -> ExportOptions:
     now = degree if options.sh_degree is None else min(options.sh_degree, degree)
     named = {k: f"View-dependent, degree {k}" for k in range(degree, 0, -1)}
@@ -225,6 +236,12 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
     _what_and_form(session, sheet)
     is_solid = sheet.what == "objects" and sheet.solid is not None
     has_splats = sheet.what != "cameras" and not is_solid
+    if (
+        sheet.mesh_file is MeshFile.GLB
+        if is_solid
+        else sheet.form is SplatFormat.GLB and has_splats
+    ):
+        sheet.options = _up(sheet.options)
     sheet.options = _draw_options(session, sheet.options, has_splats=has_splats)
     _place(sheet, files)
     summary = export.summary(session, _plan(sheet))

@@ -16,9 +16,10 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as native
 
 from gaga_core.io.files import safe_name
+from gaga_core.io.images import IMAGE_SUFFIXES
 from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.placing.photos import VIDEO_SUFFIXES
-from gaga_studio.features import camera, files, fill
+from gaga_studio.features import camera, files, fill, reconstruction
 from gaga_studio.features.find import masks
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
@@ -373,6 +374,13 @@ _ASKED = {
         PathKind.OPEN_FILE,
         Session.open,
         (*READ_SUFFIXES, ".json", *VIDEO_SUFFIXES),
+        needs_scene=False,
+    ),
+    Request.OPEN_PHOTOS: _Asked(
+        "Choose a film, or any photo of the folder",
+        PathKind.OPEN_FILE,
+        reconstruction.open_photos,
+        (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES),
         needs_scene=False,
     ),
     Request.INPAINTING_MODEL: _Asked(

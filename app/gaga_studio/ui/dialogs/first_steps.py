@@ -8,18 +8,20 @@ from dataclasses import dataclass, field, replace
 
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.scene.scene import Scene, State
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 
 STEPS = (
-    ("open", "Open a scene or the demo"),
+    ("open", "Open a scene, photos or the demo"),
     ("find", "Find its objects"),
     ("click", "Click an object"),
     ("change", "Hide, color or move it"),
     ("export", "Export what you made"),
 )
+_TRAIN = ("train", "Make splats of the photos")  # the second step, where photos were opened
 _WIDTH, _LINE, _GAP = 14.6, 1.55, 0.7  # ems
 _HIGH = 1.9 + len(STEPS) * _LINE + 1.2  # title, steps, padding
 
@@ -29,33 +31,52 @@ class FirstSteps:
     """Which of `STEPS` were done since the program was started."""
 
     done: set[str] = field(default_factory=set)
+    has_photos: bool = False  # photos without splats were opened
     _document: int = 0
-    _content: object = None  # of the scene when an object was first clicked
+    _state: int = -1  # of the history when it was last looked at
+    _look: object = None  # of the scene when an object was first clicked
+
+    @property
+    def steps(self) -> tuple[tuple[str, str], ...]:
+        """All steps of what was opened."""
+        return (STEPS[0], _TRAIN, *STEPS[1:]) if self.has_photos else STEPS
 
     def follow(self, session: Session) -> None:
         """Tick what is done by now."""
         document = session.document
         if session.has_exported:
             self.done.add("export")
+        if session.photos is not None or session.training is not None:
+            self.done.add("open")
+            self.has_photos = True
         if document is None:
             return
-        content = document.save_state.content(document.history.state_id)
         if self._document != id(document):
-            self._document, self._content = id(document), content
-        self.done.add("open")
+            if self._document and not self.next:  # it is not shown over the next scene
+                session.change_settings(replace(session.settings, first_steps_done=True))
+            self._document, self._state, self._look = id(document), -1, look_of(document.scene)
+        self.done |= {"open", "train"} if self.has_photos else {"open"}
         if document.read.has_groups():
             self.done.add("find")
-        if "find" not in self.done or not ("click" in self.done or session.selected_groups()):
-            self._content = content
+        if "find" in self.done and session.selected_groups():
+            self.done.add("click")
+        if document.history.state_id == self._state or "change" in self.done:
             return
-        self.done.add("click")
-        if content != self._content:
+        self._state, look = document.history.state_id, look_of(document.scene)
+        if "click" in self.done and look != self._look:
             self.done.add("change")
+        self._look = look
 
     @property
     def next(self) -> int:
         """Number of the first step that is not done, from 1; 0 when all are."""
-        return next((i for i, (name, _) in enumerate(STEPS, 1) if name not in self.done), 0)
+        return next((i for i, (name, _) in enumerate(self.steps, 1) if name not in self.done), 0)
+
+
+def look_of(scene: Scene) -> object:
+    """What changes when something is hidden, colored, moved or deleted; not by making objects."""
+    states = tuple(int(scene.has(state).sum()) for state in (State.HIDDEN, State.DELETED))
+    return states, scene.revision.placement, scene.revision.placements
 
 
 @dataclass(frozen=True)
@@ -68,14 +89,14 @@ class CardPlace:
     is_whole: bool  # all five lines
 
 
-def place(area: PictureArea, foot: float, unit: float) -> CardPlace | None:
+def place(area: PictureArea, foot: float, unit: float, n: int = len(STEPS)) -> CardPlace | None:
     """Where the card fits into the picture above the y of ``foot``; None: nowhere.
 
-    ``unit`` is one em. Five lines need room next to the middle third of the picture, or below it.
+    ``unit`` is one em. The ``n`` lines need room next to the middle third, or below it.
     """
     left, top, width, height = area.left, area.top, area.width, area.height
     bottom = min(foot, area.bottom) - _GAP * unit
-    wide, high = _WIDTH * unit, _HIGH * unit
+    wide, high = _WIDTH * unit, (_HIGH + (n - len(STEPS)) * _LINE) * unit
     is_next_to = left + _GAP * unit + wide <= left + width / 3
     below = bottom - high >= top + height * 2 / 3
     if (is_next_to and bottom - high >= top + 3 * unit) or below:
@@ -98,7 +119,7 @@ def draw(
     if not is_open and area.height < em(20):  # the ways to begin need all of it
         return
     foot = area.offer_top if is_open else area.bottom
-    where = place(area, foot, em())
+    where = place(area, foot, em(), len(progress.steps))
     if where is None:
         return
     if not is_open:  # the ways to begin are in the middle: one line at the foot
@@ -118,7 +139,7 @@ def _card(session: Session, progress: FirstSteps) -> None:
     with theme.face(strong=True):
         imgui.text_unformatted("First steps" if at else "All steps done")
     _close(session)
-    for number, (name, text) in enumerate(STEPS, 1):
+    for number, (name, text) in enumerate(progress.steps, 1):
         _step(text, name in progress.done, number == at)
 
 
@@ -135,13 +156,15 @@ def _strip(session: Session, progress: FirstSteps) -> None:
     at = progress.next
     imgui.align_text_to_frame_padding()
     widgets.text(
-        f"{at} / {len(STEPS)}" if at else icons.SUCCESS, theme.ACCENT if at else theme.GOOD
+        f"{at} / {len(progress.steps)}" if at else icons.SUCCESS,
+        theme.ACCENT if at else theme.GOOD,
     )
     imgui.same_line(0, em(0.6))
     imgui.align_text_to_frame_padding()
     room = imgui.get_content_region_avail().x - em(2)
-    imgui.text_unformatted(widgets.elided(STEPS[at - 1][1] if at else "All steps done", room))
-    widgets.tooltip("\n".join(f"{i}. {text}" for i, (_, text) in enumerate(STEPS, 1)))
+    steps = progress.steps
+    imgui.text_unformatted(widgets.elided(steps[at - 1][1] if at else "All steps done", room))
+    widgets.tooltip("\n".join(f"{i}. {text}" for i, (_, text) in enumerate(steps, 1)))
     _close(session)
 
 

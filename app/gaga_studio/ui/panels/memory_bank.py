@@ -53,24 +53,32 @@ def draw(session: Session, state: EvidenceState) -> None:
         hint = "Association fills it: which mask of which photo belongs to which object."
         widgets.empty_state(icons.MEMORY, "The memory bank is empty", hint)
         return
-    decisions = session.decisions(session.focus) if session.focus else ()
-    if not decisions:
+    group = memory_bank.group_of_panel(session)
+    if not group:
         hint = "Select an object to see the masks that made it."
         widgets.empty_state(icons.MEMORY, "No object chosen", hint)
         return
-    _head(document, session.focus, decisions)
+    whole = memory_bank.made_from(session, group)
+    decisions = session.decisions(whole)
+    if not decisions:
+        hint = "It was made by hand. Only objects that Find objects made have masks."
+        widgets.empty_state(icons.MEMORY, f"{document.name_of(group)} has no masks", hint)
+        return
+    _head(document, group, whole, decisions)
     _chosen(session, document, state)
     _table(session, document, state, decisions, by_view=True)
 
 
-def _head(document: Document, group: int, decisions: Sequence[Decision]) -> None:
+def _head(document: Document, group: int, whole: int, decisions: Sequence[Decision]) -> None:
     with theme.face(strong=True):
         widgets.line(document.name_of(group))
     n_views = len({decision.view for decision in decisions})
     masks = "1 mask" if len(decisions) == 1 else f"{len(decisions)} masks"
     n_by_hand = sum(decision.by_hand for decision in decisions)
     by_hand = f", {n_by_hand} put here by hand" if n_by_hand else ""
-    widgets.dim(f"{masks} from {n_views} view{'' if n_views == 1 else 's'}{by_hand}")
+    of = f" of {document.name_of(whole)}, which it was part of" if whole != group else ""
+    text = f"{masks}{of} from {n_views} view{'' if n_views == 1 else 's'}{by_hand}"
+    widgets.dim(widgets.elided(text, imgui.get_content_region_avail().x))
     widgets.tooltip(
         f"Overlap: {_OVERLAPS[document.read.overlap_is_of_points()]}. Right-click a mask that "
         "belongs elsewhere, or drag it onto its object in the list."
@@ -209,7 +217,7 @@ def _row(
     if by_view:
         widgets.line(decision.view)
     else:
-        widgets.line(f"group {decision.group}" if decision.group else "none")
+        widgets.line(document.name_of(decision.group) if decision.group else "none")
     imgui.table_set_column_index(1)
     widgets.number(f"{decision.mask}", theme.DIM)
     imgui.table_set_column_index(2)

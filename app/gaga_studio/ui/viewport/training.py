@@ -124,9 +124,9 @@ def _ring(placement: "PlacementReport") -> None:
 
 SHEET = "Make splats"
 _QUALITIES = (
-    ("draft", "Draft", "Minutes on a processor; enough to find objects in"),
-    ("standard", "Standard", "About an hour on a processor"),
-    ("full", "Full", "The published schedule, for a graphics card or a night"),
+    ("draft", "Quick look", "Draft: enough to find objects in"),
+    ("standard", "Good", "Standard: a good picture"),
+    ("full", "Best", "Full: the published schedule, for a graphics card or a night"),
 )
 
 
@@ -173,10 +173,8 @@ def _label(session: Session, found: "PhotoFind") -> str:
     """ "Make splats from 50 photos, about 4 min"; no time where too few cannot make any."""
     if reconstruction.too_few(found):
         return reconstruction.title(session)
-    seconds = found.seconds(reconstruction.plan_of(found).config)
-    return association.StageOffer(
-        "", reconstruction.title(session), seconds=max(seconds, 1.0)
-    ).label
+    seconds = reconstruction.seconds_of(session, found, reconstruction.plan_of(found))
+    return association.StageOffer("", reconstruction.title(session), seconds=seconds).label
 
 
 # --- while it runs
@@ -273,7 +271,7 @@ def sheet(session: Session, held: PlanSheet) -> None:
     widgets.dim(reconstruction.found_text(found), wrap=True)
     imgui.dummy(ImVec2(0, em(0.2)))
     try:
-        plan = _fields(held.plan, found)
+        plan = _fields(session, held.plan, found)
     except GagaError as error:
         session.notify(Level.WARNING, str(error))
         plan = held.plan
@@ -283,13 +281,19 @@ def sheet(session: Session, held: PlanSheet) -> None:
     imgui.end_popup()
 
 
-def _fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
-    config = plan.config
-    named = {name: title for name, title, _ in _QUALITIES}
-    chosen = widgets.choice("Quality", named, config.quality, em(NAMES))
+def _fields(session: Session, plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
+    config, choices = plan.config, []
+    for name, title, hint in _QUALITIES:
+        other = plan if name == config.quality else reconstruction.plan_with(plan, "quality", name)
+        seconds = reconstruction.seconds_of(session, found, other)
+        took = association.duration_text(seconds).removeprefix("about ")
+        choices.append((name, "", f"{title}, {took}###{title}", hint))
+    chosen = widgets.segmented("Quality", choices, config.quality, why_not={})
     if chosen != config.quality:
         plan = reconstruction.plan_with(plan, "quality", chosen)
     widgets.dim(next(text for name, _, text in _QUALITIES if name == chosen), wrap=True)
+    if not widgets.section("More"):
+        return plan
     settings = plan.config.train()
     plan = draw_setting(plan, "max_side", settings.longest_side, steps=(80, 320))
     plan = draw_setting(plan, "iterations", settings.iterations, steps=(500, 5000))
@@ -315,7 +319,9 @@ def _sheet_end(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -
     if is_other:
         widgets.dim("With other settings the training starts again.", wrap=True)
         found = replace(found, iteration=0)
-    about = association.StageOffer("", "", seconds=max(found.seconds(plan.config), 1.0)).duration
+    about = association.StageOffer(
+        "", "", seconds=reconstruction.seconds_of(session, found, plan)
+    ).duration
     widgets.dim(f"It takes {about} on the processor here.")
     face = Face("Start", icons.RUN, width=em(8), primary=True)
     if answer("Start", face, why_not=reconstruction.why_not(session)):

@@ -135,9 +135,10 @@ def _content(session: Session, state: PictureState, width: float) -> None:
         command_buttons.command_button(session, command, name, face)
 
 
-# --- The start page while nothing is open: three ways to begin, and recent scenes.
+# --- The start page while nothing is open: four ways to begin, and recent scenes.
 
 _CHOICES = (
+    ("file.open_photos", icons.CAMERA, "Start from photos or a film", "They become a scene here"),
     ("file.open_folder", icons.FOLDER, "Open a scene folder", "Photos, cameras, splats, masks"),
     ("file.open_file", icons.FILE, "Open a splat file", "PLY, SPZ, SOG, .splat, project"),
     ("file.demo", icons.DEMO, "Try the demo", "A furnished room, ready to edit"),
@@ -147,7 +148,7 @@ _CARD_EDGE = 12.0  # of a card that no text comes near, both sides together, pix
 
 
 def _draw_welcome(session: Session, steps_height: float) -> None:
-    """Three large choices in the middle; below them what was open lately."""
+    """Four large choices in the middle; below them what was open lately."""
     room = imgui.get_content_region_avail()
     room.y -= steps_height
     corner = imgui.get_cursor_screen_pos()
@@ -155,24 +156,25 @@ def _draw_welcome(session: Session, steps_height: float) -> None:
         _opening(session, room)
         return
     recent = session.settings.recent[:_MOST_RECENT] if room.y > em(24) else ()
-    card = ImVec2(min(em(14.5), (room.x - em(4)) / 3), em(8.6))
-    widest = max(imgui.calc_text_size(detail).x for *_, detail in _CHOICES)
-    is_wide = room.x > em(40) and widest <= card.x - theme.scaled(_CARD_EDGE)
+    n = len(_CHOICES)
+    card = ImVec2(min(em(14.5), (room.x - em(5)) / n), em(8.6))
+    widest = max(imgui.calc_text_size(text).x for choice in _CHOICES for text in choice[2:])
+    is_wide = widest <= card.x - theme.scaled(_CARD_EDGE)
     if not is_wide:
         card = ImVec2(min(room.x - em(3), em(24)), em(3.5))
-    height = card.y + em(3.6) if is_wide else 3 * card.y + em(4.2)
+    height = card.y + em(3.6) if is_wide else n * card.y + em(4.2)
     height += (len(recent) + 2) * imgui.get_text_line_height_with_spacing() if recent else em(2)
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + max((room.y - height) * 0.45, em(0.5)))
     with theme.face(strong=True, scale=1.35):
         widgets.wrapped("Open a scene to begin", theme.TEXT)
     imgui.dummy(ImVec2(0, em(0.5)))
-    left = (room.x - (3 * card.x + em(1.6) if is_wide else card.x)) / 2
+    left = (room.x - (n * card.x + (n - 1) * em(0.8) if is_wide else card.x)) / 2
     for position, (command, icon, title, detail) in enumerate(_CHOICES):
         if position == 0 or not is_wide:
             imgui.set_cursor_pos_x(left)
         if _card(title, icon, detail, card, is_wide):
             commands.run(command, session)
-        if is_wide and position < 2:
+        if is_wide and position < n - 1:
             imgui.same_line(0, em(0.8))
     imgui.dummy(ImVec2(0, em(0.3)))
     widgets.wrapped("or drop a folder or a file into the window", theme.DIM)
