@@ -53,6 +53,7 @@ from gaga_core.threads import n_threads
 
 
 ROUNDS = (4.0, 2.5, 1.0, 0.0, -1.5, -np.inf)  # least log odds of joins, round by round
+_FINEST = 8.0  # log odds of joins of pieces in the level below the leaves
 _CRUMB = 1.0  # samples that a view shows of the smallest leaf, mean
 _CERTAIN = 8.0  # log odds that stand for a leaf's own, and against a join of roots
 
@@ -62,6 +63,7 @@ class Tree:
     """Nodes 0..L-1 are leaves, each later one joins two earlier ones."""
 
     leaf: LongArray  # (S,) of each sample
+    finest: LongArray  # (S,) pieces inside of leaves, for who looks for smaller ones
     parent: LongArray  # (n,) -1 = none
     evidence: DoubleArray  # (n,) at which both parts of a node joined
     length: DoubleArray  # (n,) of the border along which they did
@@ -116,8 +118,8 @@ def grown(
     """Join pieces round by round, borders judged again before each; by what is `learned`, unless
     other ensembles are given."""
     pieces, borders = pieces or learned().pieces, borders or learned().borders
-    graph = borders_of(seen, seen.piece).judged(pieces)
-    leaf = cluster = join_crumbs(graph, least)[seen.piece]
+    pieces_graph = borders_of(seen, seen.piece).judged(pieces)
+    leaf = cluster = join_crumbs(pieces_graph, least)[seen.piece]
     node = np.arange(int(leaf.max()) + 1)  # of each cluster
     parent, evidence, length = [-1] * len(node), [_CERTAIN] * len(node), [0.0] * len(node)
     leaves = borders_of(seen, leaf)
@@ -135,7 +137,8 @@ def grown(
             into = into[into]
         node, cluster = node[np.unique(into)], dense(into)[cluster]
     numbers = np.array(evidence), np.array(length)
-    return Tree(leaf, np.array(parent, np.int64), *numbers, leaves, judged)
+    finest = joined(pieces_graph, _FINEST)[seen.piece]
+    return Tree(leaf, finest, np.array(parent, np.int64), *numbers, leaves, judged)
 
 
 # --- What nodes of the tree look like.
@@ -345,7 +348,7 @@ def cuts(
     samples (S,) are background and the objectness (S,) of what they are in.
 
     Background is what is worth less than ``least``, and nodes (n,) that are rest however they look.
-    Finer levels have more and more of it as objects.
+    Finer levels have more and more of it as objects; the last one has pieces of leaves.
     """
     n, leaves, worth = len(tree.parent), tree.leaves(), np.maximum(objectness, 0) ** _POWER
     levels = np.empty((len(PRICES), tree.n_leaves), np.int64)
@@ -358,7 +361,8 @@ def cuts(
         finer = (i - CHOSEN) / (len(PRICES) - 1 - CHOSEN)
         still = (objectness[node_of] < (1 - finer) * least) | is_rest[node_of]
         node_of[behind & (still | (i <= CHOSEN))] = n
-    return levels[:, tree.leaf], behind[tree.leaf], sure[tree.leaf]
+    clusters = np.concatenate([levels[:, tree.leaf], tree.finest[None]])
+    return clusters, behind[tree.leaf], sure[tree.leaf]
 
 
 # --- Colors of samples, and the sample that stands for each Gaussian.
@@ -465,7 +469,7 @@ def objects_stage(
     found = Levels.of(clusters[:, carriers], CHOSEN, behind[carriers].astype(np.int64))
     if config.detail is not None:
         found = found.choose(config.detail)
-    labels = np.zeros((len(PRICES), len(gaussians)), np.int32)
+    labels = np.zeros((len(clusters), len(gaussians)), np.int32)
     labels[:, rows] = found.labels[:, : len(rows)]
     of_samples = found.labels[found.chosen, len(rows) :]
     return FoundObjects(replace(found, labels=labels), confidence, surfels.regions, of_samples)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from imgui_bundle import ImVec2
+from imgui_bundle import ImVec2, imgui
 from PIL import Image
 
-from gaga_core.arrays import UInt8Array
+from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.grouping.levels import Levels
 from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.scene import edits
@@ -370,11 +370,30 @@ def _parts(d: Driver) -> None:
         )
     )
     d.settle()
+    _clicks_on_one_spot(d, rows)
     d.click(_ROW.format(2, "Fold"))
     d.click("Objects/**/part 2 1/##row")
     assert d.session.selected_indices().tolist() == rows[: len(rows) // 3].tolist()
     d.menu_of("Objects/**/part 2 1/##row", "###Split here")
     assert set(np.unique(scene.labels[rows])) == {2, 100}
+
+
+def _clicks_on_one_spot(d: Driver, rows: IntArray) -> None:
+    """The first click selects the object, the second a part of it, Alt the object again."""
+    u, v = d.project(d.scene.gaussians.means[rows].mean(axis=0))
+    io = imgui.get_io()
+    slow, io.mouse_double_click_time = io.mouse_double_click_time, 0.0
+    d.click_picture(u, v)
+    assert d.session.selected_indices().tolist() == rows.tolist()
+    d.click_picture(u, v)
+    part = d.session.selected_indices()
+    assert 0 < len(part) < len(rows)
+    assert np.isin(part, rows).all()
+    d.engine.key_down(KEY.mod_alt)
+    d.click_picture(u, v)
+    d.engine.key_up(KEY.mod_alt)
+    assert d.session.selected_indices().tolist() == rows.tolist()
+    io.mouse_double_click_time = slow
 
 
 # --- The slider of the level of detail: it shows while it is held, and its release is one edit.
