@@ -259,6 +259,8 @@ def main(folder: Path) -> int:
         if file.is_file() and file.stat().st_size < wanted:
             raise ValueError("cameras.bin is truncated")
         images = sorted(model.images.values(), key=lambda image: str(image.name))
+        if any("\0" in image.name for image in images):  # no file has such a name
+            raise ValueError("the name of a photo holds a zero byte")
         used = [model.cameras[image.camera_id] for image in images]
         poses = [np.asarray(image.cam_from_world().matrix()) for image in images]
     except (ValueError, IndexError, KeyError, RuntimeError, MemoryError, OverflowError) as error:

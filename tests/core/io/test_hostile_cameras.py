@@ -72,6 +72,15 @@ def test_colmap_poses_are_usable_or_refused(tmp_path: Path, value: str) -> None:
         check_cameras(lambda: read_colmap(tmp_path).cameras)
 
 
+@pytest.mark.parametrize("name", ["a\0b.png", "\0", "\0\0\0"])
+def test_a_name_with_zero_bytes_is_refused(tmp_path: Path, name: str) -> None:
+    """They end the names that the reading process passes on."""
+    cameras = [replace(camera, name=name) for camera in orbit_cameras(1)]
+    write_colmap(tmp_path, cameras, np.ones((1, 3)), np.zeros((1, 3), np.uint8))
+    with pytest.raises(GagaError, match="zero byte"):
+        read_colmap(tmp_path)
+
+
 def test_a_long_name_of_one_photo_takes_no_room_from_the_others(tmp_path: Path) -> None:
     cameras = list(orbit_cameras(200))
     cameras[0] = replace(cameras[0], name="x" * 5_000_000)  # 4 GB as an array of text
