@@ -196,18 +196,19 @@ def _tidied(workspace: Path) -> Iterator[None]:
 
 
 # The steps that take long, in their order.
-FEATURES, MATCHES, PLACES, TRAINS = STEPS = (
+FEATURES, MATCHES, PLACES, SURFACES, TRAINS = STEPS = (
     "Find features",
     "Match photos",
     "Place photos",
+    "Match surfaces",
     "Train splats",
 )
-# Structure from motion of photos of a room, measured on two cores: seconds of one core, a photo or
-# a pair. The training is counted in such seconds already.
-_RATES = {FEATURES: 0.2, MATCHES: 0.012, PLACES: 0.15, TRAINS: 1.0}
+# Photos of a room, measured on two cores: seconds of one core, a photo, a pair, or a pixel of the
+# training. The training itself is counted in such seconds already.
+_RATES = {FEATURES: 0.2, MATCHES: 0.012, PLACES: 0.15, SURFACES: 1.5e-5, TRAINS: 1.0}
 _LEARNED = 0.5  # weight of the newest run in a rate that is kept
 _MOST_OFF = 20.0  # factor: a rate that is off by more was measured while something else was wrong
-_TRUSTED = 0.1  # share of a step from which on its own rate is trusted more than what was expected
+_TRUSTED = 0.05  # share of a step from which on its own rate is trusted more than what was expected
 _TIMES = {"draft": 1.0, "standard": 4.0, "full": 12.0}  # more and finer features
 _VIDEO_SIZE = (1920, 1080)  # pixels: a guess, the header is not read for it
 
@@ -244,7 +245,8 @@ class PhotoFind:
 
     def _work(self, config: ReconstructConfig) -> dict[str, float]:
         """Seconds that each step would take on a machine like the one that was measured."""
-        work = {TRAINS: max(self._training(config), 1.0)}
+        surfaces = _RATES[SURFACES] * self.n_photos * self.n_pixels(config)
+        work = {SURFACES: surfaces, TRAINS: max(self._training(config), 1.0)}
         if not self.is_placed:
             sfm, n = config.sfm(), self.n_photos
             neighbours = sfm.overlap * 2 if self.is_video else sfm.neighbours
@@ -290,7 +292,7 @@ class Estimate:
         self._start = -1.0  # when the first word comes
         self._began: dict[str, tuple[float, float]] = {}  # seconds and share at its first word
         self._took: dict[str, float] = {}  # seconds
-        self._now = ""
+        self._now, self._part = "", 0.0  # the step that runs, and how far it is
         self._share = 0.0
 
     def follow(self, step: Progress) -> tuple[float, float]:
@@ -304,9 +306,10 @@ class Estimate:
                 self._end_step(at)
                 self._now = step.stage
             self._began.setdefault(step.stage, (at, share))
+            self._part = share
         elif self._now and self._now != TRAINS and step.total > 0:
             self._end_step(at)  # something between two steps
-        left = self._left(at, share)
+        left = self._left(at, self._part)
         elapsed = at - self._start
         self._share = max(self._share, elapsed / max(elapsed + left, 1e-9))
         return self._share, left

@@ -230,7 +230,7 @@ def test_a_job_gives_way_to_one_that_concerns_something_else_and_exports_wait() 
     runner.start(
         "Prepare clicks",
         _count(10_000, 0.001),
-        values.append,
+        on_done=values.append,
         on_end=lambda: ends.append("prepared"),
         gives_way=True,
     )

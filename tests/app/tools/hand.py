@@ -58,7 +58,8 @@ class Hand:
 def surface(session: Session) -> DoubleArray:
     """A pixel (2,) that shows something solid."""
     scene = session.need().scene
-    pixels, _ = session.rig.camera(W, H).project(world_means(scene, np.arange(len(scene))))
+    points = world_means(scene, np.arange(len(scene), dtype=np.int32)).astype(np.float64)
+    pixels, _ = session.rig.camera(W, H).project(points)
     for u, v in np.floor(pixels) + 0.5:
         inside = 0 < u < W and 0 < v < H
         found = session.pick(float(u), float(v), W, H) if inside else None

@@ -49,7 +49,7 @@ def test_only_what_was_done_is_ticked_and_photos_count(session: Session, tmp_pat
     """Making an object, naming it and an export change nothing that is seen."""
     progress = FirstSteps()
     progress.follow(session)
-    session.need().select(np.arange(40), "set", "Forty")
+    session.need().select(np.arange(40, dtype=np.int32), "set", "Forty")
     objects.separate(session)
     progress.follow(session)
     assert progress.done >= {"open", "find", "click"}

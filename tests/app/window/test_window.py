@@ -219,6 +219,25 @@ def _endless(when_ended: Callable[[], object] = lambda: None) -> Stage[None]:
         when_ended()
 
 
+def test_escape_closes_an_open_menu_and_nothing_else(display: str, balls: Path) -> None:
+    any_popup = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
+
+    def is_open(d: Driver) -> bool:
+        return bool(d.on_main(lambda: imgui.is_popup_open("", any_popup)))
+
+    def test(d: Driver) -> None:
+        d.keys(KEY.mod_ctrl, KEY.a)
+        n = len(d.session.selected_indices())
+        assert n > 0
+        d.menu("Edit")
+        assert is_open(d)
+        d.keys(KEY.escape)
+        assert not is_open(d)
+        assert len(d.session.selected_indices()) == n
+
+    drive(test, path=balls)
+
+
 def test_a_task_is_cancelled_by_its_button(display: str, balls: Path) -> None:
     ended = []
 

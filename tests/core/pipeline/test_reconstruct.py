@@ -234,6 +234,9 @@ def _estimated(
             start = start if step == TRAINS else 0.0
             clock[0] = now + steps[step] * (spent - start) / (1 - start)
             seen.append((*estimate.follow(Progress(step, round(share * 1e6), 10**6)), clock[0]))
+            if step == TRAINS and k % 10 == 5:  # what is done within a step has shares of its own
+                measured = estimate.follow(Progress("Measure on held-out views", 0, 2))
+                assert measured == pytest.approx(seen[-1][:2])
         now += steps[step]
         for k in range(3):  # what is not counted
             clock[0] = now + k
@@ -263,7 +266,7 @@ def test_the_time_left_is_right_from_a_tenth_on_and_the_bar_never_goes_back(spee
 
 def test_what_a_machine_took_is_what_it_is_expected_to_take_next() -> None:
     """Steps that are off by different factors, which the first run could not know."""
-    speeds = dict(zip(STEPS, (3.0, 0.5, 6.0, 2.0), strict=True))
+    speeds = dict(zip(STEPS, (3.0, 0.5, 6.0, 1.0, 2.0), strict=True))
     first, rates = _estimated(speeds, {})
     assert _worst(first, since=0.0) > 1.5
     second, again = _estimated(speeds, rates)

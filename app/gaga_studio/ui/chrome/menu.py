@@ -69,6 +69,7 @@ def draw(session: Session, reset_layout: Callable[[], None]) -> None:
                 imgui.separator()
                 if imgui.menu_item_simple(f"{icons.RESET}  Put panels back###Put panels back"):
                     reset_layout()
+            widgets.escape_closes()
             imgui.end_menu()
     _title(session)
 

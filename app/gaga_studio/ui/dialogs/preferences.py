@@ -190,6 +190,7 @@ class Shortcuts:
     """Runs the commands of the keys that are pressed."""
 
     follow: Callable[[], object]  # lets the selection follow the mouse
+    _had_popup: bool = False  # in the frame before: Escape has closed it
     _after_text: str = ""  # id of the command that was asked for while a text was typed
 
     def pressed(self, session: Session, on_escape: Callable[[], bool]) -> None:
@@ -201,7 +202,8 @@ class Shortcuts:
         (undo, copy) and keys without Ctrl stay with the field; others enter the text first.
         """
         io = imgui.get_io()
-        if imgui.is_popup_open("", _ANY_POPUP):
+        had_popup, self._had_popup = self._had_popup, imgui.is_popup_open("", _ANY_POPUP)
+        if self._had_popup:
             return
         if self._after_text and not io.want_text_input:
             command_id, self._after_text = self._after_text, ""
@@ -221,7 +223,7 @@ class Shortcuts:
             if io.want_text_input:
                 self._leave_field(session, modifiers + name)
                 continue
-            if name == "Escape" and on_escape():
+            if name == "Escape" and (had_popup or on_escape()):
                 continue
             command = commands.for_shortcut(modifiers + name, session)
             is_new = imgui.is_key_pressed(key, False)
