@@ -17,7 +17,7 @@ from sklearn.ensemble import (  # type: ignore[import-untyped]
     HistGradientBoostingClassifier,
     HistGradientBoostingRegressor,
 )
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, LongArray
 from gaga_core.grouping.surfaces.boosted_trees import FILE, BoostedTrees, Learned, learned
@@ -284,9 +284,9 @@ def scores(scenes: Iterator[Labelled], by: Learned) -> list[Row]:
         objectness = by.objects(node_features(scene.seen, tree, scene.views, scene.n_splats))
         clusters, behind, _ = cuts(tree, objectness, np.zeros(len(objectness), np.bool_))
         groups = np.where(behind, 0, 1 + clusters[CHOSEN])
-        kind, values = _kind_of(scene.name), scored(groups, scene)
+        kind, of_scene = _kind_of(scene.name), scored(groups, scene)
         for name in (kind, "all of scans") if kind in KINDS else (kind,):
-            found.setdefault(name, []).append(values)
+            found.setdefault(name, []).append(of_scene)
     rows = []
     for name, values in sorted(found.items()):
         mean, spread = np.mean(values, axis=0), np.std(values, axis=0)

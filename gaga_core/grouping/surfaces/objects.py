@@ -267,10 +267,10 @@ def _in_views(
         size = np.array([camera.width, camera.height])
         margin = _MARGIN * float(size.max())
         outer = rows[((pixels < margin) | (pixels > size - margin)).any(axis=1)]
-        count = leaves @ np.bincount(leaf[rows], minlength=n_leaves)
+        held = leaves @ np.bincount(leaf[rows], minlength=n_leaves)
         at_border = leaves @ np.bincount(leaf[outer], minlength=n_leaves)
-        shows += count >= _SHOWN
-        cuts += (count >= _SHOWN) & (at_border >= np.maximum(1, _AT_BORDER * count))
+        shows += held >= _SHOWN
+        cuts += (held >= _SHOWN) & (at_border >= np.maximum(1, _AT_BORDER * held))
     weight = np.maximum(weight, 1)
     return fit / weight[:, None], good / weight, shows / seen.n_views, cuts / np.maximum(shows, 1)
 

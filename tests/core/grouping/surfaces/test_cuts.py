@@ -22,7 +22,15 @@ def _tree(rng: np.random.Generator, n_leaves: int) -> Tree:
         free.append(len(parent))
         parent.append(-1)
     n, leaf = len(parent), np.repeat(np.arange(n_leaves), 3)
-    return Tree(leaf, np.arange(len(leaf)), np.array(parent), np.zeros(n), np.zeros(n), _NO_BORDERS, np.zeros(0))
+    return Tree(
+        leaf,
+        np.arange(len(leaf)),
+        np.array(parent),
+        np.zeros(n),
+        np.zeros(n),
+        _NO_BORDERS,
+        np.zeros(0),
+    )
 
 
 def _all_cuts(tree: Tree, node: int) -> Iterator[list[int]]:
@@ -72,7 +80,9 @@ def test_levels_refine_one_another_and_the_background_is_one(seed: int) -> None:
 def test_a_whole_that_is_better_than_its_parts_together_is_taken() -> None:
     """A plate of one piece and a plane of two, in one tree: no threshold parts them like this."""
     parent = np.array([4, 4, 5, 5, 6, 6, -1])
-    tree = Tree(np.arange(4), np.arange(4), parent, np.zeros(7), np.zeros(7), _NO_BORDERS, np.zeros(0))
+    tree = Tree(
+        np.arange(4), np.arange(4), parent, np.zeros(7), np.zeros(7), _NO_BORDERS, np.zeros(0)
+    )
 
     def cut(*worth: float) -> list[int]:
         return [int(node) for node in best_cut(tree, np.array(worth))]
