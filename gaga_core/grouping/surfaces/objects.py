@@ -52,8 +52,9 @@ from gaga_core.threads import n_threads
 # --- The tree of joins.
 
 
-ROUNDS = (4.0, 2.5, 1.0, 0.0, -1.5, -np.inf)  # least log odds of joins, round by round
-_FINEST = 8.0  # log odds of joins of pieces in the level below the leaves
+# Least log odds of joins, round by round: set before anything was learned, and not tuned.
+ROUNDS = (4.0, 2.5, 1.0, 0.0, -1.5, -np.inf)
+_FINEST = 8.0  # log odds of joins of pieces in the level below the leaves: most inside of a plane
 _CRUMB = 1.0  # samples that a view shows of the smallest leaf, mean
 _CERTAIN = 8.0  # log odds that stand for a leaf's own, and against a join of roots
 
@@ -321,7 +322,8 @@ def _focus(views: Sequence[Camera]) -> tuple[DoubleArray, float, float, float]:
 
 _POWER = 3.0  # of the objectness in what a node is worth: on validation scenes 2 and 4 lose a point
 OBJECT = 0.22  # objectness of the least object: chosen there; 0.15 costs 7 points of precision
-PRICES = (0.45, 0.25, 0.12, 0.0, -0.06, -0.15, -0.4, -2.0)  # of an object, coarse to fine
+# Price of an object, coarse to fine: even steps of detail by eye; the last one parts all leaves.
+PRICES = (0.45, 0.25, 0.12, 0.0, -0.06, -0.15, -0.4, -2.0)
 CHOSEN = 3  # of them: no price
 
 
