@@ -62,7 +62,7 @@ def scene() -> tuple[Gaussians, TrainViews]:
         means=truth.means + rng.normal(0, 0.1, truth.means.shape).astype(np.float32),
         sh=np.zeros_like(truth.sh),
     )
-    return spoiled, TrainViews(tuple(views), tuple(views[:1]))
+    return spoiled, TrainViews(tuple(views), tuple(views[:2]))  # one chooses, the other tells
 
 
 def tiny(strategy: str, iterations: int = 20, **changes: object) -> TrainConfig:
