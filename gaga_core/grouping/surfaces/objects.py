@@ -63,8 +63,9 @@ _CERTAIN = 8.0  # log odds that stand for a leaf's own, and against a join of ro
 class Tree:
     """Nodes 0..L-1 are leaves, each later one joins two earlier ones."""
 
+    pieces: SignedGraph  # what the leaves were joined from
     leaf: LongArray  # (S,) of each sample
-    finest: LongArray  # (S,) pieces inside of leaves, for who looks for smaller ones
+    finest: LongArray  # (S,) pieces inside of leaves: the finest level
     parent: LongArray  # (n,) -1 = none
     evidence: DoubleArray  # (n,) at which both parts of a node joined
     length: DoubleArray  # (n,) of the border along which they did
@@ -119,16 +120,17 @@ def grown(
     """Join pieces round by round, borders judged again before each; by what is `learned`, unless
     other ensembles are given."""
     pieces, borders = pieces or learned().pieces, borders or learned().borders
-    pieces_graph = borders_of(seen, seen.piece).judged(pieces)
-    leaf = cluster = join_crumbs(pieces_graph, least)[seen.piece]
+    fine = borders_of(seen, seen.piece).judged(pieces)
+    finest = joined(fine, _FINEST)[seen.piece]
+    leaf = cluster = join_crumbs(fine, least)[seen.piece]
     node = np.arange(int(leaf.max()) + 1)  # of each cluster
     parent, evidence, length = [-1] * len(node), [_CERTAIN] * len(node), [0.0] * len(node)
     leaves = borders_of(seen, leaf)
     judged = borders(leaves.features)
-    for least in ROUNDS[1:]:
+    for of_round in ROUNDS[1:]:
         graph = borders_of(seen, cluster).judged(borders)
         into = np.arange(len(node))
-        for a, b, value, edges in linked(graph, least):
+        for a, b, value, edges in linked(graph, of_round):
             parent[node[a]] = parent[node[b]] = len(parent)
             node[a], into[b] = len(parent), a
             parent.append(-1)
@@ -138,8 +140,7 @@ def grown(
             into = into[into]
         node, cluster = node[np.unique(into)], dense(into)[cluster]
     numbers = np.array(evidence), np.array(length)
-    finest = joined(pieces_graph, _FINEST)[seen.piece]
-    return Tree(leaf, finest, np.array(parent, np.int64), *numbers, leaves, judged)
+    return Tree(fine, leaf, finest, np.array(parent, np.int64), *numbers, leaves, judged)
 
 
 # --- What nodes of the tree look like.

@@ -25,7 +25,7 @@ from gaga_core.grouping.gate import ViewMasks
 from gaga_core.grouping.robust.surface_graph import finite
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.surfaces.boosted_trees import learned
-from gaga_core.grouping.surfaces.borders import Seen, SignedGraph, borders_of, coarser_of, joined
+from gaga_core.grouping.surfaces.borders import Seen, SignedGraph, coarser_of, joined
 from gaga_core.grouping.surfaces.objects import (
     CHOSEN,
     colors_of_samples,
@@ -244,15 +244,14 @@ def _nodes(
     near = Neighbourhood.of(surfels.points)
     piece = small_pieces(surfels, near)
     seen = Seen.of(surfels, near, color, piece, len(views))
-    fine = borders_of(seen, piece).judged(learned().pieces)
-    node_of_piece = joined(fine, _NODES)
-    node = node_of_piece[piece]
     tree = grown(seen)
+    node_of_piece = joined(tree.pieces, _NODES)
+    node = node_of_piece[piece]
     objectness = learned().objects(node_features(seen, tree, views, n_splats))
     every = cuts(tree, objectness, np.zeros(len(objectness), np.bool_), -np.inf)[0]
     part, thing = (coarser_of(node, dense(every[level])) for level in (_PARTS, CHOSEN))
     graph = _with_judged(
-        fine.contracted(node_of_piece),
+        tree.pieces.contracted(node_of_piece),
         tree.borders.judged(learned().borders),
         coarser_of(node, tree.leaf),
     )

@@ -6,11 +6,19 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from gaga_core.arrays import LongArray
 from gaga_core.grouping.surfaces.borders import FEATURES, Borders, SignedGraph, linked
 from gaga_core.grouping.surfaces.objects import CHOSEN, OBJECT, PRICES, Tree, best_cut, cuts
 
 _NONE = np.zeros(0, np.int64)
 _NO_BORDERS = Borders(np.zeros(0), _NONE, _NONE, np.zeros(0), np.zeros((0, len(FEATURES))))
+
+
+def _tree_of(leaf: LongArray, parent: LongArray) -> Tree:
+    """Without evidence: a cut depends on what nodes are worth alone."""
+    pieces = SignedGraph(np.zeros(0), _NONE, _NONE, np.zeros(0), np.zeros(0))
+    n = np.zeros(len(parent))
+    return Tree(pieces, leaf, np.arange(len(leaf)), parent, n, n, _NO_BORDERS, np.zeros(0))
 
 
 def _tree(rng: np.random.Generator, n_leaves: int) -> Tree:
@@ -21,16 +29,8 @@ def _tree(rng: np.random.Generator, n_leaves: int) -> Tree:
         parent[a] = parent[b] = len(parent)
         free.append(len(parent))
         parent.append(-1)
-    n, leaf = len(parent), np.repeat(np.arange(n_leaves), 3)
-    return Tree(
-        leaf,
-        np.arange(len(leaf)),
-        np.array(parent),
-        np.zeros(n),
-        np.zeros(n),
-        _NO_BORDERS,
-        np.zeros(0),
-    )
+    leaf = np.repeat(np.arange(n_leaves), 3)
+    return _tree_of(leaf, np.array(parent))
 
 
 def _all_cuts(tree: Tree, node: int) -> Iterator[list[int]]:
@@ -80,9 +80,7 @@ def test_levels_refine_one_another_and_the_background_is_one(seed: int) -> None:
 def test_a_whole_that_is_better_than_its_parts_together_is_taken() -> None:
     """A plate of one piece and a plane of two, in one tree: no threshold parts them like this."""
     parent = np.array([4, 4, 5, 5, 6, 6, -1])
-    tree = Tree(
-        np.arange(4), np.arange(4), parent, np.zeros(7), np.zeros(7), _NO_BORDERS, np.zeros(0)
-    )
+    tree = _tree_of(np.arange(4), parent)
 
     def cut(*worth: float) -> list[int]:
         return [int(node) for node in best_cut(tree, np.array(worth))]
