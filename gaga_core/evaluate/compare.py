@@ -156,15 +156,15 @@ class VariantTable:
         if any("identities by" in row.title for row in self.rows):
             found.append("Scored: rendered identities where a row says so, else the groups.")
         if any(name in ABLATION for name in variants):
-            beside = [] if self.apart else [name for name in variants if name in ABLATION]
+            ablations = [] if self.apart else [name for name in variants if name in ABLATION]
             others = ", ".join(
                 f"{row.method} ({row.masks}) {published_text(name)}"
                 for name, row in ABLATION.items()
-                if name not in beside
+                if name not in ablations
             )
             what = "Published: IoU/P/R of the paper's ablation on Replica, void as a label"
-            found.append(f"{what}." if beside else f"{what}: {others}.")
-            if beside and others:
+            found.append(f"{what}." if ablations else f"{what}: {others}.")
+            if ablations and others:
                 found.append(f"Published rows that are not run here, but quoted: {others}.")
             found += [f"Published figures are apart: {why}." for why in self.apart]
             found.append(QUOTED)

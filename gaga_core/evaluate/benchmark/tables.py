@@ -265,11 +265,11 @@ class BenchmarkReport:
         names = PROMPT_METRICS[: 1 if self.protocol == "3d-ovs" else 2]
         n, departs = len(names), self._departs()
         published = {} if departs else self._at_threshold() or PROMPTS.get(self.dataset, {})
-        beside = [] if departs else [f"published {name}" for name in names]
+        columns = [] if departs else [f"published {name}" for name in names]
 
         def theirs(values: Sequence[float]) -> list[str]:
             shown = [] if departs else _tenths(values, n)
-            return shown + [""] * (len(beside) - len(shown))
+            return shown + [""] * (len(columns) - len(shown))
 
         # Means over the same scenes: a published one counts where ours does.
         known = [published[scene] for scene, _ in whole if scene in published]
@@ -284,7 +284,7 @@ class BenchmarkReport:
             [scene, *_tenths((), n), *theirs(published.get(scene, ())), "failed"]
             for scene in self.failed
         ]
-        return _table([[f"{self.title}, {self.preset}", *names, *beside, "missing"], *rows])
+        return _table([[f"{self.title}, {self.preset}", *names, *columns, "missing"], *rows])
 
     def _with_mean(
         self,
