@@ -108,17 +108,18 @@ def _square(picture: UInt8Array, side: int) -> UInt8Array:
 STAGE = "Index the objects"
 THUMBNAIL = 64  # pixels a side
 _CURE = "Remove it and build the index again."
+_UNIT = 1.001  # largest component of a vector of length 1, rounded
 _FILE = {  # arrays of the index
     "model": TEXT,
     "groups": Column(np.int32, ("G",), low=0, high=MOST_GROUP),
     "digests": Column(np.int64, ("G",)),
-    "vectors": Column(np.float32, ("G", "D")),
+    "vectors": Column(np.float32, ("G", "D"), low=-_UNIT, high=_UNIT),
     "thumbnails": Column(np.uint8, ("G", THUMBNAIL, THUMBNAIL, 3)),
 }
 _TEXTS = {  # and of the file of texts
     "model": TEXT,
     "texts": replace(TEXT, shape=("T",)),
-    "vectors": Column(np.float32, ("T", "D")),
+    "vectors": Column(np.float32, ("T", "D"), low=-_UNIT, high=_UNIT),
 }
 _ANYTHING = ("object", "things", "stuff", "texture")  # what every crop is a picture of
 _SHARPNESS = 50.0  # how fast relevancy grows with a difference of cosines

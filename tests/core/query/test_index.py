@@ -214,6 +214,9 @@ def test_an_index_survives_the_disk_and_damage_is_told(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(GagaError, match="damaged"):
         load_index(path)
+    save_index(path, replace(index, vectors=index.vectors * np.float32(1e38)))
+    with pytest.raises(GagaError, match="vectors"):  # products with them would overflow
+        load_index(path)
     np.savez(path, groups=np.arange(3))
     with pytest.raises(GagaError, match="damaged"):
         load_index(path)
