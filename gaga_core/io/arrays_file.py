@@ -54,7 +54,7 @@ class Column:
     low: float | None = None
     high: float | None = None
     below: str = ""  # letter of a length: values are places in a table that is so long
-    unknown: bool = False  # NaN and infinities may be there
+    unknown: bool = False  # NaN may be there, and where no limits are given, infinities
     optional: bool = False
 
     def with_shape_of(self, name: str, array: AnyArray, lengths: dict[str, int]) -> None:
@@ -80,11 +80,13 @@ class Column:
         if dtype.kind != "b":
             limits = np.iinfo(dtype) if dtype.kind in "iu" else np.finfo(np.float32)
             # In Python's numbers, which compare without a cast; NaN, where there is one.
-            first, last = array.min().item(), array.max().item()
+            known = array[~np.isnan(array)] if self.unknown else array
+            first, last = (known.min().item(), known.max().item()) if known.size else (0, 0)
             low = np.asarray(limits.min).item() if self.low is None else self.low
             high = np.asarray(limits.max).item() if self.high is None else self.high
             high = lengths[self.below] - 1 if self.below else high
-            if not (self.unknown or (low <= first and last <= high)):
+            free = self.unknown and self.low is None and self.high is None
+            if known.size and not (free or (low <= first and last <= high)):
                 odd = last if low <= first else first
                 raise ValueError(f"{name}: {odd} is not in {low} to {high}")
         return np.asarray(array, dtype, order="C")

@@ -32,7 +32,7 @@ _FILE = PAIRS | {
     "seen_errors": Column(np.float64, ("O",), unknown=True),
     "match_views": replace(_ROWS, shape=("M", 2), below="V"),
     "match_points": replace(_ROWS, shape=("M", 2), low=-1, below="P"),
-    "match_rays": Column(np.float64, ("M", 2, 3), unknown=True),
+    "match_rays": Column(np.float64, ("M", 2, 3), low=-1.001, high=1.001, unknown=True),  # units
     "all_names": replace(TEXT, shape=("A",)),
     "model_sizes": replace(_ROWS, shape=("models",)),
 }

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -135,6 +136,13 @@ def test_arrays_without_values_have_no_kind() -> None:
     )
     assert found["a"].dtype == np.int32
     assert found["b"].dtype.kind == "U"
+
+
+@pytest.mark.parametrize(("value", "fits"), [(np.nan, True), (1.0, True), (np.inf, False)])
+def test_unknown_values_do_not_lift_limits(value: float, fits: bool) -> None:
+    column, rays = Column(np.float64, ("M",), low=-1, high=1, unknown=True), np.array([0.5, value])
+    with nullcontext() if fits else pytest.raises(ValueError, match="is not in -1 to 1"):
+        assert np.array_equal(column.converted("rays", rays, {}), rays, equal_nan=True)
 
 
 def test_arrays_are_read_in_one_place_and_nothing_is_unpickled() -> None:
