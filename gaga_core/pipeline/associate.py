@@ -4,6 +4,7 @@ Results are built in a hidden folder next to their place and moved there at the 
 is cancelled or fails leaves the scene folder as it was.
 """
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -149,8 +150,9 @@ def associated_masks(folder: SceneFolder) -> Path | None:
         return None
     made_of = folder.root / entry.mask_folder
     # By name where it is gone: older reports hold the whole path of a scene that may have moved.
-    found = made_of if made_of.is_dir() else folder.mask_folders.get(made_of.name, made_of)
-    return found if found.is_dir() else None
+    is_there = os.path.isdir  # False also of names that are too long to be one
+    found = made_of if is_there(made_of) else folder.mask_folders.get(made_of.name, made_of)
+    return found if is_there(found) else None
 
 
 def are_associated(folder: SceneFolder, masks: Path | None) -> bool:

@@ -398,6 +398,7 @@ def _classified(folder: Path) -> None:
 
 def _index(folder: Path) -> None:
     rows = np.random.default_rng(0).normal(size=(4, 8)).astype("f4")
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     pictures = np.zeros((4, THUMBNAIL, THUMBNAIL, 3), np.uint8)
     groups = np.arange(4, dtype=np.int32)
     save_index(folder / "index.npz", GroupIndex("m", groups, groups.astype("i8"), rows, pictures))

@@ -149,6 +149,11 @@ def test_masks_of_another_place_with_the_same_name_are_others(
     assert "associate" not in missing_stages(folder, named)
     copied = open_scene_folder(shutil.copytree(folder.root, tmp_path / "copied"))
     assert associated_masks(copied) == copied.root / "masks" / "sim"
+    report = copied.work / "report.json"
+    told = json.loads(report.read_text("utf-8"))
+    told["associate"]["mask_folder"] = "a" * 5000  # longer than any name: no folder, no error
+    report.write_text(json.dumps(told), "utf-8")
+    assert associated_masks(copied) is None
 
 
 def test_a_detail_needs_levels_and_a_number_in_range() -> None:
