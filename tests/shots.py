@@ -39,7 +39,8 @@ class Shot:
     def window(self, d: Driver) -> None:
         """The whole window, at rest."""
         rest(d)
-        d.until(lambda: d.session.jobs.quiet is None, "the kernels are compiled")
+        jobs = d.session.jobs
+        d.until(lambda: jobs.quiet is jobs.preparing is None, "the kernels are compiled")
         d.settle()
         self.now(d)
 

@@ -58,16 +58,17 @@ def warm_up_stage() -> Stage[None]:
     """
     sample = _sample()
     steps: list[tuple[str, Callable[[_Sample], object]]] = [
-        ("projection", lambda s: prepare(s.gaussians, s.cameras[0])),
-        ("pictures", _render),
-        ("label pictures", lambda s: s.rasterizer.label_splat(s.gaussians, s.cameras[0], s.labels)),
-        ("votes", _vote),
-        ("single pixels", _pixels),
+        # In the order in which a window needs them: names, thumbnails, outlines, first clicks.
         ("object list", lambda s: object_table(Scene.of(s.gaussians, s.labels))),
         ("search", _search),
+        ("projection", lambda s: prepare(s.gaussians, s.cameras[0])),
+        ("pictures", _render),
+        ("single pixels", _pixels),
+        ("label pictures", lambda s: s.rasterizer.label_splat(s.gaussians, s.cameras[0], s.labels)),
+        ("votes", _vote),
+        ("clicks", _click),
         *((f"association, {name}", _association(name)) for name in PRESETS),
         ("association, regions", _association("robust", are_regions=True)),
-        ("clicks", _click),
         ("training", _train),
         ("files", _write),
         ("level of detail", _level_of_detail),

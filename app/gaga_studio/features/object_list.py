@@ -530,7 +530,6 @@ def picture_request(
 def _may_draw(session: Session, document: Document) -> bool:
     """Whether digests are those of the scene, and nothing goes on that drawing would delay."""
     is_busy = session.is_previewing or session.live is not None or session.rig.is_moving
-    # A quiet job may compile what this needs.
     return not is_busy and session.jobs.quiet is None and document.feature(SearchState).is_measured
 
 

@@ -54,6 +54,7 @@ class JobRunner:
         self._worker: _Worker | None = None
         self._waiting: deque[_Worker] = deque()  # for the worker
         self._quiet: _Worker | None = None
+        self._preparing: _Worker | None = None
         self._saver: _Worker | None = None
         self._saves: deque[_Worker] = deque()  # they wait for the saver
 
@@ -137,12 +138,27 @@ class JobRunner:
         self._quiet.start()
         return True
 
+    @property
+    def preparing(self) -> Job | None:
+        """What is prepared in parallel, quiet jobs and all others beside it."""
+        return self._preparing.describe() if self._preparing is not None else None
+
+    def prepare(self, title: str, stage: Stage[object]) -> None:
+        """Run ``stage`` in a thread of its own, without a result, unless one runs already: what
+        later work would otherwise wait for."""
+        if self._preparing is not None:
+            stage.close()
+            return
+        self._preparing = _Worker(title, _Delivery(stage, None, None, None))
+        self._preparing.start()
+
     def poll(self) -> None:
         """Hand over what the workers have produced since the last call. Main thread only."""
-        if self._quiet is not None and not self._quiet.is_alive():
-            quiet, self._quiet = self._quiet, None
-            if quiet.error is not None:
-                _LOG.error("%s failed", quiet.title, exc_info=quiet.error)
+        for ended in (self._quiet, self._preparing):
+            if ended is not None and not ended.is_alive() and ended.error is not None:
+                _LOG.error("%s failed", ended.title, exc_info=ended.error)
+        self._quiet = _while_alive(self._quiet)
+        self._preparing = _while_alive(self._preparing)
         self._poll_save()
         worker = self._worker
         if worker is None:
@@ -181,14 +197,15 @@ class JobRunner:
         while self._waiting:
             self._waiting.pop().delivery.stage.close()
         # A compiler that is cut off by the end of the process may abort it: wait for its step.
-        ending = ((self._worker, timeout_s), (self._quiet, _QUIET_STEP_S))
+        quiet = (self._quiet, _QUIET_STEP_S), (self._preparing, _QUIET_STEP_S)
+        ending = ((self._worker, timeout_s), *quiet)
         for worker, _ in ending:
             if worker is not None:
                 worker.cancel()
         for worker, seconds in ending:
             if worker is not None:
                 worker.join(seconds)
-        self._worker = self._quiet = None
+        self._worker = self._quiet = self._preparing = None
         while self._saver is not None:
             self._saver.join()
             self._saver = None
@@ -242,6 +259,10 @@ class JobRunner:
             worker.delivery.done()
         except GagaError as error:
             self._notify(Level.ERROR, str(error))
+
+
+def _while_alive(worker: "_Worker | None") -> "_Worker | None":
+    return worker if worker is not None and worker.is_alive() else None
 
 
 class _Delivery(Generic[T]):

@@ -451,7 +451,7 @@ class Session:
                 self.photos = project
             if path is not None:
                 self.change_settings(self.settings.opened(path))
-            self.jobs.start_quiet("Prepare kernels", stages.kernels_stage())
+            self.jobs.prepare("Prepare kernels", stages.kernels_stage())
 
         self.jobs.start(title, stage, on_done=opened)
 

@@ -215,6 +215,26 @@ def test_shutting_down_ends_the_quiet_job() -> None:
     assert runner.quiet is None
 
 
+def test_quiet_jobs_run_beside_what_is_prepared() -> None:
+    """Names of objects waited for all kernels, two minutes on a new installation."""
+    runner, _ = _runner()
+    closed = threading.Event()
+
+    def endless() -> Stage[None]:
+        try:
+            yield from _count(100_000, 0.001)
+        finally:
+            closed.set()
+
+    runner.prepare("Prepare kernels", endless())
+    assert runner.start_quiet("Measure the objects", _count(5))
+    _until_quiet_ends(runner)
+    assert runner.preparing is not None
+    runner.shut_down()
+    assert closed.is_set()
+    assert runner.preparing is None
+
+
 def _until_quiet_ends(runner: JobRunner) -> None:
     end = time.monotonic() + 10
     while runner.quiet is not None:

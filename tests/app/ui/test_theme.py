@@ -180,7 +180,7 @@ def test_opening_a_scene_prepares_the_kernels_beside(
     started: list[str] = []
     write_scene(tmp_path / "scene", n_objects=2)
     session = new_session(Settings())
-    monkeypatch.setattr(session.jobs, "start_quiet", lambda title, stage: started.append(title))
+    monkeypatch.setattr(session.jobs, "prepare", lambda title, stage: started.append(title))
     session.open(tmp_path / "scene")
     assert session.jobs.wait()
     session.tick(0.1)

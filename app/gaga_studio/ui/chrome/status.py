@@ -80,7 +80,7 @@ def draw(session: Session, hint: str, figures: FrameFigures | None) -> None:
     right = _figures_text(session, figures)
     width = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
     tail = imgui.calc_text_size(right).x + em(1) if right else 0.0
-    job = session.jobs.running or session.jobs.quiet
+    job = session.jobs.running or session.jobs.quiet or session.jobs.preparing
     middle = _job_width(session, job, width - tail) if job is not None else 0.0
     imgui.align_text_to_frame_padding()
     room = width - tail - middle - em(1)
