@@ -599,7 +599,7 @@ _HELD_OUT = 0.1  # share of the features whose matches are held out
 _LENS_PHOTOS = 12  # of one lens, from which on it is refined, too
 _FEWEST_POINTS = 15  # of a photo: with less its pose stays as it was given
 _TOLERANCES = (4.0, 60.0)  # pixels of a reprojection: the last round's, and the first one's at most
-_ROUNDS = 4
+_STEPS, _LAST_STEPS = 10, 40  # of the solver, in a round and in the last; 100 gain nothing
 _CAPPED = 20.0  # pixels: what is further off is a wrong match, however far
 
 
@@ -616,14 +616,14 @@ def _given(settings: StepSettings, workspace: Path) -> None:
     refined, after = model, None
     if given.refine:
         first = float(np.clip(6 * np.median(off), *_TOLERANCES)) if len(off) else _TOLERANCES[0]
-        tolerances = np.geomspace(first, _TOLERANCES[0], _ROUNDS)
-        for i, tolerance in enumerate(tolerances):
-            _say({"done": i, "total": _ROUNDS + 1, "message": "refine the given poses"})
+        n_rounds = 1 + int(np.ceil(np.log2(first / _TOLERANCES[0])))
+        for i, tolerance in enumerate(np.geomspace(first, _TOLERANCES[0], n_rounds)):
+            _say({"done": i, "total": n_rounds + 1, "message": "refine the given poses"})
             refined = _triangulated(settings, refined, held, target, float(tolerance))
-            _adjust(refined, poses, float(tolerance), is_last=i == _ROUNDS - 1)
+            _adjust(refined, poses, float(tolerance), is_last=i == n_rounds - 1)
         after = _mean_off(_off_lines(refined, matches))
     is_refined = after is not None and after < before
-    _say({"done": _ROUNDS, "total": _ROUNDS + 1, "message": "triangulate"})
+    _say({"done": 1, "total": 2, "message": "triangulate"})
     chosen = refined if is_refined else model
     tolerance = _TOLERANCES[0] if is_refined else max(_TOLERANCES[0], 3 * before)
     final = _triangulated(settings, chosen, database, target, tolerance)
@@ -709,11 +709,11 @@ def _hold_out(database: Path, held: Path, seed: int) -> _HeldOut:
             continue
         is_out = out[a][m[:, 0]] | out[b][m[:, 1]]
         some = m[is_out]
-        result.append((found.names[a], found.names[b], points[a][some[:, 0]], points[b][some[:, 1]]))
-        geometry.inlier_matches = m[~is_out]
-        opened.write_two_view_geometry(
-            found.images[a].image_id, found.images[b].image_id, geometry
+        result.append(
+            (found.names[a], found.names[b], points[a][some[:, 0]], points[b][some[:, 1]])
         )
+        geometry.inlier_matches = m[~is_out]
+        opened.write_two_view_geometry(found.images[a].image_id, found.images[b].image_id, geometry)
     opened.close()
     return result
 
@@ -778,6 +778,7 @@ def _adjust(
     options = pycolmap.BundleAdjustmentOptions()
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.loss_function_scale = tolerance / 4
+    options.ceres.solver_options.max_num_iterations = _LAST_STEPS if is_last else _STEPS
     options.print_summary = False
     counts: dict[int, int] = {}
     config = pycolmap.BundleAdjustmentConfig()
@@ -785,7 +786,7 @@ def _adjust(
         config.add_image(image.image_id)
         counts[image.camera_id] = counts.get(image.camera_id, 0) + 1
     for camera_id, n in counts.items():
-        if n < _LENS_PHOTOS:
+        if n < _LENS_PHOTOS or not is_last:  # while poses are off, a lens would make up for them
             config.set_constant_cam_intrinsics(camera_id)
     if is_last:
         now = _poses_of(model)

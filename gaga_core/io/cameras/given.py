@@ -188,7 +188,9 @@ def checked(given: GivenPoses, photos: Photos) -> GivenPoses:
     """
     poses: dict[str, GivenPose] = {}
     for pose in given.poses:
-        if not (np.isfinite(pose.cam_from_world).all() and is_usable(np.eye(3), pose.cam_from_world)):
+        if not (
+            np.isfinite(pose.cam_from_world).all() and is_usable(np.eye(3), pose.cam_from_world)
+        ):
             raise GagaError(f"{given.file}: the pose of {pose.name} is no rotation and place.")
         if pose.name in poses:
             raise GagaError(f"{given.file} has two poses of {pose.name}. Export it again.")
@@ -209,7 +211,7 @@ def _for_photo(pose: GivenPose, photos: Photos, file: Path) -> Lens | None:
         return None
     width, height = photos.size(pose.name)
     sizes = (lens.width, lens.height, *(lens.params or (0.0,)))
-    if not (np.isfinite(sizes).all() and 0 < min(sizes[:2]) and max(sizes[:2]) <= MOST_PIXELS):
+    if not (np.isfinite(sizes).all() and min(sizes[:2]) > 0 and max(sizes[:2]) <= MOST_PIXELS):
         raise GagaError(f"{file}: the lens of {pose.name} has no usable size.")
     if abs(lens.width * height / (lens.height * width) - 1) > _ASPECT:
         raise GagaError(

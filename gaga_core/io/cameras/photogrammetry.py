@@ -33,6 +33,7 @@ from gaga_core.io.json_file import PathText, read_bytes, read_foreign_json
 _Number = Annotated[float, msgspec.Meta(ge=-1e18, le=1e18)]
 _MAP_UP = (0.0, 0.0, 1.0)  # of worlds in map coordinates
 _FILM = 36.0  # millimetres: the longer side of a 35 mm negative
+_EARTH = 6e6  # metres: places on the ground are farther from its middle
 _K4 = "The lens has k4, which is left out."
 _XCR = "{http://www.capturingreality.com/ns/xcr/1.1#}"
 
@@ -193,11 +194,8 @@ def read_metashape(path: Path, photos: Photos) -> GivenPoses:
     chunk, notes = chunks[0], set[str]()
     sensors = {e.get("id"): e for e in chunk.iter("sensor")}
     of_chunk = chunk.find("transform")
-    worlds = {
-        e.get("id"): _world_of(e.find("transform"), path) for e in chunk.iter("component")
-    }
-    world, is_scaled = _world_of(of_chunk, path)
-    is_georeferenced = any(float(np.abs(w[0][:3, 3]).max()) > 1e5 for w in (*worlds.values(), (world, is_scaled)))
+    of_parts = {e.get("id"): e.find("transform") for e in chunk.iter("component")}
+    scaled = False
     poses: list[GivenPose] = []
     lenses: dict[str | None, Lens | None] = {}
     for camera in chunk.iter("camera"):
@@ -207,23 +205,29 @@ def read_metashape(path: Path, photos: Photos) -> GivenPoses:
         if (name := photos.find(camera.get("label") or "")) is None:
             continue
         pose = np.array(numbers(camera.findtext("transform"), 16, where)).reshape(4, 4)
-        own, _ = worlds.get(camera.get("component_id"), (world, is_scaled)) if of_chunk is None else (world, is_scaled)
-        moved = own @ pose
+        own = of_parts.get(camera.get("component_id")) if of_chunk is None else of_chunk
+        world, is_scaled = _world_of(own, path)
+        scaled |= is_scaled
+        moved = world @ pose
         moved[:3, :3] /= np.cbrt(np.linalg.det(moved[:3, :3]))
         key = camera.get("sensor_id")
         if key not in lenses:
             lenses[key] = _metashape_lens(sensors.get(key), path, notes)
         poses.append(GivenPose(name, lenses[key], cam_from(moved)))
-    scaled = is_scaled or any(s for _, s in worlds.values())
-    up = None
-    if scaled:
-        centre = np.median([np.linalg.inv(p.cam_from_world)[:3, 3] for p in poses], axis=0) if poses else np.zeros(3)
-        # Earth-centred coordinates: the vertical is the direction from the middle of the earth.
-        axis = centre / np.linalg.norm(centre) if is_georeferenced else np.array(_MAP_UP)
-        up = (float(axis[0]), float(axis[1]), float(axis[2]))
+    up = _metashape_up(poses) if scaled else None
     return checked(
         GivenPoses("Metashape", path, tuple(poses), scaled, up, notes=tuple(sorted(notes))), photos
     )
+
+
+def _metashape_up(poses: list[GivenPose]) -> tuple[float, float, float]:
+    """z of a local world; in earth-centred coordinates the way from the middle of the earth."""
+    places = [np.linalg.inv(pose.cam_from_world)[:3, 3] for pose in poses] or [np.zeros(3)]
+    middle = np.median(places, axis=0)
+    if np.linalg.norm(middle) < _EARTH:
+        return _MAP_UP
+    x, y, z = (middle / np.linalg.norm(middle)).tolist()
+    return x, y, z
 
 
 def _world_of(transform: Element | None, path: Path) -> tuple[DoubleArray, bool]:

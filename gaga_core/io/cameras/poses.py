@@ -33,6 +33,7 @@ from gaga_core.io.files import open_file
 
 _HEAD = 1 << 16  # bytes of a file that are looked at
 _MOST_FILES = 4000  # of a folder that are looked at
+_SAME = 0.01  # of a rotation matrix: half a degree
 _LLFF = 17  # numbers of a pose: 3 x 5, and two bounds
 
 
@@ -183,26 +184,38 @@ def find_poses(folder: Path) -> GivenPoses | None:
                 # Others' poses may lie in a parent folder.
                 if len(photos.missing) < len(photos.paths) or not photos.missing:
                     errors.append(error)
-        if len(readable) > 1:
-            one, other = readable[:2]
+        one = readable[0] if readable else None
+        other = next((g for g in readable[1:] if not _agree(readable[0], g)), None)
+        if one is not None and other is not None:
             raise GagaError(
                 f"{one.file} ({one.program}) and {other.file} ({other.program}) both have poses "
                 "of the photos. Name one with --poses-from, or --poses ignore."
             )
-        if readable:
-            return readable[0]
+        if one is not None:
+            return one
         if errors:
             raise GagaError(f"{errors[0]} Or leave it out: --poses ignore.")
     return None
 
 
+def _agree(one: GivenPoses, other: GivenPoses) -> bool:
+    """Whether two files say the same of how the cameras are turned to each other."""
+    a, b = ({p.name: p.cam_from_world[:3, :3] for p in given.poses} for given in (one, other))
+    names = [name for name in a if name in b]
+    if len(names) < min(len(a), len(b)):
+        return False
+    turns = np.array([a[name].T @ b[name] for name in names])
+    return bool(np.abs(turns - turns[0]).max() < _SAME)
+
+
 def _candidates(place: Path, *, is_own: bool = True) -> list[tuple[Path, PoseFormat]]:
     """Files and folders of poses in ``place``; of Blender's three files the first."""
     try:
-        files = [p for p in sorted(place.iterdir()) if p.suffix.lower() in _SUFFIXES and p.is_file()]
+        files = [p for p in sorted(place.iterdir()) if p.suffix.lower() in _SUFFIXES]
     except OSError:
         return []
-    paths = [*files[:_MOST_FILES], *(place / name for name in _FOLDERS if (place / name).is_dir())]
+    files = [p for p in files[:_MOST_FILES] if p.is_file()]
+    paths = [*files, *(place / name for name in _FOLDERS if (place / name).is_dir())]
     paths += [place] if is_own else []
     found = [(path, form) for path in paths if (form := format_of(path)) is not None]
     blender = [path for path, _ in found if path.name.startswith("transforms_")]
@@ -212,5 +225,4 @@ def _candidates(place: Path, *, is_own: bool = True) -> list[tuple[Path, PoseFor
         for path, form in found
         if path not in blender[:-1]
         if not (form.name == "Pix4D project" and "Pix4D" in calibrated)
-        if not (form.name == "COLMAP" and not is_own and path.name == "sparse" and has_colmap(path / "0"))
     ]
