@@ -60,7 +60,7 @@ from gaga_core.placing.video import (
     extract_more_frames,
     extract_moving_frames,
 )
-from gaga_core.progress import Stage
+from gaga_core.progress import Stage, say
 
 # --- The photos of a reconstruction, in its workspace: from a folder, or frames of a film.
 
@@ -327,8 +327,12 @@ def _given_poses(source: Path, config: ReconstructConfig) -> GivenPoses | None:
     if config.poses == "ignore" or not source.is_dir():
         return None
     if config.poses_from is not None:
-        return read_poses(Path(config.poses_from), source)
-    return find_poses(source)
+        given = read_poses(Path(config.poses_from), source)
+    else:
+        given = find_poses(source)
+    if given is not None:
+        say(f"{given.told} (--poses {config.poses}).")
+    return given
 
 
 def _placed(

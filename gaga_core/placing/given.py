@@ -35,6 +35,7 @@ from gaga_core.progress import Stage
 
 PosesMode = Literal["keep", "refine", "scale", "ignore"]
 _NEIGHBOURS = 10  # photos that each is matched with: 8 and 16 gave as many points on fox
+_ROUNDS = 10  # of weights: from five on the result changes by rounding only
 _APART = np.radians(75.0)  # between viewing directions: SIFT matches nothing beyond
 _TURN_OF_A_STEP = np.radians(30.0)  # as far apart as a step to the nearest neighbours
 
@@ -250,29 +251,33 @@ def centres(poses: DoubleArray) -> DoubleArray:
 def similarity_between(source: DoubleArray, target: DoubleArray) -> DoubleArray:
     """The map (4, 4), target_from_source, of the cameras ``source`` (V, 3, 4) to ``target``.
 
-    The rotation is the mean of what each camera says, so that cameras on one line do; scale and
-    offset are least squares of their places. Both leave out what is far off (re-weighted).
+    The rotation is what the ways between the cameras and the turn of each camera say together,
+    by their residuals: of cameras on one line the turns count, of noisy turns the ways. What is
+    far off counts less (re-weighted least squares).
     """
     turns = np.einsum("vji,vjk->vik", target[:, :, :3], source[:, :, :3])
-    weights = np.ones(len(turns))
-    rotation = np.eye(3)
-    for _ in range(5):
-        u, _, vt = np.linalg.svd(np.einsum("v,vij->ij", weights, turns))
+    a, b = centres(source), centres(target)
+    by_turn, by_way = np.ones(len(a)), np.zeros(len(a))
+    in_place = np.ones((len(a), 1)) / len(a)
+    scale, rotation, offset = 1.0, np.eye(3), np.zeros(3)
+    for _ in range(_ROUNDS):
+        mean_a, mean_b = (in_place * a).sum(axis=0), (in_place * b).sum(axis=0)
+        ways = scale * (b - mean_b)[:, :, None] * (a - mean_a)[:, None]
+        said = np.einsum("v,vij->ij", by_turn, turns) + np.einsum("v,vij->ij", by_way, ways)
+        u, _, vt = np.linalg.svd(said)
         rotation = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
-        off = np.linalg.norm(turns - rotation, axis=(1, 2))
-        weights = 1 / np.maximum(off, max(float(np.median(off)), 1e-12))
-    a, b = centres(source) @ rotation.T, centres(target)
-    weights = np.ones(len(a))
-    scale, offset = 1.0, np.zeros(3)
-    for _ in range(5):
-        w = weights[:, None] / weights.sum()
-        mean_a, mean_b = (w * a).sum(axis=0), (w * b).sum(axis=0)
-        spread = float((w * (a - mean_a) ** 2).sum())
-        scale = float((w * (a - mean_a) * (b - mean_b)).sum()) / max(spread, 1e-18)
+        turned, there = (a - mean_a) @ rotation.T, b - mean_b
+        spread = float((in_place * turned**2).sum())
+        scale = float((in_place * turned * there).sum()) / max(spread, 1e-18)
         scale = scale if scale > 0 else 1.0
-        offset = mean_b - scale * mean_a
-        off = np.linalg.norm(scale * a + offset - b, axis=1)
-        weights = 1 / np.maximum(off, max(float(np.median(off)), 1e-12))
+        offset = mean_b - scale * rotation @ mean_a
+        off = np.linalg.norm(turns - rotation, axis=(1, 2)) / np.sqrt(2)  # radians
+        off_place = np.linalg.norm(scale * turned - there, axis=1)
+        near, near_place = max(float(np.median(off)), 1e-9), float(np.median(off_place))
+        near_place = max(near_place, 1e-9 * scale * np.sqrt(spread), 1e-15)
+        by_turn = 1 / (near * np.maximum(off, near))
+        by_way = 1 / (near_place * np.maximum(off_place, near_place))
+        in_place = (by_way / by_way.sum())[:, None]
     world = np.eye(4)
     world[:3, :3], world[:3, 3] = scale * rotation, offset
     return world

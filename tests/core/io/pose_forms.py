@@ -88,7 +88,7 @@ def _instant_ngp(root: Path, views: Sequence[Camera]) -> Path:
 def _blender(root: Path, views: Sequence[Camera]) -> Path:
     angle = 2 * np.arctan(32 / 70.5)
     for split, some in (("train", views[:7]), ("test", views[7:])):
-        frames = _frames(some, lambda c: f"./{split}/{Path(c.name).stem}", np.eye(4))
+        frames = _frames(some, lambda c: f"./photos/{Path(c.name).stem}", np.eye(4))
         whole = {"camera_angle_x": angle, "frames": frames}
         _text(root / f"transforms_{split}.json", json.dumps(whole))
     return root / "transforms_train.json"
@@ -137,7 +137,7 @@ def _colmap_rig(root: Path, views: Sequence[Camera]) -> Path:
 
 
 def rig_views() -> tuple[Camera, ...]:
-    """The views of `_colmap_rig`: each second one stands beside the one before, as the first two."""
+    """The views of `_colmap_rig`: each second one stands next to the one before, as the first."""
     views = list(cameras())
     right = views[1].cam_from_world @ np.linalg.inv(views[0].cam_from_world)
     return tuple(
