@@ -326,10 +326,8 @@ def _given_poses(source: Path, config: ReconstructConfig) -> GivenPoses | None:
     """The poses that are to be used, if there are some."""
     if config.poses == "ignore" or not source.is_dir():
         return None
-    if config.poses_from is not None:
-        given = read_poses(Path(config.poses_from), source)
-    else:
-        given = find_poses(source)
+    named = config.poses_from
+    given = find_poses(source) if named is None else read_poses(Path(named), source)
     if given is not None:
         say(f"{given.told} (--poses {config.poses}).")
     return given

@@ -15,7 +15,7 @@ from gaga_core.io.cameras.colmap import write_colmap
 from tests.scenes import orbit_cameras
 
 SIZE = (64, 48)
-GL = np.diag([1.0, -1, -1, 1])
+GL: DoubleArray = np.diag([1.0, -1, -1, 1])
 
 
 def cameras() -> tuple[Camera, ...]:
@@ -45,15 +45,15 @@ def _c2w(camera: Camera) -> DoubleArray:
     return np.linalg.inv(camera.cam_from_world) @ GL
 
 
-def _frames(views: Sequence[Camera], name: Callable[[Camera], str], turned: DoubleArray) -> list:
-    return [{"file_path": name(c), "transform_matrix": (turned @ _c2w(c)).tolist()} for c in views]
+def _frames(views: Sequence[Camera], name: Callable[[Camera], str]) -> list[dict[str, object]]:
+    return [{"file_path": name(c), "transform_matrix": _c2w(c).tolist()} for c in views]
 
 
 def _nerfstudio(root: Path, views: Sequence[Camera]) -> Path:
     applied = np.eye(4)
     applied[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     scaled = np.diag([2.5, 2.5, 2.5, 1.0]) @ applied
-    frames = _frames(views, lambda c: f"./images/{c.name}", np.eye(4))
+    frames = _frames(views, lambda c: f"./images/{c.name}")
     for frame, camera in zip(frames, views, strict=True):
         moved = scaled @ _c2w(camera)
         moved[:3, :3] /= 2.5
@@ -80,7 +80,7 @@ def _instant_ngp(root: Path, views: Sequence[Camera]) -> Path:
         "w": 64,
         "h": 48,
         "k1": 0,
-        "frames": _frames(views, lambda c: f"images\\{c.name}", np.eye(4)),
+        "frames": _frames(views, lambda c: f"images\\{c.name}"),
     }
     return _text(root / "transforms.json", json.dumps(whole))
 
@@ -88,7 +88,7 @@ def _instant_ngp(root: Path, views: Sequence[Camera]) -> Path:
 def _blender(root: Path, views: Sequence[Camera]) -> Path:
     angle = 2 * np.arctan(32 / 70.5)
     for split, some in (("train", views[:7]), ("test", views[7:])):
-        frames = _frames(some, lambda c: f"./photos/{Path(c.name).stem}", np.eye(4))
+        frames = _frames(some, lambda c: f"./photos/{Path(c.name).stem}")
         whole = {"camera_angle_x": angle, "frames": frames}
         _text(root / f"transforms_{split}.json", json.dumps(whole))
     return root / "transforms_train.json"
@@ -331,8 +331,8 @@ def _text(path: Path, text: str) -> Path:
     return path
 
 
-# Program, writer, metres known, up, principal point written.
-FORMS = {
+Form = tuple[Callable[[Path, Sequence[Camera]], Path], bool, tuple[int, int, int] | None, bool]
+FORMS: dict[str, Form] = {  # writer, metres known, up, principal point written
     "nerfstudio": (_nerfstudio, True, (0, 1, 0), True),
     "instant-ngp": (_instant_ngp, False, None, True),
     "Blender": (_blender, False, (0, 0, 1), False),

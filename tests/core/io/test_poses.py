@@ -25,10 +25,12 @@ def test_poses_of_each_program_are_read_as_they_are(tmp_path: Path, program: str
         assert pose.name.removeprefix("frame_") == view.name
         assert np.abs(pose.cam_from_world - view.cam_from_world).max() < 1e-6
         assert pose.lens is not None
-        assert np.allclose(pose.lens.K, [[70.5, 0, centre[0]], [0, 70.5, centre[1]], [0, 0, 1]])
+        K = np.array([[70.5, 0, centre[0]], [0, 70.5, centre[1]], [0, 0, 1]])
+        assert np.allclose(pose.lens.K, K)
     assert found.is_metric == is_metric
     assert (found.up is None) == (up is None)
-    assert up is None or np.allclose(found.up, up)
+    if found.up is not None and up is not None:
+        assert np.allclose(np.array(found.up), np.array(up))
     # What lies next to the photos is found without a name.
     beside = find_poses(folder)
     if program not in ("COLMAP rig",):

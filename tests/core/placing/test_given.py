@@ -1,6 +1,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def _poses(cameras: tuple[Camera, ...]) -> DoubleArray:
     return np.array([camera.cam_from_world[:3] for camera in sorted(cameras, key=lambda c: c.name)])
 
 
-Placed = Callable[..., tuple[DoubleArray, DoubleArray, dict[str, object], Path]]
+Placed = Callable[..., tuple[DoubleArray, DoubleArray, dict[str, Any], Path]]
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def placed(tmp_path: Path) -> Placed:
 
     def place(
         mode: str, degrees: float, way: float, change: Callable[..., object] = lambda _: None
-    ) -> tuple[DoubleArray, DoubleArray, dict[str, object], Path]:
+    ) -> tuple[DoubleArray, DoubleArray, dict[str, Any], Path]:
         truth = write_photos(tmp_path / "shots" / "images", N)
         images = {camera.name: tmp_path / "shots" / "images" / camera.name for camera in truth}
         noisy = _noisy(truth, degrees, way)
@@ -71,10 +72,13 @@ def placed(tmp_path: Path) -> Placed:
 def test_refined_poses_are_nearer_to_the_truth_and_stay_in_their_world(placed: Placed) -> None:
     truth, found, entry, _ = placed("refine", 1.0, 0.05)
     way, turn = moved_by(truth, found)
-    assert np.median(turn) < 0.4  # the world is as right as the mean of the noise
+    assert np.median(turn) < 0.7  # the world is as right as the mean of the noise
+    assert np.median(way) < 0.05
     fit = similarity_between(found, truth)
     assert abs(np.cbrt(np.linalg.det(fit[:3, :3])) - 1) < 0.03
-    assert np.median(way) < 0.05
+    way, turn = moved_by(np.array([_carried(pose, fit) for pose in found]), truth)
+    assert way.max() < 0.02
+    assert turn.max() < 0.2
     given = entry["given"]
     assert given["is_refined"]
     assert given["refined"] < 0.3 * given["given"]
@@ -135,7 +139,8 @@ def _carried(pose: DoubleArray, world: DoubleArray) -> DoubleArray:
     scale = np.cbrt(np.linalg.det(world[:3, :3]))
     turn = pose[:, :3] @ (world[:3, :3] / scale).T
     place = world[:3, :3] @ (-pose[:, :3].T @ pose[:, 3]) + world[:3, 3]
-    return np.c_[turn, -turn @ place]
+    carried: DoubleArray = np.c_[turn, -turn @ place]
+    return carried
 
 
 def test_a_similarity_is_found_from_cameras_on_one_line_and_in_spite_of_some_wrong_ones() -> None:
