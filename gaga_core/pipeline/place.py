@@ -17,7 +17,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import CancelledError, GagaError
 from gaga_core.io.cameras.given import GivenPoses
 from gaga_core.io.cameras.poses import find_poses, read_poses
 from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
@@ -344,8 +344,8 @@ def _placed(
             made = yield from place_given_stage(posed, workspace / GIVEN, sfm, refine=refine)
             if made.best.is_right or not refine:
                 return made
-        except GagaError:
-            if not refine:
+        except GagaError as error:
+            if not refine or isinstance(error, CancelledError):
                 raise
     return (
         yield from place_stage(

@@ -7,6 +7,7 @@ from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 
 import numpy as np
+from PIL import ExifTags
 
 from gaga_core.arrays import AnyArray, DoubleArray
 from gaga_core.camera import MOST_PIXELS, is_usable
@@ -27,6 +28,9 @@ FOCALS = {
     **dict.fromkeys(("THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE", "DIVISION"), 2),
     **dict.fromkeys(("FISHEYE", "EUCM"), 2),
 }
+_TANGENTIAL = ("OPENCV", "FULL_OPENCV")
+_CLOCKWISE = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+_TURNS = {1: 0, 6: 1, 3: 2, 8: 3}  # right angles clockwise to stand upright, by the EXIF tag
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,15 @@ class Lens:
         scales = ((x, y) if n == 2 else ((x + y) / 2,)) + (x, y)
         first = tuple(p * s for p, s in zip(self.params, scales, strict=False))
         return Lens(self.model, width, height, first + self.params[n + 2 :])
+
+    def turned(self) -> "Lens":
+        """The same lens for the picture turned clockwise by a right angle."""
+        n = FOCALS[self.model]
+        focal, (cx, cy), rest = self.params[:n], self.params[n : n + 2], list(self.params[n + 2 :])
+        if self.model in _TANGENTIAL:  # p1 and p2 behind k1 and k2
+            rest[2:4] = rest[3], -rest[2]
+        centre = self.height - cy, cx
+        return Lens(self.model, self.height, self.width, (*focal[::-1], *centre, *rest))
 
     @property
     def K(self) -> DoubleArray:  # noqa: N802  the field's name
@@ -147,6 +160,14 @@ class Photos:
         with image_header(self.paths[name]) as image:
             return image.size
 
+    def turns(self, name: str) -> int:
+        """Right angles clockwise that its tag turns the photo by. ``GagaError``: it mirrors it."""
+        with image_header(self.paths[name]) as image:
+            tag = image.getexif().get(ExifTags.Base.Orientation, 1) if image.format != "PNG" else 1
+        if tag not in _TURNS and tag in range(2, 8):
+            raise GagaError(f"{self.paths[name]} is stored mirrored. Save it upright.")
+        return _TURNS.get(tag, 0)
+
     def stems(self) -> dict[str, str]:
         """Names of the photos by their stems."""
         return {PurePosixPath(name).stem: name for name in self.paths}
@@ -194,7 +215,7 @@ def checked(given: GivenPoses, photos: Photos) -> GivenPoses:
             raise GagaError(f"{given.file}: the pose of {pose.name} is no rotation and place.")
         if pose.name in poses:
             raise GagaError(f"{given.file} has two poses of {pose.name}. Export it again.")
-        poses[pose.name] = replace(pose, lens=_for_photo(pose, photos, given.file))
+        poses[pose.name] = _for_photo(pose, photos, given.file)
     if not poses:
         listed = ", ".join(photos.missing[:_NAMED])
         raise GagaError(
@@ -205,23 +226,36 @@ def checked(given: GivenPoses, photos: Photos) -> GivenPoses:
     return _near_origin(replace(found, missing=(*given.missing, *photos.missing)))
 
 
-def _for_photo(pose: GivenPose, photos: Photos, file: Path) -> Lens | None:
-    lens = pose.lens
-    if lens is None:
-        return None
+def _for_photo(pose: GivenPose, photos: Photos, file: Path) -> GivenPose:
+    """``pose`` for the photo as it stands upright.
+
+    Programs that pass over the EXIF tag measured it as it is stored: its shape tells.
+    """
+    lens, turns = pose.lens, photos.turns(pose.name)
     width, height = photos.size(pose.name)
-    sizes = (lens.width, lens.height, *(lens.params or (0.0,)))
-    if not (np.isfinite(sizes).all() and min(sizes[:2]) > 0 and max(sizes[:2]) <= MOST_PIXELS):
-        raise GagaError(f"{file}: the lens of {pose.name} has no usable size.")
-    if abs(lens.width * height / (lens.height * width) - 1) > _ASPECT:
-        raise GagaError(
-            f"{file} is about pictures of {lens.width} x {lens.height} pixels, but {pose.name} has "
-            f"{width} x {height}. Give the photos that it was made from."
-        )
-    lens = lens.resized(width, height)
-    if not is_usable(lens.K, np.eye(4)):
-        raise GagaError(f"{file}: the focal length of {pose.name} is not usable.")
-    return lens
+    if lens is not None:
+        sizes = (lens.width, lens.height, *lens.params)
+        if not (np.isfinite(sizes).all() and min(sizes[:2]) > 0 and max(sizes[:2]) <= MOST_PIXELS):
+            raise GagaError(f"{file}: the lens of {pose.name} has no usable size.")
+        if turns % 2 and not _is_shape(lens, (width, height)):
+            turns, width, height = 0, height, width  # measured upright
+        if not _is_shape(lens, (width, height)):
+            raise GagaError(
+                f"{file} is about pictures of {lens.width} x {lens.height} pixels, but {pose.name} "
+                f"has {width} x {height}. Give the photos that it was made from."
+            )
+        lens = lens.resized(width, height)
+        if not is_usable(lens.K, np.eye(4)):
+            raise GagaError(f"{file}: the focal length of {pose.name} is not usable.")
+    cam_from_world = pose.cam_from_world
+    for _ in range(turns):
+        cam_from_world = _CLOCKWISE @ cam_from_world
+        lens = None if lens is None else lens.turned()
+    return replace(pose, lens=lens, cam_from_world=cam_from_world)
+
+
+def _is_shape(lens: Lens, size: tuple[int, int]) -> bool:
+    return abs(lens.width * size[1] / (lens.height * size[0]) - 1) <= _ASPECT
 
 
 def _near_origin(given: GivenPoses) -> GivenPoses:

@@ -68,7 +68,7 @@ def read_llff(path: Path, photos: Photos) -> GivenPoses:
     try:
         with open_file(path) as file:
             rows = np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, MemoryError) as error:
         raise GagaError(f"{path} is damaged ({error}). Copy it again.") from error
     if rows.ndim != 2 or rows.shape[1] != _LLFF or not np.isfinite(rows[:, :15]).all():
         raise GagaError(f"{path}: expected {_LLFF} numbers for each photo. Copy it again.")

@@ -2,8 +2,11 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
+from PIL import ExifTags, Image
 
+from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras.given import Lens
 from gaga_core.io.cameras.poses import find_poses, format_of, read_poses
@@ -137,6 +140,39 @@ def test_names_are_found_in_folders_and_ambiguity_is_said(tmp_path: Path) -> Non
     file.write_text(json.dumps(values))
     found = read_poses(file, tmp_path / "images")
     assert [pose.name for pose in found.poses] == [f"left/{c.name}" for c in cameras()]
+
+
+@pytest.mark.parametrize(("tag", "turns"), [(6, 1), (3, 2), (8, 3)])
+def test_a_photo_that_its_tag_turns_is_seen_as_it_was(tmp_path: Path, tag: int, turns: int) -> None:
+    """Programs that pass over the tag measure the pixels as they are stored."""
+    view = cameras()[0]
+    (tmp_path / "images").mkdir()
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = tag
+    Image.new("RGB", (64, 48)).save(tmp_path / "images" / "00000.jpg", exif=exif)
+    lens = {"w": 64, "h": 48, "fl_x": 70.5, "fl_y": 60.5, "cx": 31.25, "cy": 25.5}
+    lens |= {"k1": 0.02, "k2": 0.01, "p1": 0.03, "p2": -0.05}
+    matrix = (view.world_from_cam @ np.diag([1.0, -1, -1, 1])).tolist()
+    frames = [{"file_path": "00000.jpg", "transform_matrix": matrix}]
+    (tmp_path / "transforms.json").write_text(json.dumps(lens | {"frames": frames}))
+    found = read_poses(tmp_path / "transforms.json", tmp_path / "images").poses[0]
+    assert found.lens is not None
+    point = view.world_from_cam @ np.array([0.2, -0.1, 1.0, 1.0])
+    stored = Lens("OPENCV", 64, 48, (70.5, 60.5, 31.25, 25.5, 0.02, 0.01, 0.03, -0.05))
+    u, v = _seen(stored, view.cam_from_world, point)
+    size = [64.0, 48.0]
+    for _ in range(turns):
+        u, v, size = size[1] - v, u, size[::-1]
+    assert (found.lens.width, found.lens.height) == tuple(size)
+    assert np.allclose(_seen(found.lens, found.cam_from_world, point), (u, v))
+
+
+def _seen(lens: Lens, cam_from_world: DoubleArray, point: DoubleArray) -> tuple[float, float]:
+    camera = pycolmap.Camera(
+        model=lens.model, width=lens.width, height=lens.height, params=lens.params
+    )
+    u, v = camera.img_from_cam((cam_from_world @ point)[:3])
+    return float(u), float(v)
 
 
 def test_map_coordinates_come_near_the_origin_by_whole_units(tmp_path: Path) -> None:
