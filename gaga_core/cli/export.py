@@ -229,7 +229,8 @@ def up_of(project: "Project") -> tuple[float, float, float]:
 
     opened, placed = project.folder, project.placed_folder
     if opened is not None and placed is not None and opened.cameras:
-        up = up_of_moved(opened.cameras, placed.cameras)
+        world = project.scene.frame.world
+        up = up_of_moved(opened.cameras, placed.cameras, opened.up, world)
     else:
         up = guess_up(project.scene.gaussians)
     x, y, z = (float(value) for value in up)

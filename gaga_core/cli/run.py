@@ -19,7 +19,10 @@ from gaga_core.errors import GagaError
 from gaga_core.evaluate.settings import Preset
 from gaga_core.pipeline.settings import EngineConfig, Quality, ReconstructConfig
 
-_PLACING = ("focal", "place_minutes", "foreground", "turntable", "scene", "accept_wrong")
+_PLACING = (
+    *("focal", "poses", "poses_from", "place_minutes", "foreground", "turntable", "scene"),
+    "accept_wrong",
+)
 
 
 @dataclass(frozen=True)

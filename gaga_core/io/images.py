@@ -4,8 +4,10 @@ import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
@@ -14,7 +16,17 @@ from gaga_core.arrays import AnyArray, FloatArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, check_memory, explain_os_error, open_file
 
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
+if TYPE_CHECKING:
+    import rawpy
+
+HEIF_SUFFIXES = (".heic", ".heif")  # of phones; read where pillow-heif is installed
+RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")  # ... rawpy
+HAS_HEIF, HAS_RAW = (find_spec(name) is not None for name in ("pillow_heif", "rawpy"))
+IMAGE_SUFFIXES = (
+    *(".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff"),
+    *(HEIF_SUFFIXES if HAS_HEIF else ()),
+    *(RAW_SUFFIXES if HAS_RAW else ()),
+)
 _FORMATS = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".webp": "WEBP"}
 # What a file may hold, whatever its suffix; JPEG with further pictures (MPO, of phones) is read as
 # JPEG. Pillow knows 40 more, and hands PostScript to a program that executes it.
@@ -35,7 +47,8 @@ _POINTER = 8  # bytes that Pillow keeps for each row of a picture
 _BLOCK = 1 << 20  # pixels that are converted at a time
 # Bytes a pixel that the decoder takes next to the picture: libwebp keeps two canvases and gives a
 # third, libtiff takes strips whole. Measured on 36 megapixels: 15.0 and 4.0.
-_OF_DECODER = {"WEBP": 16, "TIFF": 8}
+_OF_DECODER = {"WEBP": 16, "TIFF": 8, "HEIF": 8}
+_OF_RAW = 40  # bytes a pixel that LibRaw takes: sensor, 4 channels of 16 bits twice, 3 of 8
 _OF_COEFFICIENTS = 2  # bytes a pixel and channel that libjpeg keeps of a progressive JPEG
 
 # Sizes are checked here, and odd tags harm nobody: both would be warnings on the terminal.
@@ -62,10 +75,13 @@ def image_header(
     picture, its decoder, ``held`` bytes, and ``per_pixel`` bytes of each pixel, of a picture no
     longer than ``side`` if given. Raises ``GagaError`` when it is none, damaged or too large.
     """
+    if data is None and HAS_RAW and path.suffix.lower() in RAW_SUFFIXES:
+        yield _raw(path, held=held)
+        return
     try:
         with (
             open_file(path) if data is None else BytesIO(data) as file,
-            Image.open(file, formats=_READ) as image,
+            Image.open(file, formats=_formats(path)) as image,
         ):
             n = image.width * image.height
             result = per_pixel * (min(n, side * side) if side else n)
@@ -89,6 +105,70 @@ def image_header(
         raise GagaError(f"{path} has more than {most} megapixels. Make it smaller.") from error
     except _DAMAGED as error:
         raise GagaError(f"{path} is damaged ({error}). Copy it again.") from error
+
+
+def _formats(path: Path) -> tuple[str, ...]:
+    """What a file may hold: HEIF only where its name says so, by a reader that is loaded then."""
+    if not (HAS_HEIF and path.suffix.lower() in HEIF_SUFFIXES):
+        return _READ
+    import pillow_heif
+
+    # Depth and further pictures of a file are not looked at. It turns pictures upright itself.
+    pillow_heif.register_heif_opener(depth_images=False, aux_images=False, thumbnails=False)
+    return (*_READ, "HEIF")
+
+
+def _raw(path: Path, *, held: int) -> Image.Image:
+    """The picture that a raw photo gives with the white balance of the camera, upright, sRGB, with
+    the EXIF of its preview. Raises ``GagaError`` when it is damaged or too large."""
+    import rawpy
+
+    try:
+        with open_file(path) as file, rawpy.imread(file) as raw:
+            n = raw.sizes.raw_width * raw.sizes.raw_height
+            check_memory(path, held + _OF_RAW * n, f"{n:,} pixels")
+            image = Image.fromarray(raw.postprocess(use_camera_wb=True, output_bps=8))
+            exif = _exif_of_preview(raw)
+    except OSError as error:
+        raise GagaError(explain_os_error(error, path)) from error
+    except rawpy.LibRawFileUnsupportedError as error:
+        raise GagaError(
+            f"{path} is not a picture of a raw kind that is read. Remove it or save it as JPEG."
+        ) from error
+    except (rawpy.LibRawError, MemoryError, *_DAMAGED) as error:
+        raise GagaError(f"{path} is damaged ({error}). Copy it again.") from error
+    exif[ExifTags.Base.Orientation] = 1  # LibRaw has turned it
+    image.info["exif"] = exif.tobytes()
+    return image
+
+
+def _exif_of_preview(raw: "rawpy.RawPy") -> Image.Exif:
+    import rawpy
+
+    try:
+        preview = raw.extract_thumb()
+        if preview.format == rawpy.ThumbFormat.JPEG:
+            with Image.open(BytesIO(bytes(preview.data)), formats=("JPEG",)) as image:
+                return image.getexif()
+    except (rawpy.LibRawError, OSError, *_DAMAGED):
+        pass  # without a preview the focal length is not known
+    return Image.Exif()
+
+
+def _in_srgb(image: Image.Image) -> Image.Image:
+    """CMYK and HEIF by their color profile; others keep their numbers, as they always did."""
+    from PIL import ImageCms
+
+    profile = image.info.get("icc_profile")
+    if not profile or (image.mode != "CMYK" and image.format != "HEIF"):
+        return image
+    try:
+        source = ImageCms.ImageCmsProfile(BytesIO(profile))
+        target = ImageCms.createProfile("sRGB")
+        made = ImageCms.profileToProfile(image, source, target, outputMode="RGB")
+    except (ImageCms.PyCMSError, OSError, *_DAMAGED):  # a profile that is none
+        return image
+    return image if made is None else made
 
 
 def _bytes_held(image: Image.Image) -> int:
@@ -138,6 +218,7 @@ def read_rgb(path: Path, longest_side: int = 0) -> UInt8Array:
     image = open_image(path, per_pixel=4 if longest_side else 3, side=longest_side)
     if image.mode[0] in "IF":  # 16 bits or more
         image = Image.fromarray(_eight_bits(image))
+    image = _in_srgb(image)
     if longest_side:
         image.thumbnail((longest_side, longest_side))
     picture = np.empty((image.height, image.width, 3), np.uint8)

@@ -17,9 +17,11 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import CancelledError, GagaError
+from gaga_core.io.cameras.given import GivenPoses
+from gaga_core.io.cameras.poses import find_poses, read_poses
 from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
-from gaga_core.io.folder.scene_folder import read_report_entry, with_entry
+from gaga_core.io.folder.scene_folder import World, read_report_entry, with_entry, write_world
 from gaga_core.io.folder.splits import carry_split
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.checks import Verdict
@@ -28,6 +30,15 @@ from gaga_core.placing.foreground import (
     masks_from_folder,
     masks_of_what_moves,
     paint_background,
+)
+from gaga_core.placing.given import (
+    Posed,
+    entry_of,
+    place_given_stage,
+    posed_photos,
+    report_of,
+    told,
+    write_given,
 )
 from gaga_core.placing.ladder import Ladder, place_stage
 from gaga_core.placing.metrics import SfmFacts
@@ -42,14 +53,14 @@ from gaga_core.placing.photos import (
     read_photo_set,
     unread_kinds,
 )
-from gaga_core.placing.sfm import option, run_matching
+from gaga_core.placing.sfm import option, run_matching, run_step
 from gaga_core.placing.undistort import ORIGINALS, require_room, undistort_into
 from gaga_core.placing.video import (
     extract_frames,
     extract_more_frames,
     extract_moving_frames,
 )
-from gaga_core.progress import Stage
+from gaga_core.progress import Stage, say
 
 # --- The photos of a reconstruction, in its workspace: from a folder, or frames of a film.
 
@@ -243,6 +254,7 @@ def _scene_notes(made: Ladder, placed: set[str]) -> list[str]:
 
 
 WORKSPACE = ".gaga-reconstruct"
+GIVEN = "by_poses"  # folder in it
 _PICTURE_SIDE = 1600  # pixels of the pictures in a scene folder (Kerbl 2023)
 
 
@@ -275,19 +287,17 @@ def place_photos(
     try:
         _claim(workspace, _fingerprint(source, config))
         require_room(scene, source, workspace)
+        given = _given_poses(source, config)
         found = yield from photo_set_stage(source, workspace, config)
-        made = yield from place_stage(
-            found,
-            workspace,
-            config.sfm(),
-            priors={p.name: p.focal for p in found.photos if p.focal is not None},
-            ladder=config.ladder(),
-            scene=config.scene,
-        )
+        posed = None if given is None else posed_photos(found, given, source, config.sfm())
+        made = yield from _placed(found, posed, workspace, config)
         _require(made, config)
         if made.best.model != workspace / "model":  # where the next step looks for it
             shutil.rmtree(workspace / "model", ignore_errors=True)
             shutil.copytree(made.best.model, workspace / "model")
+        if posed is not None and not _is_by_poses(made, workspace):
+            write_given(workspace, posed.names, posed.poses, refine=False)
+            yield from run_step("to_given", found, workspace, config.sfm())
         if config.object_only:
             masks = workspace / MASKS
             yield from paint_background(found.photos, workspace / "photos", masks)
@@ -304,9 +314,82 @@ def place_photos(
             if not existed and scene.is_dir() and not any(scene.iterdir()):
                 scene.rmdir()
     entry = sfm_entry(source, found, made)
+    if given is not None and posed is not None:
+        entry |= _given_entry(given, posed, entry, made, workspace, config)
+        write_world(scene, World(given.is_metric, given.up, given.program))
     write_entry(scene, {"sfm": entry | {"seconds": round(time.perf_counter() - start, 1)}})
     shutil.rmtree(workspace, ignore_errors=True)
     return notes_of(entry)
+
+
+def _given_poses(source: Path, config: ReconstructConfig) -> GivenPoses | None:
+    """The poses that are to be used, if there are some."""
+    if config.poses == "ignore" or not source.is_dir():
+        return None
+    named = config.poses_from
+    given = find_poses(source) if named is None else read_poses(Path(named), source)
+    if given is not None:
+        say(f"{given.told} (--poses {config.poses}).")
+    return given
+
+
+def _placed(
+    found: PhotoSet, posed: Posed | None, workspace: Path, config: ReconstructConfig
+) -> Stage[Ladder]:
+    """Place by the given poses; where that fails and they may change, as without any."""
+    sfm = config.sfm()
+    if posed is not None and config.poses in ("keep", "refine"):
+        refine = config.poses == "refine"
+        try:
+            made = yield from place_given_stage(posed, workspace / GIVEN, sfm, refine=refine)
+            if made.best.is_right or not refine:
+                return made
+        except GagaError as error:
+            if not refine or isinstance(error, CancelledError):
+                raise
+    return (
+        yield from place_stage(
+            found,
+            workspace,
+            sfm,
+            priors={p.name: p.focal for p in found.photos if p.focal is not None},
+            ladder=config.ladder(),
+            scene=config.scene,
+        )
+    )
+
+
+def _is_by_poses(made: Ladder, workspace: Path) -> bool:
+    return made.best.model.is_relative_to(workspace / GIVEN)
+
+
+def _given_entry(
+    given: GivenPoses,
+    posed: Posed,
+    entry: Mapping[str, object],
+    made: Ladder,
+    workspace: Path,
+    config: ReconstructConfig,
+) -> dict[str, object]:
+    """What the report says of given poses: figures, and sentences before the other notes."""
+    by_poses = _is_by_poses(made, workspace)
+    report = report_of(workspace / GIVEN if by_poses else workspace)
+    mode = config.poses if by_poses or config.poses == "scale" else "scale"
+    notes = told(given, mode, report)
+    if mode != config.poses:
+        notes.append("The photos contradict the given poses, so they were placed as without any.")
+    left_out = dict.fromkeys(posed.without, "no pose is given") if by_poses else {}
+    why, names = entry["why_out"], entry["names"]
+    assert isinstance(why, dict)
+    assert isinstance(names, list)
+    before = entry["notes"]
+    assert isinstance(before, list)
+    return {
+        "given": entry_of(given, mode, report, posed.without),
+        "notes": [*notes, *before],
+        "why_out": {**why, **left_out},
+        "names": [*names, *(name for name in left_out if name not in names)],
+    }
 
 
 def read_entry(scene: Path) -> dict[str, object]:
@@ -340,7 +423,8 @@ def _fingerprint(source: Path, config: ReconstructConfig) -> str:
     stats = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     settings = asdict(replace(config.sfm(), threads=0))
     masks = None if config.foreground is None else str(Path(config.foreground).absolute())
-    task = [stats, settings, config.focal, config.video_fps, masks]
+    poses = [config.poses, config.poses_from]
+    task = [stats, settings, config.focal, config.video_fps, masks, poses]
     return hashlib.sha256(json.dumps(task).encode()).hexdigest()
 
 

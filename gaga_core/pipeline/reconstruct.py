@@ -21,6 +21,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras.cameras_json import write_cameras_json
 from gaga_core.io.cameras.colmap import read_colmap
+from gaga_core.io.cameras.poses import find_poses
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.folder.scene_folder import (
     SceneFolder,
@@ -228,6 +229,7 @@ class PhotoFind:
     is_placed: bool = False  # there is a COLMAP model: only the training is missing
     going_on: ReconstructConfig | None = None  # settings of a training that was stopped
     iteration: int = 0  # ... and how far it came
+    poses: str = ""  # whose poses lie next to the photos, or why they cannot be used
 
     @property
     def name(self) -> str:
@@ -371,6 +373,7 @@ def look_at_photos(path: Path) -> PhotoFind | None:
         return None
     going_on, iteration = _left_training(scene) if is_placed else (None, 0)
     outside = None if is_placed else outside
+    poses = "" if is_placed else _poses_near(source)
     if is_video(source):
         return PhotoFind(outside, scene, expected_frames(source), _VIDEO_SIZE, is_video=True)
     files = list_photos(source) if source.is_dir() else ()
@@ -384,7 +387,16 @@ def look_at_photos(path: Path) -> PhotoFind | None:
         with suppress(GagaError), image_header(file) as image:
             size = image.size
             break
-    return PhotoFind(outside, scene, len(files), size, False, is_placed, going_on, iteration)
+    return PhotoFind(outside, scene, len(files), size, False, is_placed, going_on, iteration, poses)
+
+
+def _poses_near(source: Path) -> str:
+    """A sentence about the poses of other programs next to photos; "" without any."""
+    try:
+        given = find_poses(source) if source.is_dir() else None
+    except GagaError as error:
+        return str(error)
+    return "" if given is None else f"{given.told}."
 
 
 def scene_of(photos: Path) -> Path:

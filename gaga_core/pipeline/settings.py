@@ -48,6 +48,13 @@ class ReconstructConfig:
     """Folder of masks of the object, NAME.png, black = background: the background is left out."""
     turntable: bool = setting(False, "Object on a turntable")
     """The object turned in front of a fixed camera: leave the background out."""
+    poses: Literal["keep", "refine", "scale", "ignore"] = setting(
+        "refine", "Poses next to the photos"
+    )
+    """Poses of another program that lie next to the photos. keep: use them as they are. refine:
+    adjust them, if that is better. scale: place the photos anew; take over scale and vertical."""
+    poses_from: str | None = setting(None, "File of the poses")
+    """File or folder of poses; default: what lies next to the photos."""
     scene: int = setting(1, "Scene", least=1, most=9)
     """Which scene to make, by size, when the photos show several."""
     seed: int = 0

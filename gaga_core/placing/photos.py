@@ -17,7 +17,13 @@ from PIL import ExifTags, Image
 
 from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.io.images import IMAGE_SUFFIXES, image_header, read_rgb
+from gaga_core.io.images import (
+    HEIF_SUFFIXES,
+    IMAGE_SUFFIXES,
+    RAW_SUFFIXES,
+    image_header,
+    read_rgb,
+)
 from gaga_core.io.json_file import read_json
 from gaga_core.progress import Progress, Stage
 
@@ -97,8 +103,9 @@ def shrunk(picture: UInt8Array, longest_side: int) -> UInt8Array:
 STAGE = "Look at photos"
 FEWEST = 3  # photos: two to train on and one held out
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
-UNREAD_SUFFIXES = (".heic", ".heif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf")
-_SAVE_AS = "save as JPEG to use"
+_WITH_EXTRAS = (*HEIF_SUFFIXES, *RAW_SUFFIXES)
+UNREAD_SUFFIXES = (".jxl", *(s for s in _WITH_EXTRAS if s not in IMAGE_SUFFIXES))
+_SAVE_AS = "install gaga-studio[photos], or save as JPEG to use"
 MASKS = "photo_masks"  # folder next to the photos: NAME.jpg.png, black = background
 _PREPARED = re.compile(r"[\w.\-]+\.(jpg|png)")  # names of photos that were made ready
 _PLAIN = ("JPEG", "PNG")  # formats of those

@@ -30,6 +30,7 @@ IN_WINDOW = {
     "--video-fps": "Frames of each second",
     "--foreground": "Masks of the object",
     "--turntable": "Object on a turntable",
+    "--poses": "Poses next to the photos",
     "--scene": "Scene",
     "--place-minutes": "Minutes for placing",
 }
@@ -46,6 +47,8 @@ _TITLES = {
     "match": "Match photos",
     "map": "Place photos",
     "map_relaxed": "Place photos",
+    "given": "Place photos",
+    "to_given": "Place photos",
     "export": "Match photos",
     "undistort": "Undistort photos",
 }
@@ -66,7 +69,8 @@ class SfmConfig:
     guided: bool = False  # match again along the epipolar lines that the first matches give
     moving_only: bool = False  # drop matches that stand still in the picture: a turntable
     camera_model: Literal["auto", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "PINHOLE"] = "auto"
-    pairs: Literal["auto", "exhaustive", "sequential", "similar"] = "auto"
+    # listed: those in the workspace's pairs.txt
+    pairs: Literal["auto", "exhaustive", "sequential", "similar", "listed"] = "auto"
     exhaustive_up_to: int = 120  # photos: beyond, those that look alike are matched
     neighbours: int = 24  # photos that each is matched with, when they look alike
     overlap: int = 10  # frames before and after that each frame of a video is matched with
@@ -104,6 +108,7 @@ class CameraGroup:
     height: int
     focal: float | None  # pixels, from EXIF or the user
     model: str  # COLMAP's name of the lens model
+    params: tuple[float, ...] = ()  # COLMAP's, where the whole lens is known
 
 
 @dataclass(frozen=True)
@@ -118,14 +123,26 @@ class StepSettings:
     config: SfmConfig  # nothing is "auto" but the lens model, which the groups say
 
 
-def run_matching(photos: PhotoSet, workspace: Path, config: SfmConfig) -> Stage[None]:
+def run_matching(
+    photos: PhotoSet,
+    workspace: Path,
+    config: SfmConfig,
+    *,
+    groups: Sequence[CameraGroup] = (),  # the cameras, where they are known
+) -> Stage[None]:
     """Find features and match them: writes workspace/database.db and matches.npz."""
-    yield from run_step("features", photos, workspace, config)
-    yield from run_step("match", photos, workspace, config)
+    yield from run_step("features", photos, workspace, config, groups=groups)
+    yield from run_step("match", photos, workspace, config, groups=groups)
 
 
 def run_step(
-    step: str, photos: PhotoSet, workspace: Path, config: SfmConfig, *, picture_side: int = 1600
+    step: str,
+    photos: PhotoSet,
+    workspace: Path,
+    config: SfmConfig,
+    *,
+    picture_side: int = 1600,
+    groups: Sequence[CameraGroup] = (),
 ) -> Stage[None]:
     """One step of `sfm_worker`; ``picture_side`` is the longest side of undistorted pictures."""
     finished = workspace / f"{step}.finished"
@@ -133,7 +150,7 @@ def run_step(
         return
     require_pycolmap()
     config = _decided(photos, config)
-    if step in ("map", "map_relaxed"):
+    if step in ("map", "map_relaxed", "given"):
         # On several, COLMAP 4 starts from the pair of photos that a thread finds first, and adds
         # up large adjustments in any order: the same photos gave other poses from run to run.
         config = replace(config, threads=1)
@@ -141,7 +158,7 @@ def run_step(
         step,
         str(workspace),
         str(pictures_of(workspace)),
-        tuple(_group(group, config) for group in photos.cameras()),
+        tuple(groups) or tuple(_group(group, config) for group in photos.cameras()),
         picture_side,
         config,
     )

@@ -23,6 +23,7 @@ from gaga_core.arrays import AnyArray, DoubleArray, LongArray
 from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.processes import end_with_parent
 from gaga_core.io.json_file import read_json
+from gaga_core.placing.given import GivenFile, centres, moved_by, similarity_between
 from gaga_core.placing.photos import MASKS
 from gaga_core.placing.sfm import CameraGroup, StepSettings
 
@@ -372,7 +373,7 @@ def _features(settings: StepSettings, workspace: Path) -> None:
         if masks.is_dir():
             reader.mask_path = str(masks)
         reader.camera_model = group.model
-        if group.focal is not None:
+        if group.params or group.focal is not None:
             reader.camera_params = _camera_params(group)
         readers.append((group.names, reader))
     single = pycolmap.CameraMode.SINGLE
@@ -391,7 +392,9 @@ def _features(settings: StepSettings, workspace: Path) -> None:
 
 
 def _camera_params(group: CameraGroup) -> str:
-    """COLMAP's parameter text of a camera without distortion."""
+    """COLMAP's parameter text of a camera: the whole one if known, else without distortion."""
+    if group.params:
+        return ",".join(str(value) for value in group.params)
     model, focal = group.model, group.focal
     cx, cy = group.width / 2, group.height / 2
     tail = {"SIMPLE_PINHOLE": 0, "SIMPLE_RADIAL": 1, "RADIAL": 2}
@@ -417,8 +420,9 @@ def _match(settings: StepSettings, workspace: Path) -> None:
         sequential = pycolmap.SequentialPairingOptions()
         sequential.overlap = settings.config.overlap
         pycolmap.match_sequential(database, matching, sequential, verification, device)
-    elif settings.config.pairs == "similar":
-        _write_similar(settings, workspace)
+    elif settings.config.pairs in ("similar", "listed"):
+        if settings.config.pairs == "similar":
+            _write_similar(settings, workspace)
         listed = pycolmap.ImportedPairingOptions()
         listed.match_list_path = str(workspace / "pairs.txt")
         listed.block_size = _PAIR_BLOCK
@@ -588,11 +592,249 @@ def _export(settings: StepSettings, workspace: Path) -> None:
     write_pair_matches(workspace / "pair_matches.npz", workspace / "database.db")
 
 
+# --- Given poses: triangulated as they are, refined, and the better of both.
+
+
+_HELD_OUT = 0.1  # share of the features whose matches are held out
+_LENS_PHOTOS = 12  # of one lens, from which on it is refined, too
+_FEWEST_POINTS = 15  # of a photo: with less its pose stays as it was given
+_TOLERANCES = (4.0, 60.0)  # pixels of a reprojection: the last round's, and the first one's at most
+_STEPS, _LAST_STEPS = 10, 40  # of the solver, in a round and in the last; 100 gain nothing
+_CAPPED = 20.0  # pixels: what is further off is a wrong match, however far
+
+
+def _given(settings: StepSettings, workspace: Path) -> None:
+    """Writes given/model, facts.npz and report.json."""
+    given = read_json(workspace / "poses.json", GivenFile, "")
+    target = _empty(workspace / "given")
+    database, held = workspace / "database.db", target / "held_out.db"
+    matches = _hold_out(database, held, settings.config.seed)
+    model = _posed(database, given)
+    poses = _poses_of(model)
+    off = _off_lines(model, matches)
+    before = _mean_off(off)
+    refined, after = model, None
+    if given.refine:
+        first = float(np.clip(6 * np.median(off), *_TOLERANCES)) if len(off) else _TOLERANCES[0]
+        n_rounds = 1 + int(np.ceil(np.log2(first / _TOLERANCES[0])))
+        for i, tolerance in enumerate(np.geomspace(first, _TOLERANCES[0], n_rounds)):
+            _say({"done": i, "total": n_rounds + 1, "message": "refine the given poses"})
+            refined = _triangulated(settings, refined, held, target, float(tolerance))
+            _adjust(refined, poses, float(tolerance), is_last=i == n_rounds - 1)
+        after = _mean_off(_off_lines(refined, matches))
+    is_refined = after is not None and after < before
+    _say({"done": 1, "total": 2, "message": "triangulate"})
+    chosen = refined if is_refined else model
+    tolerance = _TOLERANCES[0] if is_refined else max(_TOLERANCES[0], 3 * before)
+    final = _triangulated(settings, chosen, database, target, tolerance)
+    held.unlink()
+    report = {"given": before, "refined": after, "is_refined": is_refined}
+    (target / "report.json").write_text(
+        json.dumps(report | _moved(poses, _poses_of(final))), encoding="utf-8"
+    )
+    _round(final)
+    final.write_binary(_empty(target / "model"))
+    write_facts(target / "facts.npz", final, database, [final.num_reg_images()])
+
+
+def _to_given(settings: StepSettings, workspace: Path) -> None:
+    """Brings workspace/model to the world of the given poses; writes given/report.json."""
+    given = read_json(workspace / "poses.json", GivenFile, "")
+    model = pycolmap.Reconstruction(str(workspace / "model"))
+    rows = dict(zip(given.names, given.poses, strict=True))
+    named = {n: np.array(rows[n]).reshape(3, 4) for n in _poses_of(model) if n in rows}
+    if len(named) < 3:
+        raise ValueError("too few placed photos have a given pose")
+    _align(model, named)
+    target = _empty(workspace / "given")
+    report = {"given": 0.0, "refined": None, "is_refined": True}
+    text = json.dumps(report | _moved(named, _poses_of(model)))
+    (target / "report.json").write_text(text, encoding="utf-8")
+    model.write_binary(_empty(workspace / "model"))
+
+
+def _posed(database: Path, given: GivenFile) -> pycolmap.Reconstruction:
+    """A model without points: the cameras and photos of ``database`` with their given poses."""
+    found = _Matching.read(database)
+    rows = dict(zip(given.names, given.poses, strict=True))
+    model = pycolmap.Reconstruction()
+    for camera in {int(c.camera_id): c for c in found.cameras}.values():
+        model.add_camera_with_trivial_rig(camera)
+    for image, points in zip(found.images, found.keypoints(database), strict=True):
+        pose = np.array(rows[str(image.name)]).reshape(3, 4)
+        rigid = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:, :3]), pose[:, 3])
+        new = pycolmap.Image(
+            name=str(image.name),
+            keypoints=points,
+            camera_id=int(image.camera_id),
+            image_id=int(image.image_id),
+        )
+        model.add_image_with_trivial_frame(new, rigid)
+    return model
+
+
+def _poses_of(model: pycolmap.Reconstruction) -> dict[str, DoubleArray]:
+    """Poses (3, 4), cam_from_world, by name."""
+    placed = [image for image in model.images.values() if image.has_pose]
+    return {str(i.name): np.array(i.cam_from_world().matrix(), np.float64) for i in placed}
+
+
+def _moved(before: Mapping[str, DoubleArray], after: Mapping[str, DoubleArray]) -> dict[str, float]:
+    """The way and turn of the cameras that have both poses: median and most."""
+    names = [name for name in before if name in after]
+    way, turn = moved_by(*(np.array([poses[n] for n in names]) for poses in (before, after)))
+    return {
+        "moved": float(np.median(way)),
+        "moved_most": float(way.max()),
+        "turned": float(np.median(turn)),
+        "turned_most": float(turn.max()),
+    }
+
+
+_HeldOut = list[tuple[str, str, AnyArray, AnyArray]]  # two photos, pixels (M, 2) in each
+
+
+def _hold_out(database: Path, held: Path, seed: int) -> _HeldOut:
+    """Copy ``database`` to ``held`` without the matches of some features; returns those."""
+    found = _Matching.read(database)
+    rng = np.random.default_rng(seed)
+    points = found.keypoints(database)
+    out = [rng.random(len(p)) < _HELD_OUT for p in points]
+    result: _HeldOut = []
+    shutil.copyfile(database, held)
+    opened = pycolmap.Database.open(held)
+    opened.clear_two_view_geometries()
+    for (a, b), m, geometry in zip(found.pairs, found.matches, found.geometries, strict=True):
+        if not len(m):
+            continue
+        is_out = out[a][m[:, 0]] | out[b][m[:, 1]]
+        some = m[is_out]
+        result.append(
+            (found.names[a], found.names[b], points[a][some[:, 0]], points[b][some[:, 1]])
+        )
+        geometry.inlier_matches = m[~is_out]
+        opened.write_two_view_geometry(found.images[a].image_id, found.images[b].image_id, geometry)
+    opened.close()
+    return result
+
+
+def _off_lines(model: pycolmap.Reconstruction, matches: _HeldOut) -> DoubleArray:
+    """Distances (M,) of matches from their epipolar lines (Sampson), pixels."""
+    images = {str(image.name): image for image in model.images.values()}
+    parts = [np.zeros(0)]
+    for a, b, pixels_a, pixels_b in matches:
+        cameras = [model.cameras[images[name].camera_id] for name in (a, b)]
+        rays = [
+            np.c_[np.asarray(camera.cam_from_img(pixels)), np.ones(len(pixels))]
+            for camera, pixels in zip(cameras, (pixels_a, pixels_b), strict=True)
+        ]
+        pose_a, pose_b = (np.asarray(images[n].cam_from_world().matrix()) for n in (a, b))
+        turn = pose_b[:, :3] @ pose_a[:, :3].T
+        x, y, z = pose_b[:, 3] - turn @ pose_a[:, 3]
+        essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn
+        line_b, line_a = rays[0] @ essential.T, rays[1] @ essential
+        error = np.abs((rays[1] * line_b).sum(axis=1))
+        slope = np.sqrt((line_a[:, :2] ** 2).sum(axis=1) + (line_b[:, :2] ** 2).sum(axis=1))
+        focal = np.mean([camera.mean_focal_length() for camera in cameras])
+        parts.append(focal * error / np.maximum(slope, 1e-18))
+    return np.concatenate(parts)
+
+
+def _mean_off(off: DoubleArray) -> float:
+    return float(np.minimum(off, _CAPPED).mean()) if len(off) else 0.0
+
+
+def _triangulated(
+    settings: StepSettings,
+    model: pycolmap.Reconstruction,
+    database: Path,
+    target: Path,
+    tolerance: float,  # pixels
+) -> pycolmap.Reconstruction:
+    """Points of the matches in ``database`` by the poses of ``model``, which stay."""
+    options = _mapping_options(settings, relaxed=False)
+    focal = np.median([camera.mean_focal_length() for camera in model.cameras.values()])
+    angle = max(2.0, float(np.degrees(np.arctan(tolerance / focal))))
+    options.mapper.filter_max_reproj_error = tolerance
+    triangulation = options.triangulation
+    triangulation.create_max_angle_error = triangulation.continue_max_angle_error = angle
+    triangulation.merge_max_reproj_error = triangulation.complete_max_reproj_error = tolerance
+    triangulation.ignore_two_view_tracks = False
+    out, pictures = _empty(target / "points"), Path(settings.pictures)
+    points = pycolmap.Reconstruction(model)  # a copy: COLMAP fills the one that it is given
+    points = pycolmap.triangulate_points(points, database, pictures, out, options=options)
+    shutil.rmtree(out, ignore_errors=True)
+    return points
+
+
+def _adjust(
+    model: pycolmap.Reconstruction,
+    given: Mapping[str, DoubleArray],
+    tolerance: float,
+    *,
+    is_last: bool,
+) -> None:
+    """Bundle adjustment, back in the given world; in the last round with the places as prior."""
+    options = pycolmap.BundleAdjustmentOptions()
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = tolerance / 4
+    options.ceres.solver_options.max_num_iterations = _LAST_STEPS if is_last else _STEPS
+    options.print_summary = False
+    counts: dict[int, int] = {}
+    config = pycolmap.BundleAdjustmentConfig()
+    for image in model.images.values():
+        config.add_image(image.image_id)
+        counts[image.camera_id] = counts.get(image.camera_id, 0) + 1
+    for camera_id, n in counts.items():
+        if n < _LENS_PHOTOS or not is_last:  # while poses are off, a lens would make up for them
+            config.set_constant_cam_intrinsics(camera_id)
+    if is_last:
+        now = _poses_of(model)
+        way = np.linalg.norm(
+            [centres(now[n][None])[0] - centres(given[n][None])[0] for n in given], axis=1
+        )
+        deviation = max(float(np.median(way)), 1e-9)
+        priors = [
+            pycolmap.PosePrior(
+                corr_data_id=image.data_id,
+                position=centres(given[str(image.name)][None])[0],
+                position_covariance=deviation**2 * np.eye(3),
+                coordinate_system=pycolmap.PosePriorCoordinateSystem.CARTESIAN,
+            )
+            for image in model.images.values()
+        ]
+        prior = pycolmap.PosePriorBundleAdjustmentOptions()
+        prior.ceres.prior_position_loss_function_type = pycolmap.LossFunctionType.CAUCHY
+        adjuster = pycolmap.create_pose_prior_bundle_adjuster(options, prior, config, priors, model)
+    else:
+        config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+        adjuster = pycolmap.create_default_bundle_adjuster(options, config, model)
+    adjuster.solve()
+    _align(model, given)
+    for image in model.images.values():
+        if image.num_points3D < _FEWEST_POINTS:
+            pose = given[str(image.name)]
+            rigid = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:, :3]), pose[:, 3])
+            model.frames[image.frame_id].rig_from_world = rigid
+
+
+def _align(model: pycolmap.Reconstruction, given: Mapping[str, DoubleArray]) -> None:
+    """Bring a model into the world of given poses."""
+    now = _poses_of(model)
+    names = [name for name in given if name in now]
+    world = similarity_between(*(np.array([p[n] for n in names]) for p in (now, given)))
+    scale = float(np.cbrt(np.linalg.det(world[:3, :3])))
+    rotation = pycolmap.Rotation3d(world[:3, :3] / scale)
+    model.transform(pycolmap.Sim3d(scale, rotation, world[:3, 3]))
+
+
 STEPS: dict[str, Callable[[StepSettings, Path], None]] = {
     "features": _features,
     "match": _match,
     "map": _map,
     "map_relaxed": _map_relaxed,
+    "given": _given,
+    "to_given": _to_given,
     "export": _export,
     "undistort": _undistort,
 }

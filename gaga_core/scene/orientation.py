@@ -56,14 +56,25 @@ def estimate_up(cameras: Sequence[Camera]) -> DoubleArray:
     return up
 
 
-def up_of_moved(opened: Sequence[Camera], placed: Sequence[Camera]) -> DoubleArray:
+def up_of_moved(
+    opened: Sequence[Camera],
+    placed: Sequence[Camera],
+    known: Sequence[float] | None = None,
+    world: DoubleArray | None = None,
+) -> DoubleArray:
     """The up direction (3,), unit, world, of a scene that was moved as a whole.
+
+    ``known`` (3,): what the program said that placed its photos; ``world`` (4, 4): the motion.
 
     ``opened`` are its cameras as they were, ``placed`` as they stand now. A scene that was laid
     level was laid level along the up of the cameras as they were: where both ups nearly agree it is
     that one, else the one of the cameras as they stand now.
     """
-    was, now = estimate_up(opened), estimate_up(placed)
+    if known is None:
+        was, now = estimate_up(opened), estimate_up(placed)
+    else:
+        was = np.array(known, np.float64) / np.linalg.norm(known)
+        now = was if world is None else world[:3, :3] @ was / scale_of(world)
     return was if float(was @ now) > _NEARLY else now
 
 

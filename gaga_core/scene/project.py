@@ -588,7 +588,8 @@ def _open_model(path: Path, folder: SceneFolder | None = None) -> Stage[Project]
         groups = groups_of_folder(folder.work, len(gaussians))
     else:
         groups = groups_of_file(gaussians, path)
-    scene = replace(Scene.of(gaussians), **vars(groups))
+    frame = Frame(is_metric=folder is not None and folder.is_metric)
+    scene = replace(Scene.of(gaussians), frame=frame, **vars(groups))
     return Project(scene, path, folder, model_fingerprint=digest)
 
 

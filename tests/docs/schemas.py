@@ -13,6 +13,7 @@ import numpy as np
 
 from gaga_core.edit_script.operations import OPERATION_TYPES
 from gaga_core.io.cameras.cameras_json import CameraEntry
+from gaga_core.io.folder.scene_folder import World
 from gaga_core.io.folder.splits import SplitFile
 from gaga_core.io.masks.label_maps import MaskRecord
 from gaga_core.io.masks.other_programs import MaskEntry
@@ -44,6 +45,7 @@ TYPES: Mapping[str, object] = {
     "recovery": RecoveryNote,
     "settings": Settings,
     "split": SplitFile,
+    "world": World,
 }
 FOLDER = DOCS / "schemas"
 

@@ -100,7 +100,7 @@ def found_text(found: "PhotoFind") -> str:
         return f"{found.name} is a video of about {found.n_photos} useful frames."
     if found.is_placed:
         return f"{found.n_photos:,} photos with known cameras, no splats yet."
-    return f"{found.n_photos:,} photos, and no splats yet."
+    return f"{found.n_photos:,} photos, and no splats yet. {found.poses}".strip()
 
 
 def make(session: Session, plan: ReconstructionPlan | None = None) -> None:

@@ -226,9 +226,11 @@ class Document:
         return self.read.once("cameras", key, lambda: carried_cameras(folder.cameras, world))
 
     def up_of_photos(self) -> DoubleArray:
-        """Up (3,), unit, world, by the photos' cameras; see `up_of_moved`."""
+        """Up (3,), unit, world, as known or by the photos' cameras; see `up_of_moved`."""
         folder = self.project.folder
-        return up_of_moved(folder.cameras if folder is not None else (), self.cameras)
+        if folder is None:
+            return up_of_moved((), self.cameras)
+        return up_of_moved(folder.cameras, self.cameras, folder.up, self.world)
 
     def as_opened(self, shot: Shot, known: Mapping[Shot, Shot]) -> Shot:
         """``shot`` before the scene was moved as a whole: what a project keeps.

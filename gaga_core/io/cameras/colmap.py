@@ -21,6 +21,7 @@ from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, UInt8Array
 from gaga_core.camera import MOST_PIXELS, Camera, is_usable
 from gaga_core.errors import GagaError
 from gaga_core.geometry import matrices_to_quats
+from gaga_core.io.cameras.given import FOCALS, Lens
 from gaga_core.io.files import check_memory, explain_os_error, open_file, write_text
 from gaga_core.io.folder.processes import end_with_parent
 from gaga_core.io.splats.packing import FARTHEST, say_changes
@@ -46,6 +47,7 @@ class ColmapModel:
     cameras: tuple[Camera, ...]  # sorted by name; names are file names under images/
     points: DoubleArray  # (P, 3) world
     point_colors: UInt8Array  # (P, 3)
+    lenses: tuple[Lens, ...]  # of each camera, with its distortion
 
 
 def require_pycolmap() -> None:
@@ -68,8 +70,8 @@ class ColmapReading:
     Start one, do other work, then take the result: the reader costs a third of a second.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = Path(folder)
+    def __init__(self, folder: Path, *, is_quiet: bool = False) -> None:
+        self._folder, self._is_quiet = Path(folder), is_quiet
         if not has_colmap(self._folder):
             raise GagaError(
                 f"{folder} holds no COLMAP model (images.bin or images.txt). "
@@ -97,7 +99,7 @@ class ColmapReading:
                     "Copy or reconstruct it again."
                 )
             with np.load(self._out, allow_pickle=False) as stored:
-                return _model_of(self._folder, dict(stored))
+                return _model_of(self._folder, dict(stored), is_quiet=self._is_quiet)
         except subprocess.TimeoutExpired as error:
             raise GagaError(
                 f"The COLMAP model in {self._folder} takes too long to read."
@@ -147,13 +149,14 @@ def _check_files(folder: Path) -> None:
             )
 
 
-def read_colmap(folder: Path) -> ColmapModel:
+def read_colmap(folder: Path, *, with_lenses: bool = False) -> ColmapModel:
     """Read ``folder`` (cameras, images, points3D as .bin or .txt).
 
-    Distorted cameras are used by their pinhole part, which is said (`gaga_core.progress.say`):
-    undistort the photos for exact overlays. Raises ``GagaError`` when files are missing or damaged.
+    Distorted cameras are used by their pinhole part, which is said (`gaga_core.progress.say`)
+    unless their ``lenses`` are what is wanted: undistort the photos for exact overlays. Raises
+    ``GagaError`` when files are missing or damaged.
     """
-    return ColmapReading(folder).result()
+    return ColmapReading(folder, is_quiet=with_lenses).result()
 
 
 def write_colmap(
@@ -212,15 +215,18 @@ def _exact(numbers: Iterable[float]) -> str:
     return " ".join(repr(float(number)) for number in numbers)
 
 
-def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
+def _model_of(folder: Path, arrays: dict[str, AnyArray], *, is_quiet: bool) -> ColmapModel:
     models = arrays["models"]
     distorted = sorted({str(m) for m in models if str(m) not in _PINHOLE})
-    if distorted:
+    if unknown := set(distorted) - set(FOCALS):
+        raise GagaError(f"The lens model {unknown.pop()} of {folder} is not read.")
+    if distorted and not is_quiet:
         say(
             f"The COLMAP model in {folder} has distorted cameras ({', '.join(distorted)}); their "
             "pinhole part is used. Undistort the photos for exact overlays."
         )
-    cameras = []
+    cameras, lenses = [], []
+    ends = np.cumsum(arrays["n_params"])
     for i, name in enumerate(arrays["names"].tobytes().decode().split("\0")[:-1]):
         pose = np.eye(4)
         pose[:3] = arrays["poses"][i]
@@ -233,13 +239,15 @@ def _model_of(folder: Path, arrays: dict[str, AnyArray]) -> ColmapModel:
                 "again."
             )
         cameras.append(Camera(K, pose, width, height, name))
+        params = arrays["params"][ends[i] - arrays["n_params"][i] : ends[i]].tolist()
+        lenses.append(Lens(str(models[i]), width, height, tuple(params)))
     if not cameras:
         raise GagaError(f"The COLMAP model in {folder} has no views. Reconstruct it again.")
     points = arrays["points"]
     good: BoolArray = np.all(np.abs(points) <= FARTHEST, axis=1)  # False for NaN
     what = "points with numbers that are not finite or out of range were left out"
     say_changes(folder, {what: len(good) - int(good.sum())})
-    return ColmapModel(tuple(cameras), points[good], arrays["colors"][good])
+    return ColmapModel(tuple(cameras), points[good], arrays["colors"][good], tuple(lenses))
 
 
 # --- the process that reads
@@ -274,6 +282,8 @@ def main(folder: Path) -> int:
         names=np.frombuffer("".join(f"{image.name}\0" for image in images).encode(), np.uint8),
         K=np.array([c.calibration_matrix() for c in used], np.float64).reshape(-1, 3, 3),
         sizes=np.array([(c.width, c.height) for c in used], np.int64).reshape(-1, 2),
+        n_params=np.array([len(c.params) for c in used], np.int64),
+        params=np.concatenate([np.zeros(0), *(np.asarray(c.params, np.float64) for c in used)]),
         models=np.array([str(c.model.name) for c in used], dtype=np.str_),
         poses=np.array(poses, np.float64).reshape(-1, 3, 4),
         points=np.array([p.xyz for p in points], np.float64).reshape(-1, 3),

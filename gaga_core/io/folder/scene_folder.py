@@ -16,21 +16,24 @@ from pathlib import Path
 from typing import Annotated, TypeVar
 
 import msgspec
+import numpy as np
 
 from gaga_core.camera import Camera, natural_order
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras.cameras_json import read_cameras_json
 from gaga_core.io.cameras.colmap import ColmapReading, has_colmap
+from gaga_core.io.files import write_text
 from gaga_core.io.folder.splits import split_views
 from gaga_core.io.folder.staging import finish_publishing
 from gaga_core.io.images import IMAGE_SUFFIXES
-from gaga_core.io.json_file import read_foreign_json
+from gaga_core.io.json_file import read_foreign_json, read_json
 from gaga_core.io.masks.label_maps import view_key, view_keys
 from gaga_core.io.splats.splat_files import read_splats_stage
 from gaga_core.progress import Stage
 
 T = TypeVar("T")
+_WORLD = "world.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,8 @@ class SceneFolder:
     train: tuple[str, ...] = ()
     test: tuple[str, ...] = ()
     split: str = ""  # what parted train and test views: `gaga_core.io.folder.splits`
+    is_metric: bool = False  # a unit of its world is a metre
+    up: tuple[float, float, float] | None = None  # unit, world; None = by the cameras
 
     @property
     def work(self) -> Path:
@@ -111,8 +116,40 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
     parted = split_views(root, (camera.name for camera in cameras))
     images = _image_paths(root / "images", cameras)
     return SceneFolder(
-        root, model_path, cameras, images, masks, parted.train, parted.test, parted.rule
+        root,
+        model_path,
+        cameras,
+        images,
+        masks,
+        parted.train,
+        parted.test,
+        parted.rule,
+        *known_world(root),
     )
+
+
+class World(msgspec.Struct, frozen=True):
+    """What the program that placed the photos knew of the world: SCENE/gaga/world.json."""
+
+    is_metric: bool = False
+    up: tuple[float, float, float] | None = None
+    program: str = ""
+
+
+def write_world(root: Path, world: World) -> None:
+    """Keep what is known of the world of a scene's cameras."""
+    write_text(root / "gaga" / _WORLD, msgspec.json.encode(world).decode())
+
+
+def known_world(root: Path) -> tuple[bool, tuple[float, float, float] | None]:
+    """Whether a unit is a metre, and the vertical if it is known; neither in most scenes."""
+    file = root / "gaga" / _WORLD
+    try:
+        world = read_json(file, World, "") if file.is_file() else World()
+    except GagaError:  # damaged: as if nothing were known
+        return False, None
+    length = 0.0 if world.up is None else float(np.linalg.norm(world.up))
+    return world.is_metric, world.up if length > 0.5 else None  # a unit vector, if it is any
 
 
 def find_sparse(root: Path) -> Path | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.io.cameras.transforms_json import write_transforms_json
 from gaga_core.pipeline.reconstruct import reconstruct_scene
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings, ReconstructConfig
 from gaga_core.progress import run_stage
@@ -16,7 +17,7 @@ from gaga_studio.features.find.association import FindState
 from gaga_studio.features.find.click_object import ClickState
 from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.features.find.search import SearchState
-from gaga_studio.features.reconstruction import ReconstructionPlan
+from gaga_studio.features.reconstruction import ReconstructionPlan, found_text
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode
 from tests.app.folders import write_scene
@@ -197,6 +198,29 @@ def _capture(d: Driver, name: str) -> None:
     folder = os.environ.get("GAGA_CAPTURES")
     if folder:
         d.capture_now(Path(folder) / f"{name}.png")
+
+
+def test_poses_next_to_photos_are_named_and_their_use_is_chosen(
+    display: str, tmp_path: Path
+) -> None:
+    images = tmp_path / "shots" / "images"
+    cameras = write_photos(images, 4)
+    paths = {camera.name: images / camera.name for camera in cameras}
+    write_transforms_json(tmp_path / "shots" / "transforms.json", cameras, paths)
+
+    def walk(d: Driver) -> None:
+        found = d.session.photos
+        assert found is not None
+        assert "poses of 4 photos in transforms.json" in found_text(found)
+        d.click("**/###Settings…")
+        d.click("**/More")
+        assert d.studio.ui.plan.plan is not None
+        assert d.studio.ui.plan.plan.config.poses == "refine"
+        d.click("**/###Use as they are")
+        assert d.studio.ui.plan.plan.config.poses == "keep"
+        _capture(d, "poses")
+
+    drive(walk, path=tmp_path / "shots", settings=Settings(first_steps_done=True))
 
 
 def test_photos_become_splats_before_the_eyes(display: str, tmp_path: Path) -> None:

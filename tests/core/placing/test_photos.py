@@ -84,7 +84,7 @@ def test_what_cannot_be_used_is_named(folder: Path, tmp_path: Path) -> None:
     cut = (folder / "good0.jpg").read_bytes()
     (folder / "cut.jpg").write_bytes(cut[: len(cut) // 2])
     Image.open(folder / "good1.jpg").save(folder / "lossless_copy.png")
-    (folder / "phone.heic").write_bytes(b"ftypheic")
+    (folder / "phone.jxl").write_bytes(b"JXL ")
     (folder / ".hidden.jpg").write_text("no picture")
     noise(7, 16, 12).save(folder / "thumbnail.png")
     found = prepared(folder, tmp_path / "out")
@@ -93,7 +93,7 @@ def test_what_cannot_be_used_is_named(folder: Path, tmp_path: Path) -> None:
     for name in ("words.jpg", "cut.jpg", "thumbnail.png", "lossless_copy.png"):
         assert name in said
     assert ".hidden" not in said
-    assert "phone.heic" in unread_kinds(folder)[0]
+    assert "phone.jxl" in unread_kinds(folder)[0]
 
 
 @pytest.mark.parametrize("n", [1, 2])
@@ -121,9 +121,9 @@ def test_photos_of_kinds_that_are_not_read_are_told(tmp_path: Path) -> None:
     folder = tmp_path / "phone"
     folder.mkdir()
     for i in range(5):
-        (folder / f"IMG_{i}.HEIC").write_bytes(b"ftypheic")
+        (folder / f"IMG_{i}.JXL").write_bytes(b"JXL ")
     assert source_of(folder) == (folder, tmp_path / "phone-scene")
-    with pytest.raises(GagaError, match=r"5 photos are of a kind.*save as JPEG.*IMG_0\.HEIC"):
+    with pytest.raises(GagaError, match=r"5 photos are of a kind.*save as JPEG.*IMG_0\.JXL"):
         look_at_photos(folder)
     with pytest.raises(GagaError, match=r"0 usable photos.*save as JPEG") as caught:
         run_stage(reconstruct_scene(folder, tmp_path / "scene"))

@@ -29,6 +29,12 @@ if TYPE_CHECKING:
 
 # --- The placement of photos: its settings, and a picture of what is placed and what links it.
 
+_POSES = (
+    ("refine", "", "Refine", "Adjust the poses next to the photos, if that is better"),
+    ("keep", "", "Use as they are", "The scene has exactly the poses that were given"),
+    ("scale", "", "Only scale", "Place the photos anew; take over scale and the vertical"),
+    ("ignore", "", "Ignore", "As if there were no poses"),
+)
 NAMES = 10.5  # width of the names of fields, ems
 _NAMED = 6  # photos without a place that are listed
 _FAINT, _STRONG = 0.10, 0.75  # opacity of a weak and of a strong link
@@ -38,6 +44,12 @@ _MANY = 150.0  # matches of a strong link
 def draw_fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
     """Draw the settings of the placement; return the plan with what was changed."""
     config = plan.config
+    if not found.is_video:
+        chosen = widgets.segmented("Poses", _POSES, config.poses, why_not={})
+        if chosen != config.poses:
+            plan = reconstruction.plan_with(plan, "poses", chosen)
+        tip = "Poses of another program, a file or a folder; empty: what lies next to the photos"
+        plan = draw_setting(plan, "poses_from", config.poses_from or "", tip)
     tip = "Of the photos as they are; 0: from EXIF, else estimated"
     plan = draw_setting(plan, "focal", config.focal or 0.0, tip)
     if found.is_video:
