@@ -55,9 +55,9 @@ class ExportCommand:
     options: Annotated[ExportOptions, options(ExportOptions, *_CHANGES)]
     simulation: Annotated[SimulationConfig, options(SimulationConfig, *_PHYSICS)]
     out: Path
-    """A .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html for --what scene; for cameras a
-    .json as 3DGS trainings write it, transforms.json (nerfstudio), or a folder (COLMAP); a folder
-    otherwise."""
+    """A .ply, .compressed.ply, .splat, .spz, .sog, .glb, .usd or .html for --what scene; for
+    cameras a .json as 3DGS trainings write it, transforms.json (nerfstudio), or a folder (COLMAP);
+    a folder otherwise."""
     what: Literal["scene", "objects", "simulation", "masks", "cameras"] = "scene"
     """scene: one file of all that is visible. objects: one file per group and groups.json.
     simulation: each object as a rigid body with convex parts, and the rest as what stays.
@@ -67,7 +67,7 @@ class ExportCommand:
     """Of masks. png: one map a view. coco: instances.json with run-length masks. dataset: photos,
     maps, colored previews, COCO instances and panoptic, and a list of the groups."""
     form: (
-        Literal["ply", "compressed-ply", "splat", "spz", "spz4", "sog", "glb", "html"]
+        Literal["ply", "compressed-ply", "splat", "spz", "spz4", "sog", "glb", "usd", "html"]
         | Literal["mesh", "collider", "box"]
         | None
     ) = None

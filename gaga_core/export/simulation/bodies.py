@@ -6,8 +6,9 @@ of a body are those of that world; its origin is the middle of its box's undersi
 
 import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -33,6 +34,7 @@ _STEEPEST = np.cos(np.radians(20.0))  # of a plane that something stands on
 _GAP = 0.15  # of the object's height: a foot that ends higher over its support does not touch it
 _CUT = 2.0  # voxels over the support from which on downwards the underside is made flat
 _MOST_CORNERS = 64  # of a convex part: what PhysX takes on a graphics card
+_COARSE, _MOST_TRIANGLES = 0.002, 3_000  # of the extent; what convex parts are searched in
 _THICKNESS = 0.05  # of the longer side of a support: how thick its box is
 
 
@@ -150,18 +152,26 @@ def support_of(points: DoubleArray, others: DoubleArray) -> Plane | None:
     return Plane(np.array([lo[0], lo[1], fit[2]]), normal)
 
 
+def _solid_of(mesh: TriangleMesh) -> Any:
+    """``mesh`` as a solid; None when it has holes."""
+    manifold = library("manifold3d")
+    corners = np.ascontiguousarray(mesh.vertices, np.float32)
+    solid = manifold.Manifold(manifold.Mesh(corners, mesh.faces.astype(np.uint32)))
+    is_solid = solid.status() == manifold.Error.NoError and solid.volume() > 0
+    return solid if is_solid else None
+
+
 def closed_on(mesh: TriangleMesh, plane: Plane | None, voxel: float) -> tuple[TriangleMesh, bool]:
     """``mesh`` without holes, cut at ``plane`` and filled down to it; whether it stands there.
 
     Raises ``GagaError`` when it has holes that cannot be closed, or the extra is missing.
     """
-    manifold = library("manifold3d")
     turn = np.eye(3) if plane is None else upright_basis(plane.normal)
     vertices = mesh.vertices.astype(np.float64)
     if plane is not None:
         vertices = (vertices - plane.origin) @ turn.T
-    solid = manifold.Manifold(manifold.Mesh(vertices.astype(np.float32), mesh.faces))
-    if solid.status() != manifold.Error.NoError or solid.volume() <= 0:
+    solid = _solid_of(replace(mesh, vertices=vertices.astype(np.float32)))
+    if solid is None:
         raise GagaError("The surface of an object has holes that cannot be closed.")
     lowest = float(vertices[:, 2].min())
     stands = plane is not None and lowest < _GAP * float(np.ptp(vertices[:, 2]))
@@ -169,8 +179,8 @@ def closed_on(mesh: TriangleMesh, plane: Plane | None, voxel: float) -> tuple[Tr
         cut = max(lowest, 0.0) + _CUT * voxel
         outline = solid.slice(cut)
         solid = solid.trim_by_plane((0, 0, 1), cut) + outline.extrude(cut)
-    # An underside or an edge that the cut left has thousands of thin triangles.
-    found = solid.simplify(voxel / 20).to_mesh()
+    # What is flat needs no triangle a voxel, nor the thin ones that the cut leaves.
+    found = solid.simplify(voxel / 10).to_mesh()
     corners = np.asarray(found.vert_properties[:, :3], np.float64)
     if plane is not None:
         corners = corners @ turn + plane.origin
@@ -181,7 +191,7 @@ def closed_on(mesh: TriangleMesh, plane: Plane | None, voxel: float) -> tuple[Tr
 
 
 def convex_parts(mesh: TriangleMesh, config: SimulationConfig) -> tuple[TriangleMesh, ...]:
-    """Convex solids that together are nearly ``mesh`` (CoACD, Wei et al. 2022).
+    """Convex solids that together are nearly the closed ``mesh`` (CoACD, Wei et al. 2022).
 
     Raises ``GagaError`` when the extra is missing.
     """
@@ -189,10 +199,21 @@ def convex_parts(mesh: TriangleMesh, config: SimulationConfig) -> tuple[Triangle
         return (convex_collider(mesh.vertices.astype(np.float64)),)
     coacd = library("coacd")
     coacd.set_log_level("error")
+    solid, given = _solid_of(mesh), coacd.Mesh(mesh.vertices.astype(np.float64), mesh.faces)
+    coarse = _COARSE * float(np.ptp(mesh.vertices, axis=0).max())
+    while solid is not None and solid.num_tri() > _MOST_TRIANGLES and coarse > 0:
+        # Of the full mesh the search takes minutes, and finds the same parts.
+        solid, coarse = solid.simplify(coarse), 2 * coarse
+        simple = solid.to_mesh()
+        given = coacd.Mesh(simple.vert_properties[:, :3].astype(np.float64), simple.tri_verts)
     found = coacd.run_coacd(
-        coacd.Mesh(mesh.vertices.astype(np.float64), mesh.faces),
+        given,
         threshold=config.concavity,
         max_convex_hull=config.parts,
+        preprocess_mode="auto" if solid is None else "off",
+        mcts_nodes=10,
+        mcts_iterations=30,
+        resolution=1000,
         decimate=True,
         max_ch_vertex=_MOST_CORNERS,
         seed=0,

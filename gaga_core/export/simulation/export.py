@@ -11,7 +11,7 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.errors import GagaError
-from gaga_core.export.export import exported_indices, slug
+from gaga_core.export.export import as_step, exported_indices, slug
 from gaga_core.export.simulation import mjcf, usd
 from gaga_core.export.simulation.bodies import (
     Body,
@@ -31,7 +31,7 @@ from gaga_core.export.solids import MeshConfig
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.splats.glb import placed
 from gaga_core.io.splats.splat_files import write_splats_stage
-from gaga_core.progress import Progress, Stage, mapped
+from gaga_core.progress import Progress, Stage
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.scene import Scene, of_scene_now
@@ -121,7 +121,7 @@ def world_stage(
             how.densities.get(group),
         )
         try:
-            body, is_closed = yield from mapped(stage, lambda _, step=step: step)
+            body, is_closed = yield from as_step(step, stage)
         except MissingExtraError:
             raise
         except GagaError:  # it has no surface: the others are written

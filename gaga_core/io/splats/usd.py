@@ -14,7 +14,7 @@ import numpy as np
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.files import check_memory
+from gaga_core.io.files import atomic_write, check_memory
 from gaga_core.io.splats.glb import placed
 from gaga_core.io.splats.packing import (
     EDGE,
@@ -39,6 +39,11 @@ _MOST_PRIMS = 2_000
 # From right, down, front of a .ply to y up, and to z up: half and a quarter around x.
 _Y_UP = np.diag([1.0, -1.0, -1.0, 1.0])
 _Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
+def is_usdz(path: Path) -> bool:
+    """Whether ``path`` is a package of OpenUSD, by its name: it is a .zip, as a .sog is."""
+    return path.suffix.lower() == ".usdz" and path.is_file()
 
 
 def usd() -> ModuleType:
@@ -177,11 +182,8 @@ def usd_columns(gaussians: Gaussians) -> dict[str, AnyArray]:
 def write_usd_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     """Write an OpenUSD file with progress: y up, lengths as they are. Whole or not at all."""
     yield writing(path, 0, 1)
-    pxr = usd()
-    del pxr
+    usd()
     from pxr import Gf, Usd, UsdGeom
-
-    from gaga_core.io.files import atomic_write
 
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
@@ -193,7 +195,7 @@ def write_usd_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     add_splats(stage, "/World/splats", gaussians)
     with atomic_write(path) as temporary:
         export(stage, temporary, path.suffix)
-    yield writing(path, 1, 1)
+        yield writing(path, 1, 1)
 
 
 def export(stage: Any, temporary: Path, suffix: str) -> None:
