@@ -155,7 +155,7 @@ def support_of(points: DoubleArray, others: DoubleArray) -> Plane | None:
 def _solid_of(mesh: TriangleMesh) -> Any:
     """``mesh`` as a solid; None when it has holes."""
     manifold = library("manifold3d")
-    corners = np.ascontiguousarray(mesh.vertices, np.float32)
+    corners = mesh.vertices.copy()  # it takes none that is read-only
     solid = manifold.Manifold(manifold.Mesh(corners, mesh.faces.astype(np.uint32)))
     is_solid = solid.status() == manifold.Error.NoError and solid.volume() > 0
     return solid if is_solid else None
@@ -178,9 +178,12 @@ def closed_on(mesh: TriangleMesh, plane: Plane | None, voxel: float) -> tuple[Tr
     if stands:  # what is under the cut is as wide as the cut
         cut = max(lowest, 0.0) + _CUT * voxel
         outline = solid.slice(cut)
-        solid = solid.trim_by_plane((0, 0, 1), cut) + outline.extrude(cut)
+        # They overlap by half a voxel: faces in one plane would leave seams.
+        solid = solid.trim_by_plane((0, 0, 1), cut - voxel / 2) + outline.extrude(cut)
     # What is flat needs no triangle a voxel, nor the thin ones that the cut leaves.
     found = solid.simplify(voxel / 10).to_mesh()
+    if len(found.tri_verts) == 0:
+        raise GagaError("An object that ends under its support has no surface.")
     corners = np.asarray(found.vert_properties[:, :3], np.float64)
     if plane is not None:
         corners = corners @ turn + plane.origin

@@ -185,9 +185,9 @@ def export_simulation_stage(
     """
     if SimulatorForm.USD in how.forms:
         usd.check()
-    world = yield from world_stage(scene, how, groups)
-    if SimulatorForm.URDF in how.forms and len(world.bodies) != 1:
+    if SimulatorForm.URDF in how.forms and (groups is None or len(groups) != 1):
         raise GagaError("URDF is of one object: choose one by --only, or write mjcf or usd.")
+    world = yield from world_stage(scene, how, groups)
     with staging_folder(folder) as staging:
         files, splats = list[str](), dict[str, str]()
         (staging / "splats").mkdir()

@@ -1,5 +1,6 @@
 """Bodies fall and come to rest: rigid bodies by MuJoCo, an extra."""
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -19,7 +20,9 @@ def fall(world: World, seconds: float, frame: float = 1 / 30) -> Iterator[Double
     model = mujoco.MjModel.from_xml_string(mjcf_of(world, {}, inline=True))
     data = mujoco.MjData(model)
     n = len(world.bodies)
-    while True:
+    for k in itertools.count():
+        while data.time < k * frame - model.opt.timestep / 2:
+            mujoco.mj_step(model, data)
         state = data.qpos.reshape(n, 7)
         places = np.tile(np.eye(4), (n, 1, 1))
         places[:, :3, :3] = quats_to_matrices(state[:, 3:].copy())
@@ -27,6 +30,3 @@ def fall(world: World, seconds: float, frame: float = 1 / 30) -> Iterator[Double
         yield places
         if data.time >= seconds - frame / 2:
             return
-        until = data.time + frame
-        while data.time < until - model.opt.timestep / 2:
-            mujoco.mj_step(model, data)

@@ -43,7 +43,7 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, suffix: str, degree: i
 
 
 def test_arrays_are_those_of_the_schema(tmp_path: Path) -> None:
-    """As the PLY has them, by numpy alone: exp of sizes, sigmoid of opacities, SH splat by splat."""
+    """As numpy alone has them: exp of sizes, sigmoid of opacities, SH splat by splat."""
     g = random_gaussians(50, sh_degree=2)
     write_splats(tmp_path / "a.usda", g)
     stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
