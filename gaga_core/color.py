@@ -127,10 +127,16 @@ def _group_colors(hue: AnyArray, shade: AnyArray, chroma: DoubleArray) -> Double
     return _rgb_from_lab(np.stack([lightness, chroma * np.cos(angle), chroma * np.sin(angle)], 1))
 
 
+def linear_of_srgb(rgb: AnyArray) -> AnyArray:
+    """Linear light of sRGB colors, both 0..1, of any shape (IEC 61966-2-1)."""
+    linear: AnyArray = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return linear
+
+
 def lab_from_rgb(rgb: AnyArray) -> DoubleArray:
     """CIE Lab (..., 3), D65, of sRGB colors (..., 3) in 0..1 (clipped)."""
     unit = np.clip(np.asarray(rgb, np.float64), 0, 1)
-    linear = np.where(unit <= 0.04045, unit / 12.92, ((unit + 0.055) / 1.055) ** 2.4)
+    linear = linear_of_srgb(unit)
     xyz = linear @ _XYZ_FROM_RGB.T / _WHITE
     root = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
     x, y, z = np.moveaxis(root, -1, 0)

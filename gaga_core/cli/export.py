@@ -9,6 +9,7 @@ from gaga_core.cli import output as out
 from gaga_core.cli.output import AnyScene, AsJson, SwitchError, options, possible
 from gaga_core.errors import GagaError
 from gaga_core.export.options import ExportOptions
+from gaga_core.export.simulation.settings import SimulationConfig
 
 if TYPE_CHECKING:
     from gaga_core.export.export import MeshExport
@@ -17,26 +18,32 @@ if TYPE_CHECKING:
     from gaga_core.scene.project import Project
 
 _CHANGES = ("sh_degree", "crop", "centre", "ground", "scale", "decimate", "as_trained")
+_PHYSICS = ("density", "friction", "parts", "concavity")
 _SPLATS = ("scene", "objects")
+_BODIES = ("objects", "simulation")
 _WORLD = (*_SPLATS, "cameras")  # what lies in the world of the exported splats
 GOES_WITH = {  # --what that a switch changes something of
     "format": ("masks",),
     "form": _SPLATS,
     "mesh_file": ("objects",),
-    "voxels": ("objects",),
+    "voxels": _BODIES,
     "triangles": ("objects",),
-    "only": ("objects",),
-    "with_children": ("objects",),
-    "folder": ("objects",),
+    "only": _BODIES,
+    "with_children": _BODIES,
+    "folder": _BODIES,
     "groups": ("scene",),
     "sh_degree": _SPLATS,
     "crop": _WORLD,
     "centre": _WORLD,
     "ground": _WORLD,
-    "scale": _WORLD,
+    "scale": (*_WORLD, "simulation"),
     "decimate": _SPLATS,
     "as_trained": _SPLATS,
     "identity": _SPLATS,
+    "to": ("simulation",),
+    "mass": ("simulation",),
+    "object_density": ("simulation",),
+    **dict.fromkeys(_PHYSICS, ("simulation",)),
 }
 
 
@@ -46,19 +53,21 @@ class ExportCommand:
 
     scene: AnyScene
     options: Annotated[ExportOptions, options(ExportOptions, *_CHANGES)]
+    simulation: Annotated[SimulationConfig, options(SimulationConfig, *_PHYSICS)]
     out: Path
-    """A .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html for --what scene; for cameras a
-    .json as 3DGS trainings write it, transforms.json (nerfstudio), or a folder (COLMAP); a folder
-    otherwise."""
-    what: Literal["scene", "objects", "masks", "cameras"] = "scene"
+    """A .ply, .compressed.ply, .splat, .spz, .sog, .glb, .usd or .html for --what scene; for
+    cameras a .json as 3DGS trainings write it, transforms.json (nerfstudio), or a folder (COLMAP);
+    a folder otherwise."""
+    what: Literal["scene", "objects", "simulation", "masks", "cameras"] = "scene"
     """scene: one file of all that is visible. objects: one file per group and groups.json.
+    simulation: each object as a rigid body with convex parts, and the rest as what stays.
     masks: a 16-bit map of group ids for every view. cameras: those of the photos, in the
     world of the scene that the same switches export."""
     format: Literal["png", "coco", "dataset"] = "png"
     """Of masks. png: one map a view. coco: instances.json with run-length masks. dataset: photos,
     maps, colored previews, COCO instances and panoptic, and a list of the groups."""
     form: (
-        Literal["ply", "compressed-ply", "splat", "spz", "spz4", "sog", "glb", "html"]
+        Literal["ply", "compressed-ply", "splat", "spz", "spz4", "sog", "glb", "usd", "html"]
         | Literal["mesh", "collider", "box"]
         | None
     ) = None
@@ -83,6 +92,13 @@ class ExportCommand:
     identity: bool = False
     """Add the identity encodings of gaga lift as obj_dc_0..15, and write classifier.pth next to
     the files: what Gaussian Grouping and Gaga load (scene, objects; .ply)."""
+    to: str = "usd,mjcf"
+    """Files for simulators, with commas: usd (OpenUSD), mjcf (MuJoCo), urdf (of one object)
+    (simulation)."""
+    mass: tuple[str, ...] = ()
+    """Mass of an object in kg by its group id, as 12=0.35 (simulation)."""
+    object_density: tuple[str, ...] = ()
+    """Density of an object in kg/m^3 by its group id, as 12=800 (simulation)."""
     json: AsJson = False
 
     def run(self) -> int:
@@ -100,6 +116,8 @@ class ExportCommand:
         if self.what == "masks":
             return self._masks(project)
         options = replace(self.options, up=up_of(project), page=content_of(project))
+        if self.what == "simulation":
+            return self._simulation(project, options)
         if self.what == "cameras":
             from gaga_core.export.cameras import export_cameras
 
@@ -120,9 +138,9 @@ class ExportCommand:
 
     def _check(self) -> None:
         """Raise ``SwitchError`` for switches that do not go together."""
-        own = (*fields(self), *fields(self.options))
+        own = (*fields(self), *fields(self.options), *fields(self.simulation))
         defaults = {field.name: field.default for field in own}
-        given = vars(self.options) | vars(self)
+        given = vars(self.options) | vars(self.simulation) | vars(self)
         for name, right in GOES_WITH.items():
             if self.what not in right and given[name] != defaults[name]:
                 switch = f"--{name.replace('_', '-')}"
@@ -188,6 +206,46 @@ class ExportCommand:
         }
         return values | ({} if psnr is None else {"least_decimated_psnr": round(psnr, 2)})
 
+    def _simulation(self, project: "Project", options: "ExportOptions") -> int:
+        from gaga_core.export.simulation.export import (
+            SimulationExport,
+            SimulatorForm,
+            export_simulation_stage,
+            sentences,
+        )
+        from gaga_core.export.solids import MeshConfig
+        from gaga_core.pipeline.search import describe_project
+
+        try:
+            forms = tuple(SimulatorForm(name) for name in self.to.split(","))
+        except ValueError as error:
+            raise SwitchError(f"--to is of usd, mjcf and urdf, not {self.to!r}.") from error
+        with possible():
+            mesh = MeshConfig(self.voxels, triangles=0)
+        how = SimulationExport(
+            forms,
+            self.simulation,
+            mesh,
+            _by_group("--mass", self.mass),
+            _by_group("--object-density", self.object_density),
+            up=options.up,
+            scale=options.scale,
+            background=describe_project(project).background,
+        )
+        stage = export_simulation_stage(
+            project.scene, self.out, how, self._only(project), str(self.scene)
+        )
+        manifest, world = out.follow(stage)
+        for sentence in sentences(world):
+            out.say(sentence)
+        values = {
+            "manifest": str(manifest),
+            "objects": len(world.bodies),
+            "convex_parts": sum(len(body.parts) for body in world.bodies),
+            "supports": len(world.static.boxes),
+        }
+        return out.result(values, as_json=self.json)
+
     def _only(self, project: "Project") -> Sequence[int] | None:
         """Groups to write, named after what they look like; None: all."""
         from gaga_core.pipeline.search import describe_project
@@ -215,6 +273,20 @@ class ExportCommand:
         if made.without_photo:
             out.say(f"{len(made.without_photo)} views are left out: their photos are gone.")
         return out.result(made.to_json(), as_json=self.json)
+
+
+def _by_group(switch: str, given: Sequence[str]) -> dict[int, float]:
+    """Positive numbers by group id of texts as "12=0.35"; ``SwitchError`` for others."""
+    found = {}
+    for text in given:
+        group, _, value = text.partition("=")
+        try:
+            found[int(group)] = float(value)
+        except ValueError as error:
+            raise SwitchError(f"{switch} is a group id and a number, as 12=0.35.") from error
+        if not 0 < found[int(group)] < float("inf"):
+            raise SwitchError(f"{switch} is a group id and a number above 0, as 12=0.35.")
+    return found
 
 
 def say_losses(losses: Iterable[str]) -> None:

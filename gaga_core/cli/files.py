@@ -219,6 +219,9 @@ _PROBE_SECONDS = 60
 _EXTRAS = (  # package, the extra that brings it, what it is for
     ("transformers", "models", "masks by SAM and other models, search by words"),
     ("distributed", "executors", "many scenes at once with --executor dask"),
+    ("coacd", "simulation", "convex parts of objects for simulators"),
+    ("mujoco-core", "simulation", "objects that fall and come to rest"),
+    ("usd-core", "usd", "OpenUSD, read and written"),
 )
 
 

@@ -258,8 +258,8 @@ AnyScene = Positional[
     Annotated[
         Path,
         arg(
-            help="Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf) or "
-            "saved project."
+            help="Scene folder, file of splats (.ply, .splat, .spz, .sog, .ksplat, .glb, .gltf, "
+            ".usd) or saved project."
         ),
     ]
 ]

@@ -48,6 +48,7 @@ MESH_LOSS = (
     "A mesh is a solid of one color a vertex: transparency, fine detail and reflections are left "
     "out. An object without a surface gets no file."
 )
+_STANDING = (SplatFormat.GLB, SplatFormat.USD)  # with an axis that is up
 _HEADER = 1500  # bytes before the splats of a file, about
 _SPZ = 0.75  # of its bytes are left when it is packed, about
 # Measured on scans and on random splats, which hardly shrink: bytes of the code books in meta.json,
@@ -156,7 +157,7 @@ def export_scene_stage(
         yield from write_scene_page_stage(scene, splats, gaussians, path, options, origin)
         return Exported(len(splats), psnr)
     gaussians = options.applied(gaussians, origin)
-    if form is SplatFormat.GLB:
+    if form in _STANDING:
         gaussians = options.standing(gaussians)
     if groups:
         gaussians = with_groups(gaussians, scene.labels[splats])
@@ -262,11 +263,11 @@ def export_objects_stage(
     with staging_folder(folder) as staging:
         for i, (entry, splats) in enumerate(objects):
             step = Progress("Export objects", i, len(objects), entry.name)
-            gaussians = yield from _as_step(step, bake_stage(scene, indices=splats))
+            gaussians = yield from as_step(step, bake_stage(scene, indices=splats))
             psnr = None
             if isinstance(form, MeshExport):
                 try:
-                    mesh = yield from _as_step(step, object_mesh_stage(gaussians, form, options.up))
+                    mesh = yield from as_step(step, object_mesh_stage(gaussians, form, options.up))
                 except GagaError:  # it has no such solid: the others are written
                     left_out.append(entry.name)
                     continue
@@ -276,16 +277,16 @@ def export_objects_stage(
                 write_mesh(staging / entry.file, mesh, form.file, entry.name)
             else:
                 fewer = _decimated(gaussians, scene.labels[splats], options, alone=True)
-                gaussians, rows, psnr = yield from _as_step(step, fewer)
+                gaussians, rows, psnr = yield from as_step(step, fewer)
                 if form is SplatFormat.HTML:  # the page of one object begins with all of it
                     alone = replace(options, page=PageContent(title=entry.name))
                     page = gaussians, staging / entry.file, alone, origin
                     stage = write_scene_page_stage(scene, splats[rows], *page)
                 else:
                     placed = options.applied(gaussians, origin)
-                    placed = options.standing(placed) if form is SplatFormat.GLB else placed
+                    placed = options.standing(placed) if form in _STANDING else placed
                     stage = write_splats_stage(staging / entry.file, placed, form)
-                yield from _as_step(step, stage)
+                yield from as_step(step, stage)
             written.append(_described(entry, options.applied(gaussians, origin), psnr))
         if not written:
             raise GagaError("None of these objects has a surface, so there is nothing to export.")
@@ -311,7 +312,7 @@ def export_objects_stage(
     return folder / name
 
 
-def _as_step(step: Progress, stage: Stage[T]) -> Stage[T]:
+def as_step(step: Progress, stage: Stage[T]) -> Stage[T]:
     """Run ``stage`` as a part of ``step``: it can be cancelled, and the bar moves by objects."""
     yield step
     return (yield from mapped(stage, lambda _: step))
@@ -403,7 +404,7 @@ def estimated_bytes(
     if form is SplatFormat.PLY:
         extra = sum(c.nbytes // max(len(c), 1) for c in gaussians.extra.values())
         return _HEADER + n * (4 * (14 + n_rest) + extra)
-    if form is SplatFormat.GLB:
+    if form in _STANDING:
         return _HEADER + 4 * n * (11 + 3 + n_rest)
     if form is SplatFormat.HTML:
         sh = (_PAGE_SH * n_rest * min(n, PALETTE) + 2.7 * n) if n_rest else 0

@@ -50,8 +50,8 @@ class ExportOptions:
     """Share of the splats to keep, 0.25 for a quarter: neighbours that are alike are merged. What
     that loses is told in dB: pictures of before against pictures of after (scene, objects)."""
     as_trained: bool = False
-    """Leave a .glb in the axes of the scene, as other forms are; else it is turned so that up is y,
-    as glTF has it (scene, objects)."""
+    """Leave a .glb or .usd in the axes of the scene, as other forms are; else it is turned so that
+    up is y, as glTF has it (scene, objects)."""
     up: Point = (0.0, 0.0, 1.0)  # unit, world: ``ground`` moves along it, a .glb is turned by it
     page: PageContent = field(default_factory=PageContent)  # of an .html
 

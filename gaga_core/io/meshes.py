@@ -12,10 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, UInt8Array, check_shape
+from gaga_core.color import linear_of_srgb
 from gaga_core.io.files import atomic_write
 from gaga_core.io.splats.glb import glb_blocks
-
-_KNEE = 0.04045  # of sRGB (IEC 61966-2-1): linear below
 
 
 class MeshFile(StrEnum):
@@ -68,7 +67,7 @@ def write_mesh(path: Path, mesh: TriangleMesh, kind: MeshFile, name: str) -> Non
 def _glb(mesh: TriangleMesh, name: str) -> bytes:
     columns: dict[str, AnyArray] = {"POSITION": mesh.vertices * np.array([-1, -1, 1], np.float32)}
     if mesh.colors is not None:
-        columns["COLOR_0"] = _linear(mesh.colors)
+        columns["COLOR_0"] = linear_of_srgb(mesh.colors / np.float32(255)).astype(np.float32)
     primitive = {
         "attributes": dict(zip(columns, range(len(columns)), strict=True)),
         "indices": len(columns),
@@ -81,13 +80,6 @@ def _glb(mesh: TriangleMesh, name: str) -> bytes:
         "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}],
     }
     return b"".join(glb_blocks(described, columns))
-
-
-def _linear(colors: UInt8Array) -> FloatArray:
-    """Linear light (V, 3), 0..1, of sRGB colors."""
-    c = colors.astype(np.float32) / 255
-    linear: FloatArray = np.where(c <= _KNEE, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    return linear.astype(np.float32)
 
 
 def _obj(mesh: TriangleMesh, name: str) -> bytes:

@@ -3,7 +3,8 @@
 Numbers are as the extension has them: quaternions xyzw, sizes linear, opacities 0..1, SH in the
 order of a .ply. Axes are left, up, front, in which other programs write them; ours are turned half
 around z. Reading takes every mesh of the scene with the places of its nodes.
-Layout: github.com/KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting.
+Layout: github.com/KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting, as ratified by
+the Khronos Group. ``COLOR_0`` is for viewers without the extension; readers of splats skip it.
 
 Splats that are compressed as SPZ are read too (``KHR_gaussian_splatting_compression_spz_2``, pull
 request 2531, and its two former names), but not written: it is a draft, and which way its axes
@@ -26,7 +27,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray
-from gaga_core.color import sh_rotation
+from gaga_core.color import linear_of_srgb, rgb_from_dc, sh_rotation
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, multiply_quats, quats_to_matrices
@@ -434,8 +435,11 @@ def glb_blocks(
 
 def _columns(there: Gaussians) -> dict[str, FloatArray]:
     """The attributes (N, 1 to 4) by name, in the order of the file."""
+    shown = linear_of_srgb(np.clip(rgb_from_dc(there.sh[:, 0]), 0, 1))
     columns: dict[str, AnyArray] = {
         "POSITION": there.means,
+        # What viewers without the extension draw: points in the color of degree 0, linear light.
+        "COLOR_0": np.column_stack([shown, there.opacities]),
         f"{_EXTENSION}:ROTATION": np.roll(unit_quats(there.quats), -1, axis=1),
         f"{_EXTENSION}:SCALE": np.exp(there.log_scales),
         f"{_EXTENSION}:OPACITY": there.opacities[:, None],

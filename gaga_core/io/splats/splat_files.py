@@ -18,7 +18,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import explain_os_error, fingerprint, open_file
 from gaga_core.io.json_file import read_foreign_json
-from gaga_core.io.splats import compressed_ply, glb, spz
+from gaga_core.io.splats import compressed_ply, glb, spz, usd
 from gaga_core.io.splats.compressed_ply import read_compressed_ply_stage, write_compressed_ply_stage
 from gaga_core.io.splats.glb import buffer_file, read_glb_stage, write_glb_stage
 from gaga_core.io.splats.ksplat import read_ksplat_stage
@@ -35,11 +35,12 @@ from gaga_core.io.splats.sog import (
 )
 from gaga_core.io.splats.splat import read_splat_stage, write_splat_stage
 from gaga_core.io.splats.spz import OURS, fraction_bits, read_spz_stage, write_spz_stage
+from gaga_core.io.splats.usd import is_usdz, read_usd_stage, write_usd_stage
 from gaga_core.io.splats.web_page import plain_page, write_page_stage
 from gaga_core.progress import Stage, run_stage
 
-READ_SUFFIXES = (".ply", ".splat", ".spz", ".sog", ".ksplat", ".glb", ".gltf")
-WRITE_SUFFIXES = (".ply", ".compressed.ply", ".splat", ".spz", ".sog", ".glb", ".html")
+READ_SUFFIXES = (".ply", ".splat", ".spz", ".sog", ".ksplat", ".glb", ".gltf", *usd.SUFFIXES)
+WRITE_SUFFIXES = (".ply", ".compressed.ply", ".splat", ".spz", ".sog", ".glb", ".usd", ".html")
 _HEADER = 1 << 16  # bytes in which the header of a compressed PLY names its columns
 _BY_START: Mapping[bytes, Callable[[Path], Stage[Gaussians]]] = {
     b"ply": read_ply_stage,
@@ -47,6 +48,8 @@ _BY_START: Mapping[bytes, Callable[[Path], Stage[Gaussians]]] = {
     spz.MAGIC: read_spz_stage,
     glb.MAGIC: read_glb_stage,
     b"PK": read_sog_stage,
+    usd.MAGIC: read_usd_stage,
+    usd.TEXT: read_usd_stage,
 }
 _BY_SUFFIX: Mapping[str, Callable[[Path], Stage[Gaussians]]] = {
     ".sog": read_sog_stage,
@@ -69,6 +72,7 @@ class SplatFormat(StrEnum):
     SPZ4 = "spz4"
     SOG = "sog"
     GLB = "glb"  # with KHR_gaussian_splatting
+    USD = "usd"  # with ParticleField3DGaussianSplat
     HTML = "html"  # a page to look at, which is not read
 
     @property
@@ -82,13 +86,15 @@ def form_of(path: Path) -> SplatFormat:
     name = Path(path).name.lower()
     if name == META:
         return SplatFormat.SOG  # in a folder
+    if name.endswith(usd.SUFFIXES):
+        return SplatFormat.USD
     others = [form for form in SplatFormat if form is not SplatFormat.SPZ4]
     for form in (SplatFormat.COMPRESSED_PLY, *others):
         if name.endswith(form.suffix):
             return form
     raise GagaError(
         f"{Path(path).name} cannot be written: choose a name that ends in .ply, .compressed.ply, "
-        ".splat, .spz, .sog, .glb or .html, or the name meta.json for a SOG in a folder."
+        ".splat, .spz, .sog, .glb, .usd or .html, or the name meta.json for a SOG in a folder."
     )
 
 
@@ -98,7 +104,7 @@ def read_splats(path: Path) -> Gaussians:
 
 
 def read_splats_stage(path: Path, spz_axes: str = OURS) -> Stage[Gaussians]:
-    """Read a .ply (plain, compressed), .splat, .spz, .ksplat, .glb, .gltf or SOG of any kind.
+    """Read a .ply (plain, compressed), .splat, .spz, .ksplat, .glb, .gltf, OpenUSD or SOG file.
 
     All give Gaussians in the frame and units of a 3DGS .ply. ``spz_axes``: of an .spz that does not
     say its own (`states_axes`). Raises ``GagaError`` with one sentence when the file is of no known
@@ -112,7 +118,7 @@ def read_splats_stage(path: Path, spz_axes: str = OURS) -> Stage[Gaussians]:
         return (yield from read_sog_stage(path))
     if path.is_dir():
         raise GagaError(f"{path} is a folder. Choose a file of splats.")
-    reader = _reader_of(path)
+    reader = read_usd_stage if is_usdz(path) else _reader_of(path)
     if reader is read_spz_stage:
         return (yield from read_spz_stage(path, spz_axes))
     return (yield from reader(path))
@@ -137,7 +143,7 @@ def _reader_of(path: Path) -> Callable[[Path], Stage[Gaussians]]:
         return _BY_SUFFIX[suffix]
     raise GagaError(
         f"{path.name} is not a splat file that gaga-studio can read. Choose a .ply, .splat, .spz, "
-        ".sog, .ksplat, .glb or .gltf file."
+        ".sog, .ksplat, .glb, .gltf or .usd file."
     )
 
 
@@ -174,6 +180,7 @@ _WRITERS: Mapping[SplatFormat, Callable[[Path, Gaussians], Stage[None]]] = {
     SplatFormat.SPZ4: partial(write_spz_stage, version=4),
     SplatFormat.SOG: write_sog_stage,
     SplatFormat.GLB: write_glb_stage,
+    SplatFormat.USD: write_usd_stage,
     SplatFormat.HTML: _write_page,
 }
 _PRECISION = {
@@ -215,7 +222,8 @@ def _losses(gaussians: Gaussians, form: SplatFormat) -> Iterator[str]:
     degree = gaussians.sh_degree
     if form is SplatFormat.SPLAT and degree:
         yield f"The view-dependent color (SH of degree {degree}) is left out."
-    if form not in (SplatFormat.SPLAT, SplatFormat.SPZ, SplatFormat.SPZ4) and degree > 3:
+    has_room = (SplatFormat.SPLAT, SplatFormat.SPZ, SplatFormat.SPZ4, SplatFormat.USD)
+    if form not in has_room and degree > 3:
         yield "The SH of degree 4 are left out."
     columns = [name for name in gaussians.extra if name not in _NORMALS]
     normals = [gaussians.extra[name] for name in _NORMALS if name in gaussians.extra]
@@ -225,7 +233,7 @@ def _losses(gaussians: Gaussians, form: SplatFormat) -> Iterator[str]:
         more = len(columns) - _NAMED
         named = ", ".join(columns[:_NAMED]) + (f" and {more} more" if more > 0 else "")
         yield f"Other columns are left out: {named}."
-    if form in (SplatFormat.SPLAT, SplatFormat.GLB) and gaussians.is_antialiased:
+    if form in (SplatFormat.SPLAT, SplatFormat.GLB, SplatFormat.USD) and gaussians.is_antialiased:
         yield "That the splats are to be drawn antialiased is not kept."
     clipped = _clipped(gaussians, form)
     if clipped:

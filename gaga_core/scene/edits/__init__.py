@@ -39,6 +39,7 @@ from gaga_core.scene.edits.placement import (
     set_origin,
     set_scale,
     transform,
+    transform_each,
 )
 from gaga_core.scene.edits.splats import (
     How,
@@ -100,6 +101,7 @@ __all__ = [
     "split_off",
     "together",
     "transform",
+    "transform_each",
     "unlock",
     "use_labels",
 ]

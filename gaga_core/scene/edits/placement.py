@@ -1,7 +1,7 @@
 """Builders of edits that move, recolor and copy splats, and that move the scene as a whole."""
 
 import re
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from gaga_core.scene.edits.values import (
 )
 from gaga_core.scene.frame import Frame, scale_of
 from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
-from gaga_core.scene.scene import Placements, Scene, State
+from gaga_core.scene.scene import Placements, Revision, Scene, State
 from gaga_core.scene.selection import algebra
 
 _ROUNDING = 1e-12  # relative: what is that near to where its file has it was not moved
@@ -41,6 +41,19 @@ def transform(
     if world.shape != (3, 4) or not np.isfinite(world).all() or not np.linalg.det(world[:, :3]):
         raise ValueError("matrix: expected a finite, invertible (3, 4) affine map")
     return _place(scene, indices, title, matrix=world)
+
+
+def transform_each(
+    scene: Scene, moves: Sequence[tuple[AnyArray, AnyArray]], title: str
+) -> Edit | None:
+    """Move each of some sets of splats by a world map (3, 4) of its own; one edit of all."""
+    moved, made = replace(scene, revision=Revision()), list[Edit | None]()
+    for indices, matrix in moves:
+        edit = transform(moved, indices, matrix, title)
+        if edit is not None:  # the next one counts its rows of the table from there
+            edit.apply(moved)
+        made.append(edit)
+    return together(title, made)
 
 
 def reset_placement(

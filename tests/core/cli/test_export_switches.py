@@ -9,6 +9,7 @@ import pytest
 from gaga_core.cli.export import GOES_WITH, ExportCommand
 from gaga_core.cli.main import main
 from gaga_core.export.options import ExportOptions
+from gaga_core.export.simulation.settings import SimulationConfig
 
 _VALUES = {  # of each switch, another than its default
     "format": ["coco"],
@@ -28,6 +29,13 @@ _VALUES = {  # of each switch, another than its default
     "decimate": ["0.5"],
     "as_trained": [],
     "identity": [],
+    "to": ["usd"],
+    "mass": ["3=0.5"],
+    "object_density": ["3=800"],
+    "density": ["900"],
+    "friction": ["0.5"],
+    "parts": ["4"],
+    "concavity": ["0.1"],
 }
 _WHAT = get_args(get_type_hints(ExportCommand)["what"])
 
@@ -35,7 +43,8 @@ _WHAT = get_args(get_type_hints(ExportCommand)["what"])
 def test_of_every_switch_it_is_known_what_it_goes_with() -> None:
     own = {field.name for field in fields(ExportCommand)}
     changes = {field.name for field in fields(ExportOptions)} - {"up", "page"}
-    plain = {"scene", "out", "what", "json", "options"}
+    changes |= {field.name for field in fields(SimulationConfig)}
+    plain = {"scene", "out", "what", "json", "options", "simulation"}
     assert (own | changes) - plain == set(GOES_WITH) == set(_VALUES)
     assert {what for goes_with in GOES_WITH.values() for what in goes_with} == set(_WHAT)
 

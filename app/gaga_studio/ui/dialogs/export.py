@@ -162,6 +162,7 @@ _FORMS: tuple[tuple[SplatFormat, str, str, str], ...] = (
     (SplatFormat.SPZ, "", "SPZ", "Small, rounded, for phones. Colors still change with the view."),
     (SplatFormat.SOG, "", "SOG", "Smallest, rounded, for browsers: PlayCanvas and SuperSplat."),
     (SplatFormat.GLB, "", "GLB", "glTF with KHR_gaussian_splatting: exact, for 3D programs."),
+    (SplatFormat.USD, "", "USD", "OpenUSD 26.03, exact: for simulators and film. Needs usd-core."),
     (
         SplatFormat.HTML,
         "",
@@ -239,7 +240,7 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
     if (
         sheet.mesh_file is MeshFile.GLB
         if is_solid
-        else sheet.form is SplatFormat.GLB and has_splats
+        else sheet.form in (SplatFormat.GLB, SplatFormat.USD) and has_splats
     ):
         sheet.options = _up(sheet.options)
     sheet.options = _draw_options(session, sheet.options, has_splats=has_splats)

@@ -1,0 +1,246 @@
+"""Export for simulators: bodies of a scene's objects, and their files, all together or none."""
+
+import json
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.errors import GagaError
+from gaga_core.export.export import as_step, exported_indices, slug
+from gaga_core.export.simulation import mjcf, usd
+from gaga_core.export.simulation.bodies import (
+    Body,
+    MissingExtraError,
+    Plane,
+    Static,
+    World,
+    body_stage,
+    library,
+    on_box,
+    support_boxes,
+    support_of,
+    upright_place,
+)
+from gaga_core.export.simulation.settings import SimulationConfig
+from gaga_core.export.solids import MeshConfig
+from gaga_core.io.folder.staging import publish_all, staging_folder
+from gaga_core.io.splats.glb import placed
+from gaga_core.io.splats.splat_files import write_splats_stage
+from gaga_core.progress import Progress, Stage
+from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.objects import group_name
+from gaga_core.scene.scene import Scene, of_scene_now
+
+STEP = "Make bodies"
+MANIFEST = "simulation.json"
+MANIFEST_VERSION = 1
+_SOLID = 0.2  # opacity from which on a splat counts as a surface that carries something
+
+
+class SimulatorForm(StrEnum):
+    """Files for simulators."""
+
+    MJCF = "mjcf"  # scene.xml
+    USD = "usd"  # scene.usd
+    URDF = "urdf"  # of one object
+
+
+@dataclass(frozen=True)
+class SimulationExport:
+    """What is made of a scene for a simulator."""
+
+    forms: tuple[SimulatorForm, ...] = (SimulatorForm.USD, SimulatorForm.MJCF)
+    config: SimulationConfig = field(default_factory=SimulationConfig)
+    mesh: MeshConfig = field(default_factory=lambda: MeshConfig(triangles=0))
+    masses: Mapping[int, float] = field(default_factory=dict)  # kg, by group
+    densities: Mapping[int, float] = field(default_factory=dict)  # kg/m^3, by group
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)  # unit, world
+    scale: float = 1.0  # metres per scene unit, where it is given
+    background: Collection[int] = ()  # groups that stay
+
+
+def unit_sentence(*, is_metric: bool) -> str:
+    """What is said where no length of the scene is known; empty where one is."""
+    return (
+        ""
+        if is_metric
+        else "The length of a unit is not known, so lengths are written as they are and taken for "
+        "metres. Set the scale in the window, or give --scale."
+    )
+
+
+@of_scene_now
+def world_stage(
+    scene: Scene, how: SimulationExport, groups: Sequence[int] | None = None
+) -> Stage[World]:
+    """The bodies of ``groups`` (default: all but the background) and what stays.
+
+    Raises ``GagaError`` when none of them is visible or has a surface, or an extra is missing.
+    """
+    for name in ("manifold3d", *(["coacd"] if how.config.parts > 1 else [])):
+        library(name)  # before anything is computed
+    splats = exported_indices(scene)
+    labels = scene.labels[splats]
+    found = np.setdiff1d(labels, [0, *how.background])
+    chosen = found if groups is None else np.intersect1d(labels[labels > 0], list(groups))
+    if len(chosen) == 0:
+        raise GagaError("None of these objects is visible, so there is nothing to export.")
+    gaussians = yield from bake_stage(scene, indices=splats)
+    gaussians = placed(gaussians, upright_place(how.up, how.scale))
+    finite = np.isfinite(gaussians.means).all(axis=1)
+    firm = finite & (gaussians.opacities > _SOLID)
+    means = gaussians.means.astype(np.float64)
+    rest = ~np.isin(labels, chosen)
+    planes = {
+        int(g): support_of(means[firm & (labels == g)], means[firm & (labels != g)])
+        for g in chosen
+        if (firm & (labels == g)).sum() > 0
+    }
+    boxes = support_boxes(
+        [p for p in planes.values() if p is not None and _is_static(p, means, firm, rest)],
+        means[firm & rest],
+    )
+    bodies, left_out, holes, used = list[Body](), list[str](), list[str](), set[str]()
+    for i, group in enumerate(chosen.tolist()):
+        name = group_name(scene, group)
+        step = Progress(STEP, i, len(chosen), name)
+        yield step
+        plane = planes.get(group)
+        plane = plane and on_box(plane, boxes)
+        stage = body_stage(
+            gaussians.take(np.flatnonzero(finite & (labels == group))),
+            plane,
+            how.config,
+            how.mesh,
+            how.masses.get(group),
+            how.densities.get(group),
+        )
+        try:
+            body, is_closed = yield from as_step(step, stage)
+        except MissingExtraError:
+            raise
+        except GagaError:  # it has no surface: the others are written
+            left_out.append(name)
+            continue
+        stem = slug(name) or f"group-{group}"
+        stem = stem if stem not in used else f"{stem}-{group}"
+        used.add(stem)
+        holes += [] if is_closed else [name]
+        bodies.append(replace(body, id=group, name=name, stem=stem))
+    if not bodies:
+        raise GagaError("None of these objects has a surface, so there is nothing to export.")
+    stays = np.flatnonzero(rest & finite)
+    static = Static(gaussians.take(stays) if len(stays) else None, boxes)
+    return World(
+        tuple(bodies),
+        static,
+        is_metric=scene.frame.is_metric or how.scale != 1.0,
+        config=how.config,
+        left_out=tuple(left_out),
+        without_support=tuple(b.name for b in bodies if planes.get(b.id) is None),
+        not_closed=tuple(holes),
+    )
+
+
+def _is_static(plane: Plane, means: DoubleArray, firm: BoolArray, rest: BoolArray) -> bool:
+    """Whether what stays, not another object, makes most of a plane at its origin."""
+    size = 0.1 * float(np.ptp(means[firm & ~rest], axis=0).max())
+    near = firm & (np.linalg.norm(means - plane.origin, axis=1) < size)
+    near &= np.abs(plane.heights(means)) < 0.05 * size
+    return bool((near & rest).sum() >= (near & ~rest).sum())
+
+
+def sentences(world: World) -> tuple[str, ...]:
+    """What a person should know of ``world``, a sentence each."""
+    said = [unit_sentence(is_metric=world.is_metric)]
+    if world.left_out:
+        said.append(f"Without a surface, and so left out: {', '.join(world.left_out)}.")
+    if world.without_support:
+        said.append(
+            f"No level support is seen under {', '.join(world.without_support)}: the underside is "
+            "as the splats have it, and in a simulation it may fall."
+        )
+    if world.not_closed:
+        said.append(
+            f"Not closed, so mass and convex parts are rough: {', '.join(world.not_closed)}."
+        )
+    return tuple(sentence for sentence in said if sentence)
+
+
+def export_simulation_stage(
+    scene: Scene,
+    folder: Path,
+    how: SimulationExport,
+    groups: Sequence[int] | None = None,
+    source: str = "",
+) -> Stage[tuple[Path, World]]:
+    """Write bodies and what stays into ``folder``; the manifest's path, and what was written.
+
+    Raises ``GagaError`` as `world_stage` does, and where URDF is asked for more than one object.
+    """
+    if SimulatorForm.USD in how.forms:
+        usd.check()
+    if SimulatorForm.URDF in how.forms and (groups is None or len(groups) != 1):
+        raise GagaError("URDF is of one object: choose one by --only, or write mjcf or usd.")
+    world = yield from world_stage(scene, how, groups)
+    with staging_folder(folder) as staging:
+        files, splats = list[str](), dict[str, str]()
+        (staging / "splats").mkdir()
+        parts = [(body.stem, body.gaussians) for body in world.bodies]
+        if world.static.gaussians is not None:
+            parts.append(("static", world.static.gaussians))
+        for stem, gaussians in parts:
+            splats[stem] = f"splats/{stem}.ply"
+            yield from write_splats_stage(staging / splats[stem], gaussians)
+        files += splats.values()
+        if {SimulatorForm.MJCF, SimulatorForm.URDF} & set(how.forms):
+            files += mjcf.write_meshes(staging, world.bodies)
+        texts = dict[str, str]()
+        if SimulatorForm.MJCF in how.forms:
+            texts["scene.xml"] = mjcf.mjcf_of(world, splats)
+        if SimulatorForm.URDF in how.forms:
+            body = world.bodies[0]
+            texts[f"{body.stem}.urdf"] = mjcf.urdf_of(body, how.config.friction)
+        if SimulatorForm.USD in how.forms:
+            usd.write_world(staging / "scene.usd", world)
+            files.append("scene.usd")
+        described = json.dumps(_described(world, splats, source), indent=1, ensure_ascii=False)
+        texts[MANIFEST] = described + "\n"
+        for name, text in texts.items():
+            (staging / name).write_text(text, encoding="utf-8")
+        publish_all(staging, [*files, *texts], folder)
+    return folder / MANIFEST, world
+
+
+def _described(world: World, splats: Mapping[str, str], source: str) -> dict[str, Any]:
+    """Content of simulation.json: SI units where the scene's unit is known."""
+    return {
+        "version": MANIFEST_VERSION,
+        "source": source,
+        "up": [0, 0, 1],
+        "metric": world.is_metric,
+        "friction": world.config.friction,
+        "objects": [
+            {
+                "id": body.id,
+                "name": body.name,
+                "splats": splats[body.stem],
+                "position": body.position.tolist(),
+                "volume": body.properties.volume,
+                "mass": body.properties.mass,
+                "centre_of_mass": body.properties.centre.tolist(),
+                "inertia": body.properties.inertia.tolist(),
+                "convex_parts": len(body.parts),
+                "underside": body.underside,
+                "closed": body.name not in world.not_closed,
+            }
+            for body in world.bodies
+        ],
+        "static": {"splats": splats.get("static", ""), "boxes": len(world.static.boxes)},
+        "left_out": list(world.left_out),
+    }

@@ -1,0 +1,209 @@
+"""Bodies for simulators: mass of known solids, convex parts that hold, files that load."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.cli.main import main
+from gaga_core.export.simulation.bodies import (
+    Body,
+    Box,
+    Plane,
+    Static,
+    World,
+    closed_on,
+    convex_parts,
+    mass_properties,
+    support_of,
+)
+from gaga_core.export.simulation.export import unit_sentence
+from gaga_core.export.simulation.falling import fall
+from gaga_core.export.simulation.mjcf import mjcf_of, urdf_of
+from gaga_core.export.simulation.settings import SimulationConfig
+from gaga_core.io.meshes import TriangleMesh
+from gaga_core.io.splats.splat_files import read_splats, write_splats
+from tests.scenes import random_gaussians
+
+trimesh = pytest.importorskip("trimesh")
+for _package in ("coacd", "manifold3d", "mujoco"):
+    pytest.importorskip(_package, reason=f"{_package} is not installed")
+_CONFIG = SimulationConfig(parts=16, concavity=0.05)
+
+
+def _mesh(solid: "trimesh.Trimesh") -> TriangleMesh:
+    vertices = np.ascontiguousarray(solid.vertices, np.float32)
+    return TriangleMesh(vertices, np.ascontiguousarray(solid.faces, np.int32))
+
+
+def _cup() -> TriangleMesh:
+    """A tube of 40 mm inside and 60 mm height with a floor of 10 mm, 5 mm thick."""
+    import manifold3d
+
+    outer = manifold3d.Manifold.cylinder(0.06, 0.025, circular_segments=32)
+    inner = manifold3d.Manifold.cylinder(0.06, 0.02, circular_segments=32).translate((0, 0, 0.01))
+    found = (outer - inner).to_mesh()
+    corners = np.ascontiguousarray(found.vert_properties[:, :3], np.float32)
+    return TriangleMesh(corners, np.ascontiguousarray(found.tri_verts, np.int32))
+
+
+def _body(mesh: TriangleMesh, config: SimulationConfig, at: tuple[float, float, float]) -> Body:
+    return Body(
+        id=1,
+        name="cup",
+        stem="cup",
+        position=np.array(at),
+        gaussians=random_gaussians(5),
+        mesh=mesh,
+        parts=convex_parts(mesh, config),
+        properties=mass_properties(mesh, config.density, None),
+        underside="as seen",
+    )
+
+
+def _world(*bodies: Body) -> World:
+    floor = Box(np.array([0, 0, -0.05]), np.eye(3), np.array([1, 1, 0.05]))
+    return World(tuple(bodies), Static(None, (floor,)), is_metric=True, config=_CONFIG)
+
+
+def test_mass_centre_and_inertia_are_those_of_the_solid() -> None:
+    """A box of 0.1 x 0.2 x 0.3 m, turned and moved; a typed mass takes the place of density."""
+    sides = np.array([0.1, 0.2, 0.3])
+    turn = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
+    turn[:3, 3] = 1, -2, 3
+    mesh = _mesh(trimesh.creation.box(sides, transform=turn))
+    found = mass_properties(mesh, 800.0, None)
+    assert found.mass == pytest.approx(800 * sides.prod(), rel=1e-5)
+    assert np.allclose(found.centre, [1, -2, 3], atol=1e-5)
+    squares = sides**2
+    moments = np.diag(found.mass / 12 * (squares.sum() - squares))
+    assert np.allclose(found.inertia, turn[:3, :3] @ moments @ turn[:3, :3].T, rtol=1e-3, atol=1e-6)
+    typed = mass_properties(mesh, 800.0, 2.0)
+    assert typed.mass == pytest.approx(2)
+    assert np.allclose(typed.inertia / found.inertia, 2 / found.mass, rtol=1e-4)
+
+
+def test_the_underside_is_cut_at_its_support() -> None:
+    """A ball that ends 4 mm under its support, and one that ends 4 mm over it: both stand."""
+    for lift in (-0.004, 0.004):
+        ball = trimesh.creation.icosphere(4, 0.05)
+        ball.apply_translation([0, 0, 0.05 + lift])
+        closed, stands = closed_on(_mesh(ball), Plane(np.zeros(3), np.array([0, 0, 1.0])), 0.001)
+        solid = trimesh.Trimesh(closed.vertices, closed.faces, process=False)
+        assert stands
+        assert solid.is_watertight
+        assert solid.bounds[0, 2] == pytest.approx(0, abs=1e-6)
+        floor = np.abs(closed.vertices[:, 2]) < 1e-6
+        assert floor.sum() > 3
+
+
+def test_a_support_is_found_under_an_object_and_not_beside_a_wall() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-0.05, -0.05, 0.0], [0.05, 0.05, 0.1], (500, 3))
+    table = np.column_stack([rng.uniform(-0.3, 0.3, (4000, 2)), rng.normal(0, 0.0005, 4000)])
+    wall = np.column_stack([np.full(4000, 0.08), rng.uniform(-0.3, 0.3, (4000, 2))])
+    plane = support_of(points, table)
+    assert plane is not None
+    assert plane.normal[2] > 0.999
+    assert abs(plane.heights(np.zeros((1, 3)))[0]) < 0.001
+    assert support_of(points, wall) is None
+    assert support_of(points, table[:10]) is None
+
+
+def _ball_rests_at(config: SimulationConfig) -> DoubleArray:
+    """Where a ball of 30 mm is that was let fall into the cup, 2 s later."""
+    ball = replace(
+        _body(_mesh(trimesh.creation.icosphere(2, 0.015)), replace(config, parts=1), (0, 0, 0.09)),
+        stem="ball",
+    )
+    places = list(fall(_world(_body(_cup(), config, (0, 0, 0)), ball), seconds=2.0))
+    assert len(places) == 61
+    found: DoubleArray = places[-1][1, :3, 3]
+    return found
+
+
+def test_a_ball_stays_in_a_cup_of_parts_and_not_on_one_hull() -> None:
+    inside = _ball_rests_at(_CONFIG)
+    assert inside[2] < 0.045
+    assert np.linalg.norm(inside[:2]) < 0.02
+    outside = _ball_rests_at(replace(_CONFIG, parts=1))
+    assert outside[2] > 0.06 or np.linalg.norm(outside[:2]) > 0.02
+
+
+def test_a_box_rests_where_it_stood() -> None:
+    mesh = _mesh(trimesh.creation.box((0.1, 0.06, 0.2)).apply_translation([0, 0, 0.1]))
+    *_, last = fall(_world(_body(mesh, _CONFIG, (0.2, 0.1, 0))), seconds=2.0)
+    assert np.abs(last[0, :3, 3] - [0.2, 0.1, 0]).max() < 1e-3
+    assert np.abs(last[0, :3, :3] - np.eye(3)).max() < 1e-2
+
+
+def test_urdf_and_mjcf_say_mass_and_parts() -> None:
+    body = _body(_cup(), _CONFIG, (0, 0, 0))
+    assert urdf_of(body, 0.5).count("<collision>") == len(body.parts) > 1
+    text = mjcf_of(_world(body), {"cup": "splats/cup.ply"})
+    assert f'mass="{body.properties.mass:.9g}"' in text
+    assert 'data="splats/cup.ply"' in text
+
+
+@pytest.fixture
+def table_scene(tmp_path: Path) -> Path:
+    """A box of 80 x 60 x 100 mm, group 1, on a table, as splats in the axes of a .ply (y down)."""
+    rng = np.random.default_rng(0)
+    face = rng.integers(0, 5, 3000)
+    points = rng.uniform(-0.5, 0.5, (3000, 3))
+    axis, side = np.array([0, 0, 2, 2, 1])[face], np.array([-0.5, 0.5, -0.5, 0.5, 0.5])[face]
+    points[np.arange(3000), axis] = side
+    points = points * [0.08, 0.1, 0.06] + [0, 0.05, 0]
+    table = np.column_stack(
+        [rng.uniform(-0.4, 0.4, 6000), np.zeros(6000), rng.uniform(-0.4, 0.4, 6000)]
+    )
+    means = np.vstack([points, table]) * [1, -1, -1]
+    g = replace(
+        random_gaussians(9000),
+        means=means.astype(np.float32),
+        log_scales=np.full((9000, 3), np.log(0.0025), np.float32),
+        logit_opacities=np.full(9000, 4, np.float32),
+        extra={"group": np.repeat([1, 2], [3000, 6000]).astype(np.int32)},
+    )
+    write_splats(tmp_path / "scene.ply", g)
+    return tmp_path / "scene.ply"
+
+
+def test_the_command_writes_what_simulators_load(
+    table_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import mujoco
+
+    pytest.importorskip("pxr.UsdVol", reason="usd-core is not installed")
+    from pxr import Usd, UsdPhysics
+
+    from tests.core.io.test_usd import complaints
+
+    out = tmp_path / "out"
+    call = ["export", str(table_scene), "--out", str(out), "--what", "simulation", "--only", "1"]
+    assert main([*call, "--voxels", "40", "--parts", "4", "--mass", "1=0.4"]) == 0
+    assert unit_sentence(is_metric=False) in " ".join(capsys.readouterr().err.split())
+    told = json.loads((out / "simulation.json").read_text())
+    (thing,) = told["objects"]
+    assert thing["mass"] == pytest.approx(0.4)
+    assert thing["volume"] == pytest.approx(0.08 * 0.1 * 0.06, rel=0.3)
+    assert thing["underside"] == "assumed flat"
+    model = mujoco.MjModel.from_xml_path(str(out / "scene.xml"))
+    assert model.nbody == 2
+    assert model.body_mass[1] == pytest.approx(0.4)
+    data = mujoco.MjData(model)
+    start = data.qpos.copy()
+    while data.time < 2:
+        mujoco.mj_step(model, data)
+    assert np.abs(data.qpos - start)[:3].max() < 0.005
+    assert complaints(out / "scene.usd") == []
+    stage = Usd.Stage.Open(str(out / "scene.usd"))
+    rigid = [p for p in stage.Traverse() if p.HasAPI(UsdPhysics.RigidBodyAPI)]
+    assert [p.GetCustomDataByKey("gaga:group") for p in rigid] == [1]
+    assert UsdPhysics.MassAPI(rigid[0]).GetMassAttr().Get() == pytest.approx(0.4)
+    assert len(read_splats(out / "scene.usd")) == len(read_splats(table_scene))
+    assert main([*call, "2", "--to", "urdf", "--voxels", "24", "--parts", "1"]) == 1
+    assert "one object" in capsys.readouterr().err
