@@ -50,6 +50,7 @@ from gaga_core.raster.cpu.project_kernels import TILE, backward_colors, sh_color
 from gaga_core.raster.vote_slots import VoteSlots
 from gaga_core.threads import n_threads, run_chunks, run_kernel
 
+
 @dataclass(frozen=True, eq=False)
 class Outlines:
     """Objects as a view shows them, and as it would if nothing stood before them."""
