@@ -1,6 +1,6 @@
 """The command that makes labelled data of scenes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -41,15 +41,16 @@ class DatasetCommand:
             raise GagaError("Name a scene folder, or several.")
         first = self.scenes[0].absolute()
         target = self.out or first.with_name(f"{first.stem}-dataset")
-        made = out.follow(
-            dataset_stage(self.scenes, target, self.config, forms, rasterizer=choose(self.backend)),
-            compiles=True,
-        )
-        for note in made.notes:
+        workers = None if self.executor == "none" else replace(self.engine, engine=self.executor)
+        engine = choose(self.backend)
+        stage = dataset_stage(self.scenes, target, self.config, forms, workers, rasterizer=engine)
+        made = out.follow(stage, compiles=True)
+        for note in (*made.notes, *made.failed):
             out.say(note)
         values = made.to_json()
         if not self.json:
             values |= {f"pictures for {split}": n for split, n in made.by_split.items()}
             values = {key: value for key, value in values.items() if value and key != "by_split"}
-            values.pop("notes", None)
-        return out.result(values, as_json=self.json)
+            values = {key: values[key] for key in values if key not in ("notes", "failed")}
+        out.result(values, as_json=self.json)
+        return 1 if made.failed else 0

@@ -9,7 +9,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -65,9 +65,12 @@ from gaga_core.fill.surfaces import FillConfig
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, safe_name
 from gaga_core.io.folder.lock import lock_folder
+from gaga_core.io.folder.staging import staging_folder
 from gaga_core.io.images import read_rgb
 from gaga_core.io.json_file import read_json
+from gaga_core.pipeline.executors import SceneTask, answers_of
 from gaga_core.pipeline.search import describe_project
+from gaga_core.pipeline.settings import EngineConfig
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer, SpatialChunks
@@ -81,6 +84,7 @@ from gaga_core.scene.tint import Grade, grade_affine
 
 _STAGE = "Make pictures"
 _AS_IT_IS = "as-it-is"  # placement of the scene without changes
+_NOTHING = "Photos do not cover any of these views. Lower --coverage, or take more photos."
 _AHEAD = 2  # pictures that wait to be written while the next one is drawn
 _FILL_VIEWS = 24  # photos that a hole is judged by
 _MOST_PHOTOS = 160  # whose depth says what was seen
@@ -114,15 +118,6 @@ class _Base:
         return np.array([item.group for item in self.items], np.int32)
 
 
-@dataclass(frozen=True)
-class SceneFacts:
-    """Result of the pictures of one scene."""
-
-    names: list[str]
-    left_out: int
-    is_varied: bool  # there is more than one placement
-
-
 @dataclass(frozen=True, eq=False)
 class DatasetReport:
     """The written data set."""
@@ -153,24 +148,66 @@ def dataset_stage(
     out: Path,
     config: DatasetConfig | None = None,
     forms: Sequence[Form] = FORMS,
+    engine: EngineConfig | None = None,
     *,
     rasterizer: Rasterizer | None = None,
 ) -> Stage[DatasetReport]:
     """Make the data set of ``scenes`` in ``out``, or complete the one that is there.
 
     images, ids and depth / <split> / <name>, records/<name>.json, dataset.json, index.html and the
-    files of ``forms``. Scenes of earlier runs stay in it. Raises ``GagaError`` for a folder that
-    holds other things, and for a scene without photos' cameras or without objects.
+    files of ``forms``. Scenes of earlier runs stay in it. ``engine``: whose workers make the
+    pictures of many scenes that lie in paths; None: one scene after the other, here. A scene that
+    fails there does not stop the others. Raises ``GagaError`` for a folder that holds other things,
+    and for a scene without photos' cameras or without objects.
     """
-    config = config or DatasetConfig()
+    config, failed = config or DatasetConfig(), tuple[str, ...]()
     with _opened(out):
-        names = scene_names(out, [_path_of(scene) for scene in scenes])
-        made = kept = 0
-        for i, (scene, name) in enumerate(zip(scenes, names, strict=True)):
-            stage = pictures_stage(scene, out, name, config, rasterizer=rasterizer)
-            counts = yield from part(stage, i, len(scenes), _STAGE, prefix=f"{name}: ")
-            made, kept = made + counts[0], kept + counts[1]
-        return (yield from _tables_stage(out, config, forms, (made, kept)))
+        paths = [_path_of(scene) for scene in scenes]
+        names = scene_names(out, paths)
+        if engine is None:
+            for i, (scene, name) in enumerate(zip(scenes, names, strict=True)):
+                stage = pictures_stage(scene, out, name, config, rasterizer=rasterizer)
+                yield from part(stage, i, len(scenes), _STAGE, prefix=f"{name}: ")
+        else:
+            work = PicturesWork(out.absolute(), dict(zip(paths, names, strict=True)), config)
+            failed = yield from _by_workers(paths, names, work, engine)
+        return (yield from _tables_stage(out, config, forms, names, failed))
+
+
+@dataclass(frozen=True)
+class PicturesWork:
+    """The pictures of each scene of a data set, as executors run it."""
+
+    out: Path
+    names: Mapping[Path, str]  # of scenes by path
+    config: DatasetConfig
+
+    def stage_of(self, folder: Path, photos: Path | None) -> Stage[tuple[str, ...]]:
+        """`pictures_stage` of one of the scenes."""
+        del photos
+        yield from pictures_stage(folder, self.out, self.names[folder], self.config)
+        return ("pictures",)
+
+
+def _by_workers(
+    paths: Sequence[Path], names: Sequence[str], work: PicturesWork, engine: EngineConfig
+) -> Stage[tuple[str, ...]]:
+    """Run ``work`` on an engine; a sentence on each scene that failed."""
+    tasks = [SceneTask(name, path) for name, path in zip(names, paths, strict=True)]
+    failed, done = list[str](), 0
+    with (
+        staging_folder(work.out) as starts,
+        closing(answers_of(tasks, work, engine, starts)) as answers,
+    ):
+        yield Progress(_STAGE, 0, len(tasks), "start the workers")
+        for outcome in answers:
+            message = ""
+            if outcome is not None:
+                done += 1
+                message = f"{outcome.scene}: {outcome.failed or 'complete'}"
+                failed += [message] if outcome.failed else []
+            yield Progress(_STAGE, done, len(tasks), message)
+    return tuple(failed)
 
 
 def scene_names(out: Path, paths: Sequence[Path]) -> tuple[str, ...]:
@@ -194,7 +231,7 @@ def scene_names(out: Path, paths: Sequence[Path]) -> tuple[str, ...]:
 
 def _path_of(scene: Path | Project) -> Path:
     if isinstance(scene, Path):
-        return scene
+        return scene.absolute()
     return scene.folder.root if scene.folder is not None else scene.model_path
 
 
@@ -228,8 +265,8 @@ def pictures_stage(
     config: DatasetConfig,
     *,
     rasterizer: Rasterizer | None = None,
-) -> Stage[tuple[int, int]]:
-    """Make the pictures of one scene that are missing or stale; how many were made and kept."""
+) -> Stage[SceneSet]:
+    """Make the pictures of one scene that are missing or stale, and write scenes/<name>.json."""
     project = (yield from open_path_stage(scene)) if isinstance(scene, Path) else scene
     engine = rasterizer or choose()
     base = yield from _base_stage(project, name, engine)
@@ -260,9 +297,8 @@ def pictures_stage(
                     writer.put(partial(_finished, out, record, drawn, series.poses))
                 left_out += record.is_left_out
                 names += [] if record.is_left_out else [view]
-    _write_scene(out, base, SceneFacts(names, left_out, len(splits) > 1))
     yield Progress(_STAGE, config.views, config.views)
-    return made, config.views - made
+    return _write_scene(out, base, names, (made, left_out), is_varied=len(splits) > 1)
 
 
 def _takes_turn(share: float, index: int, shift: float = 0.0) -> bool:
@@ -542,7 +578,9 @@ def _holes_stage(
         holes[group] = Hole(rows, found.splats, found.labels, stained, found.gains)
 
 
-def _write_scene(out: Path, base: _Base, facts: "SceneFacts") -> None:
+def _write_scene(
+    out: Path, base: _Base, names: list[str], counts: tuple[int, int], *, is_varied: bool
+) -> SceneSet:
     """Write scenes/<name>.json, and the points of each object for BOP."""
     scene, objects = base.project.scene, []
     for item in base.items:
@@ -557,23 +595,26 @@ def _write_scene(out: Path, base: _Base, facts: "SceneFacts") -> None:
     notes = []
     if not base.room.supports:
         notes.append(f"{base.name}: no object stands on a plane, so all stay where they are.")
-    elif not facts.is_varied:
+    elif not is_varied:
         notes.append(f"{base.name}: one placement only, so none of it is for validation.")
     if not scene.frame.is_metric:
         notes.append(f"{base.name} has no scale: lengths are in its own units (Set scale).")
-    if facts.left_out:
-        notes.append(f"{base.name}: photos do not cover {facts.left_out} views; left out.")
+    made, left_out = counts
+    if left_out:
+        notes.append(f"{base.name}: photos do not cover {left_out} views, which are left out.")
     one = SceneSet(
         scene=base.name,
         source=str(_path_of(base.project).resolve()),
         is_metric=scene.frame.is_metric,
-        names=facts.names,
-        left_out=facts.left_out,
+        names=names,
+        made=made,
+        left_out=left_out,
         objects=objects,
         notes=notes,
     )
     with atomic_write(out / "scenes" / f"{base.name}.json") as temporary:
         temporary.write_bytes(msgspec.json.encode(one))
+    return one
 
 
 # --- The tables of all scenes.
@@ -583,11 +624,13 @@ def _tables_stage(
     out: Path,
     config: DatasetConfig,
     forms: Sequence[Form],
-    counts: tuple[int, int],
-    failed: Sequence[str] = (),
+    now: Sequence[str],
+    failed: tuple[str, ...],
 ) -> Stage[DatasetReport]:
     """Write dataset.json, the formats and the page; remove pictures that belong to no scene."""
     scenes = _scene_files(out)
+    if not any(scene.names for scene in scenes):
+        raise GagaError(" ".join(failed) or _NOTHING)
     source = Source(out, scenes, tables(read_dataset_file(out), scenes))
     _remove_others(out, {name for scene in scenes for name in scene.names})
     # First, so that ids stay even when the rest is cancelled.
@@ -599,6 +642,7 @@ def _tables_stage(
     for record in source.records():
         by_split[record.split] += 1
     names = [scene.scene for scene in scenes]
+    made = sum(s.made for s in scenes if s.scene in now)
     settings: dict[str, object] = asdict(config)
     whole = msgspec.structs.replace(
         source.tables, pictures=dict(by_split), scenes=names, settings=settings
@@ -607,14 +651,14 @@ def _tables_stage(
     return DatasetReport(
         folder=out,
         pictures=len(source),
-        made=counts[0],
-        kept=counts[1],
+        made=made,
+        kept=len(source) - made,
         left_out=sum(scene.left_out for scene in scenes),
         classes=len(whole.classes),
         objects=len(whole.objects),
         by_split=by_split,
         notes=notes,
-        failed=tuple(failed),
+        failed=failed,
     )
 
 

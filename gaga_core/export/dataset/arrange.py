@@ -18,6 +18,7 @@ from gaga_core.scene.selection.bounds import robust_box
 
 _INSIDE = 0.98  # share of an object's splats along each axis that make its box
 _FOOT = 0.08  # of the height: splats so near the lowest one are the foot
+_IN = 0.5  # share of an object's foot in the box of another one that then holds it
 _NEAR = 0.12  # of the object's width: how far from the foot its support may be, up or down
 _CELLS = 14  # of a support's map along a usual object
 _MOST_CELLS = 600  # of a side of a support's map
@@ -25,6 +26,7 @@ _CARRIES = 0.6  # share of the foot under which there must be a support
 _PLACES = 60  # that are tried for an object
 _GAP = 1  # cells between objects
 _MOVES = 0.6  # share of the movable objects that move in one arrangement
+_MOST_MOVED = 4  # objects: the hole of each has to be filled
 _SOLID = 0.3  # opacity of a splat that may carry or hinder
 
 
@@ -113,6 +115,7 @@ class Room:
         bare = Room(upright, points, labels, solid, items, {})
         below = {item.group: bare._under(item) for item in items}
         carriers = {support for support, _ in below.values() if support > 0}
+        carriers |= bare._holders()
         usual = float(np.median([max(item.size) for item in items])) if items else 1.0
         supports = {}
         for item in items:
@@ -121,14 +124,36 @@ class Room:
                 supports[item.group] = bare._map(item, support, height, usual)
         return replace(bare, supports=supports)
 
-    def _under(self, item: Item) -> tuple[int, float]:
-        """The group that carries an object, and how high its plane is; -1: none does."""
+    def _holders(self) -> set[int]:
+        """Objects that others stand in, as a vase with flowers."""
+        feet = {item.group: self._foot(item) for item in self.items}
+        found = set()
+        for holder in self.items:
+            box = self.points[holder.splats]
+            lo, hi = np.percentile(box, 2, axis=0), np.percentile(box, 98, axis=0)
+            lo[2] += _FOOT * (hi[2] - lo[2])
+            for group, foot in feet.items():
+                inside = ((foot > lo) & (foot < hi)).all(axis=1)
+                if group != holder.group and len(foot) and inside.mean() > _IN:
+                    found.add(holder.group)
+                    break
+        return found
+
+    def _foot(self, item: Item) -> DoubleArray:
+        """The lowest splats (K, 3) of an object, upright."""
         own = self.points[item.splats[self.solid[item.splats]]]
         if len(own) < 4:
-            return -1, 0.0
+            return own[:0]
         low, high = np.percentile(own[:, 2], [1, 99])
-        foot = own[own[:, 2] < low + _FOOT * (high - low) + 1e-9][:, :2]
-        lo, hi = foot.min(axis=0), foot.max(axis=0)
+        return np.asarray(own[own[:, 2] < low + _FOOT * (high - low) + 1e-9])
+
+    def _under(self, item: Item) -> tuple[int, float]:
+        """The group that carries an object, and how high its plane is; -1: none does."""
+        foot = self._foot(item)
+        if len(foot) == 0:
+            return -1, 0.0
+        low = float(np.median(foot[:, 2]))
+        lo, hi = foot[:, :2].min(axis=0), foot[:, :2].max(axis=0)
         width = float(max(hi - lo))
         near = self.solid & (self.labels != item.group)
         near &= (self.points[:, :2] > lo - width / 2).all(axis=1)
@@ -182,7 +207,7 @@ class Room:
             if k == 0 or number_of(seed, index, "moves", g) % 1000 < 1000 * _MOVES
         ]
         places = dict[int, tuple[DoubleArray, float]]()  # upright x, y and radius
-        for group in wanted if moves else ():
+        for group in wanted[:_MOST_MOVED] if moves else ():
             motion = self._elsewhere(group, gone, places, rng_of(seed, index, "place", group))
             if motion is not None:
                 motions[group] = motion
@@ -234,7 +259,7 @@ def _cells(
 ) -> tuple[LongArray, BoolArray]:
     """Cells (N, 2) of points (N, 2), and which of them are on the map."""
     at = np.floor((points - corner) / cell).astype(np.int64)
-    inside: BoolArray = (at >= 0).all(axis=1) & (at < shape).all(axis=1)
+    inside: BoolArray = np.all((at >= 0) & (at < np.array(shape)), axis=1)
     return at, inside
 
 

@@ -55,6 +55,7 @@ class SceneSet(msgspec.Struct, frozen=True):
     source: str
     is_metric: bool
     names: list[str]  # of its pictures
+    made: int  # by the last run
     left_out: int  # views that were not taken: photos do not cover them
     objects: list[SceneObject]
     notes: list[str] = []
