@@ -1,10 +1,8 @@
 """Labelled data of new views: true labels, ids that stay, and only stale pictures made again."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from PIL import Image
@@ -14,13 +12,10 @@ from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.export.dataset.records import Record, read_record, window_counts
 from gaga_core.export.dataset.settings import DatasetConfig
-from gaga_core.io.folder.scene_folder import open_scene_folder
-from gaga_core.io.images import write_rgb
 from gaga_core.io.masks.coco import decode_rle, encode_rle
 from gaga_core.pipeline.dataset import DatasetReport, dataset_stage
 from gaga_core.pipeline.settings import EngineConfig
 from gaga_core.progress import run_stage
-from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.raster.reference import ReferenceRasterizer
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
@@ -65,7 +60,7 @@ def test_labels_are_those_of_the_scene_drawn_by_the_reference(
     project: Project, scene: Synthetic, tmp_path: Path
 ) -> None:
     """Visible ids, whole outlines, poses and depth against drawing each by itself."""
-    made(project, tmp_path / "set", msgspec_free(moved=0.0, removed=0.0))
+    made(project, tmp_path / "set", changed(moved=0.0, removed=0.0))
     reference, n = ReferenceRasterizer(), 0
     for record in list(records(tmp_path / "set").values())[:3]:
         camera = record.camera
@@ -94,10 +89,205 @@ def test_labels_are_those_of_the_scene_drawn_by_the_reference(
     assert n > 6
 
 
-def msgspec_free(**changes: float) -> DatasetConfig:
+def changed(**changes: float) -> DatasetConfig:
     return DatasetConfig(**{**{k: getattr(_SMALL, k) for k in vars(_SMALL)}, **changes})
 
 
 def centre_of(scene: Synthetic, group: int) -> list[float]:
     own = scene.gaussians.means[scene.labels == group]
     return ((own.min(axis=0) + own.max(axis=0)) / 2).tolist()  # type: ignore[no-any-return]
+
+
+def test_objects_move_on_their_support_and_poses_follow(
+    project: Project, scene: Synthetic, tmp_path: Path
+) -> None:
+    """A moved ball is where its pose says, on the floor, and not in another one."""
+    made(project, tmp_path / "set", changed(moved=1.0, removed=0.0, lights=0.0))
+    n_moved = 0
+    for record in records(tmp_path / "set").values():
+        places = {}
+        for one in record.objects:
+            world = np.linalg.inv(record.camera.cam_from_world) @ np.reshape(
+                one.cam_from_object, (4, 4)
+            )
+            places[one.group] = world[:3, 3]
+            n_moved += not np.allclose(world[:3, 3], centre_of(scene, one.group), atol=0.05)
+            assert abs(world[2, 3]) < 0.05  # as high as before
+            u, v = record.camera.project(world[None, :3, 3])[0][0]
+            x, y, w, h = one.whole_box
+            if x > 5 and y > 5 and x + w < record.width - 5 and y + h < record.height - 5:
+                assert abs(u - (x + w / 2)) < 0.2 * w + 2
+                assert abs(v - (y + h / 2)) < 0.2 * h + 2
+        for a in places:
+            assert all(np.linalg.norm(places[a] - places[b]) > 0.5 for b in places if b != a)
+    assert n_moved > 4
+
+
+def test_no_view_of_one_placement_is_for_both(project: Project, tmp_path: Path) -> None:
+    out = tmp_path / "set"
+    report = made(project, out, changed(views=30))
+    splits: dict[str, set[str]] = {}
+    for record in records(out).values():
+        splits.setdefault(record.placement, set()).add(record.split)
+    assert all(len(of) == 1 for of in splits.values())
+    assert splits["as-it-is"] == {"train"}
+    assert min(report.by_split.values()) > 0
+
+
+def test_only_what_is_stale_is_made_again(project: Project, tmp_path: Path) -> None:
+    """A rename changes tables; a merge the pictures that show the merged; ids stay."""
+    out, config = tmp_path / "set", changed(moved=0.0, removed=0.0, coverage=0.3)
+    assert made(project, out, config).made == 12
+    before, files = json.loads((out / "dataset.json").read_text()), contents(out)
+    assert made(project, out, config).made == 0
+    now = contents(out)
+    assert {k: v for k, v in now.items() if not k.startswith("scenes/")} == {
+        k: v
+        for k, v in files.items()
+        if not k.startswith("scenes/")  # these count what was made
+    }
+    history = History(project.scene)
+    history.do(edits.rename(project.scene, 2, "mug"))
+    assert made(project, out, config).made == 0
+    renamed = json.loads((out / "dataset.json").read_text())
+    assert [row["id"] for row in renamed["classes"]] == [row["id"] for row in before["classes"]]
+    assert renamed["objects"] == before["objects"]
+    assert "mug" in (out / "data.yaml").read_text()
+    shows = {name for name, r in records(out).items() if {1, 2} & {o.group for o in r.objects}}
+    history.do(edits.merge_groups(project.scene, [1, 2]))
+    report = made(project, out, config)
+    assert report.made >= len(shows)
+    fresh = tmp_path / "fresh"
+    made(project, fresh, config)
+    for name, record in records(fresh).items():
+        assert records(out)[name] == record
+        ids = record.file("ids")
+        np.testing.assert_array_equal(values(out / ids), values(fresh / ids))
+    after = json.loads((out / "dataset.json").read_text())
+    kept = {(row["scene"], row["group"]): row["id"] for row in after["objects"]}
+    assert all(kept[row["scene"], row["group"]] == row["id"] for row in before["objects"])
+
+
+def test_an_ended_run_goes_on(project: Project, tmp_path: Path) -> None:
+    """Closed in the middle, then run again: as if it had never been ended."""
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    made(project, whole)
+    stage = dataset_stage([project], cut, _SMALL)
+    for step in stage:
+        if step.message.endswith("0002-001"):
+            break
+    stage.close()
+    n_there = len(list((cut / "records").iterdir()))
+    assert 0 < n_there < 12
+    report = made(project, cut)
+    assert report.made == 12 - n_there
+    names = ("images", "ids", "depth", "records", "instances_train.json", "bop", "data.yaml")
+    first, second = contents(whole), contents(cut)
+    assert {k: v for k, v in first.items() if k.startswith(names)} == {
+        k: v for k, v in second.items() if k.startswith(names)
+    }
+
+
+def test_coco_says_what_the_ids_show(project: Project, tmp_path: Path) -> None:
+    coco = pytest.importorskip("pycocotools.coco", reason="pycocotools is in the dev group")
+    out = tmp_path / "set"
+    made(project, out)
+    for split in ("train", "val"):
+        read = coco.COCO(str(out / f"instances_{split}.json"))
+        rows = {row["id"]: row for row in json.loads((out / "dataset.json").read_text())["objects"]}
+        for number in read.getImgIds():
+            image = read.loadImgs(number)[0]
+            ids = values(out / image["ids_file"])
+            for one in read.loadAnns(read.getAnnIds(imgIds=number)):
+                mask = read.annToMask(one).astype(bool)
+                np.testing.assert_array_equal(mask, ids == one["group_id"])
+                assert rows[one["object_id"]]["class_id"] == one["category_id"]
+                assert rows[one["object_id"]]["group"] == one["group_id"]
+                x, y, w, h = one["bbox"]
+                assert mask[y : y + h, x : x + w].sum() == mask.sum() == one["area"]
+
+
+def test_bop_has_the_documented_layout(project: Project, tmp_path: Path) -> None:
+    """Files and fields of the format's page, in millimetres, one folder for each placement."""
+    out = tmp_path / "set"
+    report = made(project, out)
+    info = json.loads((out / "bop" / "models" / "models_info.json").read_text())
+    n_pictures = 0
+    for folder in sorted((out / "bop").glob("*/0*")):
+        cameras, poses, facts = (
+            json.loads((folder / f"scene_{name}.json").read_text())
+            for name in ("camera", "gt", "gt_info")
+        )
+        assert set(cameras) == set(poses) == set(facts)
+        for key in poses:
+            n_pictures += 1
+            name = f"{int(key):06d}"
+            assert (folder / "rgb" / f"{name}.jpg").is_file()
+            depth = values(folder / "depth" / f"{name}.png") * cameras[key]["depth_scale"]
+            for k, (pose, fact) in enumerate(zip(poses[key], facts[key], strict=True)):
+                assert str(pose["obj_id"]) in info
+                assert (out / "bop" / "models" / f"obj_{pose['obj_id']:06d}.ply").is_file()
+                whole = values(folder / "mask" / f"{name}_{k:06d}.png") > 0
+                seen = values(folder / "mask_visib" / f"{name}_{k:06d}.png") > 0
+                assert fact["px_count_all"] == whole.sum()
+                assert fact["px_count_visib"] == seen.sum()
+                assert fact["visib_fract"] == pytest.approx(seen.sum() / whole.sum())
+                if fact["visib_fract"] > 0.95 and seen.sum() > 200:
+                    behind = pose["cam_t_m2c"][2] - np.median(depth[seen])
+                    assert 0 < behind < 280  # a ball of 560 mm
+                rotation = np.reshape(pose["cam_R_m2c"], (3, 3))
+                np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+    assert n_pictures == report.pictures
+
+
+def test_windows_encode_like_whole_pictures() -> None:
+    rng = np.random.default_rng(0)
+    for height, width in ((7, 5), (1, 9), (12, 12)):
+        for share in (0.0, 0.3, 0.9, 1.0):
+            picture = rng.random((height, width)) < share
+            top, left = int(rng.integers(0, height)), int(rng.integers(0, width))
+            for rows, columns in (
+                (slice(0, height), slice(0, width)),
+                (slice(top, height), slice(left, width)),
+            ):
+                lone = np.zeros_like(picture)
+                lone[rows, columns] = picture[rows, columns]
+                counts = window_counts(lone[rows, columns], (rows.start, columns.start), lone.shape)
+                assert counts == encode_rle(lone)
+
+
+def test_scenes_on_workers_give_the_same_pictures(
+    tmp_path: Path, scene: Synthetic, project: Project
+) -> None:
+    """Two folders by processes, and one that cannot be labelled: it does not stop the other."""
+    from gaga_core.scene.project import save_project
+
+    save_project(project)
+    bare = tmp_path / "bare"
+    write_true_scene(bare, scene)  # has no groups
+    root = tmp_path / "balls"
+    config, engine = changed(views=3), EngineConfig(workers=2)
+    out = tmp_path / "by-workers"
+    report = run_stage(dataset_stage([root, bare], out, config, engine=engine))
+    assert len(report.failed) == 1
+    assert "no visible objects" in report.failed[0]
+    run_stage(dataset_stage([root], tmp_path / "here", config))
+    ours, theirs = records(tmp_path / "here"), records(out)
+    assert ours == theirs
+    assert ours
+
+
+def test_what_cannot_be(
+    project: Project, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").touch()
+    with pytest.raises(GagaError, match="holds other files"):
+        made(project, tmp_path / "mine")
+    assert project.folder is not None
+    assert main(["dataset", str(project.model_path), "--out", str(tmp_path / "a")]) == 1
+    assert "no photos" in capsys.readouterr().err
+    assert main(["dataset", str(project.folder.root), "--to", "voc"]) == 1
+    assert "choose of coco, yolo, bop" in capsys.readouterr().err
+    with pytest.raises(GagaError, match="Lower --coverage"):
+        made(project, tmp_path / "none", changed(coverage=1.0, views=2, moved=0.0))
