@@ -1,5 +1,7 @@
 """One picture of a data set and its labels: drawn, written, and read again."""
 
+import struct
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,16 +9,15 @@ from typing import Literal
 
 import msgspec
 import numpy as np
-from PIL import Image
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt64Array
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt16Array
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.export.dataset import label_kernels as kernels
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
 from gaga_core.io.images import write_rgb
 from gaga_core.io.json_file import read_json
-from gaga_core.io.masks.coco import compress_counts
 from gaga_core.raster.base import Frame, Rasterizer
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer, Outlines
 
@@ -26,8 +27,9 @@ RECORD_VERSION = 1  # raise it when pictures or labels change: older ones are ma
 VOID_BELOW = 0.3  # summed weight under which a pixel shows no group, as in group maps
 _DEEPEST = 65_535  # of a 16-bit picture
 _QUALITY = 95  # of JPEG
-_FAST = 1  # compression of PNG: a depth takes a tenth of the time of the usual one
+_FAST = 1  # level of compression: a depth takes a tenth of the time of the usual one
 _CURE = "Remove it, and run the command again."
+_MOST_DIGITS = 7  # characters of a count of a picture of 65,536 x 65,536
 _SMALL = 10  # pixels: of an object that would be smaller than this alone nothing is written
 
 Box = tuple[int, int, int, int]  # x, y, width, height
@@ -122,77 +124,41 @@ def draw(
 
 def shown_objects(drawn: Outlines, poses: Mapping[int, DoubleArray], camera: Camera) -> list[Shown]:
     """The objects of a picture by id; ``poses``: world_from_object (4, 4) of each."""
+    n, (height, width) = len(drawn.objects), drawn.labels.shape
+    empty = np.tile(np.array([0, height, width, 0, 0], np.int64), (n, 1))
+    seen, whole = empty.copy(), empty
+    rows = np.full(int(max(drawn.labels.max(initial=0), drawn.objects.max(initial=0))) + 1, -1)
+    rows[drawn.objects] = np.arange(n)
+    kernels.tally_objects(drawn.labels, drawn.bits, rows.astype(np.int32), seen, whole)
+    text = np.empty(_MOST_DIGITS * (height * width + 2), np.uint8)
+
+    def counts(label: int, k: int, box: LongArray) -> str:
+        if box[0] == 0:
+            box = np.zeros(5, np.int64)
+        n_characters = kernels.run_lengths(drawn.labels, drawn.bits, label, k, box, text)
+        return text[:n_characters].tobytes().decode("ascii")
+
     found = []
-    seen_at = _windows(drawn.labels)
     for k, group in enumerate(drawn.objects.tolist()):
-        window = _window_of(drawn.bits, k)
-        if window is None:
-            continue
-        rows, columns = window
-        whole = drawn.bits[rows, columns, k // 64] >> np.uint64(k % 64) & np.uint64(1) > 0
-        whole_area = int(np.count_nonzero(whole))
-        if whole_area < _SMALL:
-            continue
-        seen = np.zeros_like(whole)
-        if group in seen_at:
-            seen = drawn.labels[rows, columns] == group
-        shape, corner = drawn.labels.shape, (rows.start, columns.start)
-        found.append(
-            Shown(
-                group=group,
-                area=int(np.count_nonzero(seen)),
-                box=_box(seen, corner),
-                counts=compress_counts(window_counts(seen, corner, shape)),
-                whole_area=whole_area,
-                whole_box=_box(whole, corner),
-                whole_counts=compress_counts(window_counts(whole, corner, shape)),
-                cam_from_object=(camera.cam_from_world @ poses[group]).ravel().tolist(),
+        if whole[k, 0] >= _SMALL:
+            found.append(
+                Shown(
+                    group=group,
+                    area=int(seen[k, 0]),
+                    box=_box(seen[k]),
+                    counts=counts(group, k, seen[k]),
+                    whole_area=int(whole[k, 0]),
+                    whole_box=_box(whole[k]),
+                    whole_counts=counts(-1, k, whole[k]),
+                    cam_from_object=(camera.cam_from_world @ poses[group]).ravel().tolist(),
+                )
             )
-        )
     return found
 
 
-def _windows(labels: IntArray) -> set[int]:
-    """Ids that are seen."""
-    return set(np.flatnonzero(np.bincount(labels.ravel())).tolist())
-
-
-def _window_of(bits: UInt64Array, k: int) -> tuple[slice, slice] | None:
-    """Rows and columns of object k; None where it is not."""
-    mask = bits[:, :, k // 64] & (np.uint64(1) << np.uint64(k % 64))
-    rows = np.flatnonzero(np.bitwise_or.reduce(mask, axis=1))
-    if len(rows) == 0:
-        return None
-    top, bottom = int(rows[0]), int(rows[-1]) + 1
-    columns = np.flatnonzero(np.bitwise_or.reduce(mask[top:bottom], axis=0))
-    return slice(top, bottom), slice(int(columns[0]), int(columns[-1]) + 1)
-
-
-def _box(mask: BoolArray, corner: tuple[int, int]) -> Box:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if len(rows) == 0:
-        return 0, 0, 0, 0
-    y, x = int(rows[0]), int(columns[0])
-    return corner[1] + x, corner[0] + y, int(columns[-1]) - x + 1, int(rows[-1]) - y + 1
-
-
-def window_counts(mask: BoolArray, corner: tuple[int, int], shape: tuple[int, ...]) -> list[int]:
-    """`coco.encode_rle` of a picture of ``shape`` that is empty but for ``mask`` at ``corner``."""
-    height, width = mask.shape
-    padded = np.zeros((width, height + 1), np.int8)  # a column of the picture ends a run
-    padded[:, :height] = mask.T
-    flat = padded.ravel()
-    at = np.flatnonzero(np.diff(flat, prepend=np.int8(0)))
-    column, row = at // (height + 1), at % (height + 1)
-    edges = (corner[1] + column) * shape[0] + corner[0] + row
-    if height == shape[0]:  # runs that go on at the top of the next column are one
-        starts, ends = edges[0::2], edges[1::2]
-        cut = np.flatnonzero(ends[:-1] == starts[1:])
-        edges = np.stack([np.delete(starts, cut + 1), np.delete(ends, cut)], axis=1).ravel()
-    total = shape[0] * shape[1]
-    counts: list[int] = np.diff(edges, prepend=0).tolist()
-    last = total - (int(edges[-1]) if len(edges) else 0)
-    return [*counts, last] if last or not counts else counts
+def _box(tally: LongArray) -> Box:
+    area, top, left, bottom, right = tally.tolist()
+    return (left, top, right - left, bottom - top) if area else (0, 0, 0, 0)
 
 
 def write_picture(root: Path, record: Record, drawn: Drawn | None) -> None:
@@ -214,8 +180,23 @@ def _write_files(root: Path, record: Record, drawn: Drawn) -> None:
     deep = np.rint(drawn.frame.median_depth / np.float32(record.depth_scale))
     for kind, values in (("ids", ids), ("depth", np.minimum(deep, _DEEPEST))):
         with atomic_write(root / record.file(kind)) as temporary:
-            picture = Image.fromarray(values.astype(np.uint16))
-            picture.save(temporary, format="PNG", compress_level=_FAST)
+            temporary.write_bytes(_gray_png(values.astype(np.uint16)))
+
+
+def _gray_png(values: UInt16Array) -> bytes:
+    """A 16-bit PNG of ``values`` (H, W), rows as they are: in half the time of Pillow, which tries
+    five filters of each row and gains a tenth of the size of a depth picture."""
+    height, width = values.shape
+    rows = np.zeros((height, 1 + 2 * width), np.uint8)
+    rows[:, 1:] = values.astype(">u2").view(np.uint8)
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        check = zlib.crc32(kind + data)
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", check)
+
+    head = struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)
+    body = chunk(b"IDAT", zlib.compress(rows.tobytes(), _FAST))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + body + chunk(b"IEND", b"")
 
 
 def depth_scale(frame: Frame) -> float:

@@ -1,5 +1,6 @@
 """Labelled data of new views: true labels, ids that stay, and only stale pictures made again."""
 
+import itertools
 import json
 from pathlib import Path
 
@@ -8,14 +9,16 @@ import pytest
 from PIL import Image
 
 from gaga_core.arrays import IntArray
+from gaga_core.camera import Camera
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
-from gaga_core.export.dataset.records import Record, read_record, window_counts
+from gaga_core.export.dataset.records import Record, read_record, shown_objects
 from gaga_core.export.dataset.settings import DatasetConfig
-from gaga_core.io.masks.coco import decode_rle, encode_rle
+from gaga_core.io.masks.coco import compress_counts, decode_rle, encode_rle
 from gaga_core.pipeline.dataset import DatasetReport, dataset_stage
 from gaga_core.pipeline.settings import EngineConfig
 from gaga_core.progress import run_stage
+from gaga_core.raster.cpu.rasterizer import Outlines
 from gaga_core.raster.reference import ReferenceRasterizer
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
@@ -240,20 +243,32 @@ def test_bop_has_the_documented_layout(project: Project, tmp_path: Path) -> None
     assert n_pictures == report.pictures
 
 
-def test_windows_encode_like_whole_pictures() -> None:
+def test_run_lengths_are_those_of_whole_pictures() -> None:
+    """Of any masks of many objects, against the encoder of pictures; areas and boxes as well."""
     rng = np.random.default_rng(0)
-    for height, width in ((7, 5), (1, 9), (12, 12)):
-        for share in (0.0, 0.3, 0.9, 1.0):
-            picture = rng.random((height, width)) < share
-            top, left = int(rng.integers(0, height)), int(rng.integers(0, width))
-            for rows, columns in (
-                (slice(0, height), slice(0, width)),
-                (slice(top, height), slice(left, width)),
-            ):
-                lone = np.zeros_like(picture)
-                lone[rows, columns] = picture[rows, columns]
-                counts = window_counts(lone[rows, columns], (rows.start, columns.start), lone.shape)
-                assert counts == encode_rle(lone)
+    camera = Camera(np.eye(3), np.eye(4), 1, 1)
+    for height, width in ((7, 5), (1, 9), (12, 12), (40, 31)):
+        for n, share in itertools.product((1, 63, 70), (0.02, 0.5, 1.0)):
+            whole = rng.random((n, height, width)) < share
+            labels = np.where(rng.random((height, width)) < 0.9, rng.integers(0, n + 1), 0)
+            labels[rng.random((height, width)) < 0.3] = n
+            bits = np.zeros((height, width, -(-n // 64)), np.uint64)
+            for k in range(n):
+                bits[:, :, k // 64] |= whole[k].astype(np.uint64) << np.uint64(k % 64)
+            objects = np.arange(1, n + 1, dtype=np.int32)
+            outlines = Outlines(labels.astype(np.int32), objects, bits)
+            found = shown_objects(outlines, dict.fromkeys(range(1, n + 1), np.eye(4)), camera)
+            assert [one.group for one in found] == [k + 1 for k in range(n) if whole[k].sum() >= 10]
+            for one in found:
+                for mask, area, box, counts in (
+                    (labels == one.group, one.area, one.box, one.counts),
+                    (whole[one.group - 1], one.whole_area, one.whole_box, one.whole_counts),
+                ):
+                    assert counts == compress_counts(encode_rle(mask))
+                    x, y, w, h = box
+                    assert mask[y : y + h, x : x + w].sum() == mask.sum() == area
+                    rows, columns = np.nonzero(mask)
+                    assert not area or [h, w] == [int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1]
 
 
 def test_scenes_on_workers_give_the_same_pictures(
