@@ -486,17 +486,32 @@ class _Painter:
         rng, motions = rng_of(config.seed, series.index, k, "view"), series.arrangement.motions
         for attempt in range(TRIES):
             camera = proposal(base.photos, K, size, series.target(k), rng, attempt)
-            drawn = draw_picture(
-                self.engine, self.gaussians, camera, self.labels, base.objects, base.background
-            )
+            drawn = self.draw(camera)
             share = judged(base.photos, camera, drawn.frame, drawn.outlines.labels, motions)
             if share >= config.coverage:
                 break
             drawn = None
-        record = Record(
+        return self.recorded(k, camera, share, drawn), drawn
+
+    def draw(self, camera: Camera) -> Drawn:
+        """What a camera sees, with its labels."""
+        base = self.series.base
+        return draw_picture(
+            self.engine, self.gaussians, camera, self.labels, base.objects, base.background
+        )
+
+    def recorded(self, k: int, camera: Camera, share: float, drawn: Drawn | None) -> Record:
+        """The record of picture k, still without its objects; None: it is left out."""
+        series, base = self.series, self.series.base
+        digests: dict[str, str] = {}
+        if drawn is not None:
+            groups = np.unique(drawn.outlines.labels).tolist()
+            told = {*groups, *drawn.outlines.objects.tolist(), 0} & set(base.digests)
+            digests = {str(group): base.digests[group] for group in sorted(told)}
+        return Record(
             version=RECORD_VERSION,
             key=series.key(k),
-            digests={},
+            digests=digests,
             name=series.name(k),
             scene=base.name,
             placement=series.placement,
@@ -511,13 +526,6 @@ class _Painter:
             objects=[],
             is_left_out=drawn is None,
         )
-        if drawn is not None:
-            groups = np.unique(drawn.outlines.labels).tolist()
-            told = {*groups, *drawn.outlines.objects.tolist(), 0} & set(base.digests)
-            record = msgspec.structs.replace(
-                record, digests={str(group): base.digests[group] for group in sorted(told)}
-            )
-        return record, drawn
 
 
 def _finished(
