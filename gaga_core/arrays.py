@@ -12,6 +12,7 @@ LongArray = npt.NDArray[np.int64]
 UInt8Array = npt.NDArray[np.uint8]
 UInt16Array = npt.NDArray[np.uint16]
 UInt32Array = npt.NDArray[np.uint32]
+UInt64Array = npt.NDArray[np.uint64]
 BoolArray = npt.NDArray[np.bool_]
 AnyArray = npt.NDArray[Any]
 MOST_GROUP = (1 << 24) - 1  # the highest id of a group: panoptic pictures hold ids in three bytes

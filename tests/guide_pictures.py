@@ -157,6 +157,11 @@ def _export(d: Driver, shot: Shot) -> None:
     shot.window(d)
 
 
+def _dataset(d: Driver, shot: Shot) -> None:
+    d.menu("File/Make labelled data…")
+    shot.window(d)
+
+
 def _modes(d: Driver, shot: Shot) -> None:
     """The same view in groups, depth and confidence, next to each other."""
     shown = []
@@ -286,6 +291,7 @@ PICTURES = (
     Picture("search", "the search box and what it found", _search),
     Picture("camera_path", "a camera path of four places", _camera_path),
     Picture("export", "the sheet that exports the scene, the selection or objects", _export),
+    Picture("dataset", "the sheet that makes labelled pictures of new views", _dataset),
     Picture("six_clicks", "the way from nothing to a file, moving", _six_clicks, opens="nothing"),
     Picture("modes", "groups, depth and confidence of one view", _modes),
     Picture("folders", "objects in folders and under others, in their colors", _folders),

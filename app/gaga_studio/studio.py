@@ -22,6 +22,7 @@ from gaga_studio.features import autosave, cleanup, fill, level_of_detail, split
 from gaga_studio.features import camera as camera_path_actions
 from gaga_studio.features.cleanup import ReducePlan
 from gaga_studio.features.commands import new_session
+from gaga_studio.features.dataset import DatasetPlan
 from gaga_studio.features.find import memory_bank as bank
 from gaga_studio.features.find.search import find_here
 from gaga_studio.gpu.context import attach
@@ -37,6 +38,7 @@ from gaga_studio.ui.chrome import command_buttons, menu, status, toasts, toolbar
 from gaga_studio.ui.chrome.status import status_text
 from gaga_studio.ui.chrome.toasts import ToastState
 from gaga_studio.ui.dialogs import (
+    dataset,
     export,
     files,
     film_and_picture,
@@ -103,6 +105,7 @@ class UiState:
     preferences: DraggedPreferences = field(default_factory=DraggedPreferences)
     export: ExportSheet = field(default_factory=ExportSheet)
     reduce: ReducePlan = field(default_factory=ReducePlan)
+    dataset: DatasetPlan = field(default_factory=DatasetPlan)
     film: FilmChoices = field(default_factory=FilmChoices)
     plan: PlanSheet = field(default_factory=PlanSheet)
     toasts: ToastState = field(default_factory=ToastState)
@@ -167,6 +170,7 @@ _POPUPS = {
     Request.SAVE_PICTURE: film_and_picture.PICTURE,
     Request.MAKE_MASKS: masks.MAKE,
     Request.EXPORT_MASKS: masks.EXPORT,
+    Request.DATASET: dataset.SHEET,
     Request.FIND_OBJECTS: masks.FIND_OBJECTS,
     Request.ADD_VIEWS: masks.ADD_VIEWS,
 }
@@ -447,6 +451,7 @@ class Studio:
         call("Add views", lambda: masks.draw_add_views(session))
         call("Models", lambda: models.draw(session))
         call("Reduce splats", lambda: reduce.draw(session, ui.reduce))
+        call("Labelled data", lambda: dataset.draw(session, ui.dataset, ui.files))
         call("First steps", steps)
         call("Notices", lambda: toasts.draw(session, ui.toasts, ui.area))
 

@@ -19,6 +19,7 @@ from tyro.conf import arg, subcommand
 
 from gaga_core.cli import output as out
 from gaga_core.cli.benchmark import BenchmarkCommand
+from gaga_core.cli.dataset import DatasetCommand
 from gaga_core.cli.export import ExportCommand
 from gaga_core.cli.files import DemoCommand, DoctorCommand, EditCommand, InfoCommand, LodCommand
 from gaga_core.cli.masks import MasksCommand, SegmentCommand
@@ -51,6 +52,7 @@ AnyCommand = (
     | Annotated[ModelsCommand, subcommand("models")]
     | Annotated[EditCommand, subcommand("edit")]
     | Annotated[ExportCommand, subcommand("export")]
+    | Annotated[DatasetCommand, subcommand("dataset")]
     | Annotated[LodCommand, subcommand("lod")]
     | Annotated[RunCommand, subcommand("run")]
     | Annotated[InfoCommand, subcommand("info")]

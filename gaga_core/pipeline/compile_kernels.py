@@ -14,6 +14,7 @@ import numpy as np
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
+from gaga_core.export.dataset.records import shown_objects
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.grouping.associate import PRESETS, AssociateConfig, associate_stage
@@ -25,6 +26,7 @@ from gaga_core.query.group_facts import group_digests, group_facts
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.raster.cpu.prepare import prepare
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.raster.vote_slots import VoteSlots
 from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.cut import choose_cut, covers_of, hidden_nodes
@@ -71,6 +73,7 @@ def warm_up_stage() -> Stage[None]:
         ("association, regions", _association("robust", are_regions=True)),
         ("training", _train),
         ("files", _write),
+        ("labelled pictures", _outlines),
         ("level of detail", _level_of_detail),
     ]
     for i, (name, step) in enumerate(steps):
@@ -115,6 +118,12 @@ def _render(sample: _Sample) -> object:
     channels = np.zeros((len(sample.gaussians), 16), np.float32)
     sample.rasterizer.render(sample.gaussians, sample.cameras[0], channels=channels)
     return sample.rasterizer.render(sample.gaussians, sample.cameras[0])
+
+
+def _outlines(sample: _Sample) -> None:
+    camera, objects = sample.cameras[0], np.array([1, 2], np.int32)
+    found = CpuRasterizer().outlines(sample.gaussians, camera, sample.labels, objects, 0.3)
+    shown_objects(found, dict.fromkeys((1, 2), np.eye(4)), camera)
 
 
 def _vote(sample: _Sample) -> None:

@@ -24,7 +24,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 from PIL import Image
@@ -45,7 +45,7 @@ from gaga_core.io.masks.label_maps import read_labels, view_key
 from gaga_core.pipeline.film import painted_labels
 from gaga_core.pipeline.place import find_photos
 from gaga_core.pipeline.reconstruct import source_of
-from gaga_core.pipeline.run import RunConfig, run_folder
+from gaga_core.pipeline.run import RunConfig
 from gaga_core.pipeline.settings import EngineConfig
 from gaga_core.progress import Progress, Stage, run_stage
 
@@ -78,6 +78,14 @@ class SceneTask:
         if self.starts is None or not self.starts.is_file():
             return 0
         return len(self.starts.read_text(encoding="utf-8").splitlines())
+
+
+class SceneWork(Protocol):
+    """What is done with each scene: a value that a worker of any engine can be sent."""
+
+    def stage_of(self, folder: Path, photos: Path | None) -> Stage[tuple[str, ...]]:
+        """The stage of one scene; it returns the names of what it has run."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -177,7 +185,7 @@ def _scene_at(path: Path) -> tuple[Path | None, Path] | None:
     return (None, scene.absolute()) if is_one else None
 
 
-def run_one(task: SceneTask, config: RunConfig, threads: int) -> SceneOutcome:
+def run_one(task: SceneTask, work: SceneWork, threads: int) -> SceneOutcome:
     """Run what is missing in one scene; a worker of any engine calls this."""
     os.environ.setdefault("GAGA_THREADS", str(threads))
     start, stages, failed = time.perf_counter(), tuple[str, ...](), ""
@@ -185,7 +193,7 @@ def run_one(task: SceneTask, config: RunConfig, threads: int) -> SceneOutcome:
     if attempt > TRIES:
         return died(task, "killed, or out of memory")
     try:
-        stage = run_folder(task.folder, config, photos=task.photos)
+        stage = work.stage_of(task.folder, task.photos)
         try:
             stages = run_stage(stage, _SignOfLife(task))
         finally:
@@ -363,9 +371,6 @@ def run_scenes(
     """
     root, tasks = list_tasks([scenes] if isinstance(scenes, Path) else scenes)
     engine, config = engine or EngineConfig(), config or RunConfig()
-    if engine.address and engine.engine != "dask":
-        raise GagaError("--address is of a dask scheduler. Choose --executor dask.")
-    run = _run_dask if engine.engine == "dask" else _run_local
     done: dict[str, SceneOutcome] = {}
     # A worker's share of this machine's memory for votes.
     n = 1 if engine.address else engine.workers
@@ -375,19 +380,19 @@ def run_scenes(
     def report() -> ScenesReport:
         return ScenesReport(tuple(done[name] for name in sorted(done)))
 
-    with staging_folder(root) as starts:
-        counted = [replace(task, starts=starts / f"{i}") for i, task in enumerate(tasks)]
-        folders = {task.name: task.folder for task in tasks}
-        answers = run(counted, shared, engine)
-        with closing(answers):
-            yield Progress(_STAGE, 0, len(tasks), "start the workers")
-            for outcome in answers:
-                message = ""
-                if outcome is not None:
-                    done[outcome.scene] = outcome
-                    _note(root, folders[outcome.scene], outcome, report())
-                    message = f"{outcome.scene}: {outcome.failed or 'complete'}"
-                yield Progress(_STAGE, len(done), len(tasks), message)
+    folders = {task.name: task.folder for task in tasks}
+    with (
+        staging_folder(root) as starts,
+        closing(answers_of(tasks, shared, engine, starts)) as answers,
+    ):
+        yield Progress(_STAGE, 0, len(tasks), "start the workers")
+        for outcome in answers:
+            message = ""
+            if outcome is not None:
+                done[outcome.scene] = outcome
+                _note(root, folders[outcome.scene], outcome, report())
+                message = f"{outcome.scene}: {outcome.failed or 'complete'}"
+            yield Progress(_STAGE, len(done), len(tasks), message)
     whole = replace(report(), page=root / PAGE)
     write_page(root / PAGE, whole, folders)
     return whole
@@ -407,7 +412,18 @@ def _note(root: Path, folder: Path, outcome: SceneOutcome, report: ScenesReport)
 Answers = Generator[SceneOutcome | None, None, None]  # None: nothing new for a moment
 
 
-def _run_local(tasks: Sequence[SceneTask], config: RunConfig, engine: EngineConfig) -> Answers:
+def answers_of(
+    tasks: Sequence[SceneTask], work: SceneWork, engine: EngineConfig, starts: Path
+) -> Answers:
+    """Do ``work`` with every scene by the workers of ``engine``; ``starts`` is a folder for the
+    time of the run that all workers see. Closing it ends the workers started here."""
+    if engine.address and engine.engine != "dask":
+        raise GagaError("--address is of a dask scheduler. Choose --executor dask.")
+    counted = [replace(task, starts=starts / f"{i}") for i, task in enumerate(tasks)]
+    return (_run_dask if engine.engine == "dask" else _run_local)(counted, work, engine)
+
+
+def _run_local(tasks: Sequence[SceneTask], work: SceneWork, engine: EngineConfig) -> Answers:
     """A process for each scene, so many at a time."""
     context = SpawnContext()
     waiting = list(reversed(tasks))
@@ -418,7 +434,7 @@ def _run_local(tasks: Sequence[SceneTask], config: RunConfig, engine: EngineConf
             while waiting and len(running) < engine.workers:
                 task = waiting.pop()
                 ours, theirs = context.Pipe(duplex=False)
-                arguments = (theirs, task, config, engine.threads_each)
+                arguments = (theirs, task, work, engine.threads_each)
                 process = context.Process(target=_work, args=arguments)
                 process.start()
                 theirs.close()
@@ -459,7 +475,7 @@ def _received(connection: Connection) -> SceneOutcome | None:
     return outcome if isinstance(outcome, SceneOutcome) else None
 
 
-def _work(answer: Connection, task: SceneTask, config: RunConfig, threads: int) -> None:
+def _work(answer: Connection, task: SceneTask, work: SceneWork, threads: int) -> None:
     """A local worker: a request to end closes the stage, which removes what is half-made."""
 
     def end(_number: int, _frame: FrameType | None) -> None:
@@ -467,7 +483,7 @@ def _work(answer: Connection, task: SceneTask, config: RunConfig, threads: int) 
 
     signal.signal(signal.SIGTERM, end)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent, which asks
-    answer.send(run_one(task, config, threads))
+    answer.send(run_one(task, work, threads))
     answer.close()
 
 
@@ -512,7 +528,7 @@ def _dask_client(engine: EngineConfig) -> "Iterator[Client]":
         yield client
 
 
-def _run_dask(tasks: Sequence[SceneTask], config: RunConfig, engine: EngineConfig) -> Answers:
+def _run_dask(tasks: Sequence[SceneTask], work: SceneWork, engine: EngineConfig) -> Answers:
     """The workers of a dask scheduler, or of one that is started here.
 
     No more scenes are handed over than there are workers: dask blames the death of a worker on all
@@ -527,7 +543,7 @@ def _run_dask(tasks: Sequence[SceneTask], config: RunConfig, engine: EngineConfi
             n_workers = _n_dask_workers(client, engine)
             while waiting and len(running) < n_workers:
                 task = waiting.pop()
-                future = client.submit(run_one, task, config, engine.threads_each, pure=False)
+                future = client.submit(run_one, task, work, engine.threads_each, pure=False)
                 running[future] = task
                 handed[task.name] += 1
             last_worker = time.monotonic() if n_workers else last_worker

@@ -55,6 +55,10 @@ class RunConfig:
     mode: Mode | None = None  # of the lift; None = as the preset of the groups has it
     lift: LiftConfig | IdentitySettings = field(default_factory=IdentitySettings)
 
+    def stage_of(self, folder: Path, photos: Path | None) -> Stage[tuple[str, ...]]:
+        """`run_folder` with these settings: what an executor runs."""
+        return run_folder(folder, self, photos=photos)
+
 
 @dataclass(eq=False)
 class Work:

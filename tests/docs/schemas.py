@@ -12,6 +12,8 @@ import msgspec
 import numpy as np
 
 from gaga_core.edit_script.operations import OPERATION_TYPES
+from gaga_core.export.dataset.formats import DatasetFile, SceneSet
+from gaga_core.export.dataset.records import Record
 from gaga_core.io.cameras.cameras_json import CameraEntry
 from gaga_core.io.folder.scene_folder import World
 from gaga_core.io.folder.splits import SplitFile
@@ -33,16 +35,19 @@ from tests.docs.pages import DOCS
 TYPES: Mapping[str, object] = {
     "camera_path": PathEntry,
     "cameras": list[CameraEntry],
+    "dataset": DatasetFile,
     "edit_script": GenericAlias(list, (reduce(or_, OPERATION_TYPES.values()),)),
     "groups": Manifest,
     "lod": LodFile,
     "lod_meta": LodMeta,
     "mask_list": list[MaskEntry],
     "model_lock": ModelLock,
+    "picture_record": Record,
     "project": ProjectFile,
     "provider": MaskRecord,
     "recorded_edit": AnyEdit,
     "recovery": RecoveryNote,
+    "scene_set": SceneSet,
     "settings": Settings,
     "split": SplitFile,
     "world": World,

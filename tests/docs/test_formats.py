@@ -10,11 +10,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from gaga_core.export.dataset.settings import DatasetConfig
 from gaga_core.export.export import export_objects_stage
 from gaga_core.identity.field import LiftFigures
 from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.pipeline.associate import associate_scene
+from gaga_core.pipeline.dataset import dataset_stage
 from gaga_core.pipeline.lift import lift_scene
 from gaga_core.pipeline.segment import segment_scene
 from gaga_core.progress import run_stage
@@ -90,6 +92,20 @@ def _names(path: Path) -> list[str]:
 
 def _shot() -> Shot:
     return Shot((0.0, -3.0, 1.0), (1.0, 0.0, 0.0, 0.0), 0.9, 0.7, 3.0, False)
+
+
+def test_labelled_data(made: SceneFolder, tmp_path: Path) -> None:
+    config = DatasetConfig(views=2, width=96, height=72, coverage=0.0, moved=0, removed=0)
+    run_stage(dataset_stage([made.root], tmp_path, config))
+    _check("dataset.json", _json(tmp_path / "dataset.json"))
+    (scene,) = (tmp_path / "scenes").iterdir()
+    _check("scenes/*.json", _json(scene))
+    for path in (tmp_path / "records").iterdir():
+        record = _json(path)
+        _check("records/*.json", record)
+        for one in record["objects"]:
+            assert isinstance(one, dict)
+            _check("Object of a picture", one)
 
 
 def test_a_project_and_its_scene(made: SceneFolder, tmp_path: Path) -> None:

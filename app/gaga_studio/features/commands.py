@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from gaga_studio.features import (
     camera,
     cleanup,
+    dataset,
     export,
     files,
     fill,
@@ -122,14 +123,14 @@ _ALL = (
     *(selection.COMMANDS + objects.COMMANDS + folders.COMMANDS + cleanup.COMMANDS + fill.COMMANDS),
     *(masks.COMMANDS + association.COMMANDS + memory_bank.COMMANDS + search.COMMANDS),
     *(click_object.COMMANDS + view.COMMANDS + split_view.COMMANDS + camera.COMMANDS),
-    *measure.COMMANDS,
+    *(measure.COMMANDS + dataset.COMMANDS),
 )
 _BY_ID = {command.id: command for command in _ALL}
 _ORDER = {
     "File": """file.open_photos file.open_folder file.open_file file.make_splats
         file.make_splats_as file.add_splats file.demo file.save file.save_as
         file.export_scene file.export_page file.export_selected file.export_objects
-        file.export_meshes file.export_cameras file.export_masks file.save_script
+        file.export_meshes file.export_cameras file.export_masks file.dataset file.save_script
         file.save_picture file.close file.quit""",
     "Edit": """edit.undo edit.redo edit.duplicate edit.delete edit.mirror_x edit.mirror_y
         edit.mirror_z edit.reduce edit.delete_floaters edit.confirm edit.cancel edit.preferences""",

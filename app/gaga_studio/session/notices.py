@@ -109,6 +109,7 @@ class Request(Enum):
     PREFERENCES = auto()
     MAKE_MASKS = auto()
     EXPORT_MASKS = auto()
+    DATASET = auto()
     MODELS = auto()
     REDUCE = auto()
     FIND_OBJECTS = auto()

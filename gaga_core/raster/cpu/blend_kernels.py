@@ -15,7 +15,14 @@ import math
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
+from gaga_core.arrays import (
+    DoubleArray,
+    FloatArray,
+    IntArray,
+    LongArray,
+    UInt8Array,
+    UInt64Array,
+)
 from gaga_core.kernels import exact_kernel, kernel
 from gaga_core.raster.cpu.project_kernels import OPACITY, TILE, Y0, Y1, H, R, S, U, V
 from gaga_core.raster.cpu.simd_kernels import fma
@@ -436,12 +443,29 @@ def add_ones(
 
 
 @exact_kernel
+def _is_decided(T: FloatArray, planes: FloatArray, void: np.float32) -> np.bool_:
+    """Whether what is still to come can change no label of a tile, see `label_tiles`."""
+    for y in range(TILE):
+        for x in range(TILE):
+            left = max(T[y, x], _ZERO)
+            best, second = _ZERO, _ZERO
+            for p in range(len(planes)):
+                w = planes[p, y, x]
+                second = max(second, min(w, best))
+                best = max(best, w)
+            if best + left >= void and (best < void or best - second <= left) and left > _ZERO:
+                return np.bool_(False)
+    return np.bool_(True)
+
+
+@exact_kernel
 def label_tiles(
     splats: FloatArray,
     splat_labels: IntArray,  # (n,) 0 <= label < n_labels
     offsets: LongArray,
     ids: IntArray,
     n_labels: int,
+    void: float,
     labels: IntArray,  # (H, W)
     confidence: FloatArray,
     start: int,
@@ -450,8 +474,10 @@ def label_tiles(
     """At each pixel the label of greatest summed weight, the smaller one when two are equal.
 
     A tile keeps one plane of sums per label that occurs in it, so the cost does not depend on the
-    number of labels of the scene.
+    number of labels of the scene. With ``void`` > 0 a tile ends when its labels are decided, and
+    ``confidence`` says only whether it reaches ``void``.
     """
+    least = _F(void)
     height, width = labels.shape
     n_tiles_x = (width + TILE - 1) // TILE
     T = np.empty((TILE, TILE), np.float32)
@@ -491,7 +517,9 @@ def label_tiles(
                     goes_on = after >= _T_MIN
                     total[y, x] += a * before if goes_on else _ZERO
                     T[y, x] = after if goes_on else -abs(before)
-            if (j & _CHECK) == _CHECK and _is_done(T):
+            if (j & _CHECK) == _CHECK and (
+                _is_done(T) if least <= _ZERO else _is_decided(T, planes[:n_planes], least)
+            ):
                 break
         for y in range(n_rows):
             for x in range(n_columns):
@@ -504,6 +532,74 @@ def label_tiles(
                 confidence[top + y, left + x] = most
         for p in range(n_planes):
             plane_of[label_of[p]] = -1
+
+
+@exact_kernel
+def outline_tiles(
+    splats: FloatArray,
+    splat_rows: IntArray,  # (n,) object 0 <= row < n_rows, -1 = none
+    offsets: LongArray,
+    ids: IntArray,
+    shown: IntArray,  # (H, W) object that is seen there, -1 = none
+    found: UInt64Array,  # (H, W, words) zeros: bit row % 64 of word row // 64 is set
+    start: int,
+    stop: int,
+) -> None:
+    """Where each object is seen, or would be seen if nothing stood before it: alone it has
+    alpha >= 1/2. The order of splats does not matter for that, so a pixel is done early."""
+    height, width, n_words = found.shape
+    n_tiles_x = (width + TILE - 1) // TILE
+    plane_of = np.full(64 * n_words, -1, np.int32)
+    row_of, is_whole = np.empty(16, np.int32), np.empty(16, np.bool_)
+    planes = np.empty((16, TILE, TILE), np.float32)
+    for tile in range(start, stop):
+        left, top = (tile % n_tiles_x) * TILE, (tile // n_tiles_x) * TILE
+        n_rows, n_columns = min(TILE, height - top), min(TILE, width - left)
+        n_planes = 0
+        for j in range(offsets[tile], offsets[tile + 1]):
+            k = ids[j]
+            row = splat_rows[k]
+            if row < 0:
+                continue
+            plane = plane_of[row]
+            if plane < 0:
+                if n_planes == len(row_of):
+                    row_of = np.concatenate((row_of, np.empty_like(row_of)))
+                    is_whole = np.concatenate((is_whole, np.empty_like(is_whole)))
+                    planes = np.concatenate((planes, np.empty_like(planes)))
+                plane = n_planes
+                plane_of[row], row_of[plane] = plane, row
+                _open_tile(planes[plane], n_rows, n_columns)
+                for y in range(n_rows):
+                    for x in range(n_columns):
+                        if shown[top + y, left + x] == row:
+                            planes[plane, y, x] = -_ONE
+                is_whole[plane] = _is_done(planes[plane])
+                n_planes += 1
+            if is_whole[plane]:
+                continue
+            T = planes[plane]
+            u, v = splats[k, U] - _F(left) - _HALF, splats[k, V] - _F(top) - _HALF
+            s, r, h, opacity = splats[k, S], splats[k, R], splats[k, H], splats[k, OPACITY]
+            for y in range(max(0, int(splats[k, Y0]) - top), min(TILE, int(splats[k, Y1]) - top)):
+                dy = _F(y) - v
+                shift = -s * (u + r * dy)
+                rest = -h * dy * dy
+                for x in range(TILE):
+                    e = fma(s, _F(x), shift)
+                    a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, fma(-e, e, rest))))
+                    a = a if a >= _ALPHA_MIN else _ZERO
+                    after = fma(-T[y, x], a, T[y, x])
+                    T[y, x] = after if after > _HALF else -_ONE
+            if (j & _CHECK) == _CHECK:
+                is_whole[plane] = _is_done(T)
+        for p in range(n_planes):
+            word, bit = row_of[p] // 64, np.uint64(1) << np.uint64(row_of[p] % 64)
+            plane_of[row_of[p]] = -1
+            for y in range(n_rows):
+                for x in range(n_columns):
+                    if planes[p, y, x] < _ZERO:
+                        found[top + y, left + x, word] |= bit
 
 
 @kernel

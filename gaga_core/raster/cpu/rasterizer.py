@@ -5,7 +5,16 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongArray, check_shape
+from gaga_core.arrays import (
+    AnyArray,
+    BoolArray,
+    DoubleArray,
+    FloatArray,
+    IntArray,
+    LongArray,
+    UInt64Array,
+    check_shape,
+)
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import (
@@ -40,6 +49,21 @@ from gaga_core.raster.cpu.prepare import (
 from gaga_core.raster.cpu.project_kernels import TILE, backward_colors, sh_colors
 from gaga_core.raster.vote_slots import VoteSlots
 from gaga_core.threads import n_threads, run_chunks, run_kernel
+
+
+@dataclass(frozen=True, eq=False)
+class Outlines:
+    """Objects as a view shows them, and as it would if nothing stood before them."""
+
+    labels: IntArray  # (H, W) seen label, 0 = none
+    objects: IntArray  # (K,) labels in view, ascending
+    bits: UInt64Array  # (H, W, ceil(K / 64)) bit k % 64 of word k // 64: object k, were it alone
+
+    def whole(self, k: int) -> BoolArray:
+        """Mask (H, W) of object k, seen or hidden."""
+        result: BoolArray = (self.bits[:, :, k // 64] >> np.uint64(k % 64) & np.uint64(1)) > 0
+        return result
+
 
 # --- Blending weights of sampled pixels as sparse rows (rows of W).
 
@@ -283,9 +307,39 @@ class CpuRasterizer:
         out = np.zeros((camera.height, camera.width), np.int32)
         confidence = np.zeros((camera.height, camera.width), np.float32)
 
-        lists = (view.offsets, view.ids, len(values))
+        lists = (view.offsets, view.ids, len(values), 0.0)
         view.run(kernels.label_tiles, view.splats, dense, *lists, out, confidence)
         return LabelFrame(values[out], confidence)
+
+    def outlines(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        labels: IntArray,  # (N,) >= 0; 0 takes part as "none"
+        objects: IntArray,  # (G,) labels, ascending
+        void: float,
+    ) -> Outlines:
+        """What is seen of every label, and where ``objects`` would be seen alone.
+
+        A pixel whose label of greatest weight weighs less than ``void`` shows none.
+        """
+        check_shape("labels", labels, (len(gaussians),), np.int32)
+        view = self._view(gaussians, camera)
+        own = labels[view.order]
+        values, dense = _dense(own)
+        shown = np.zeros((camera.height, camera.width), np.int32)
+        confidence = np.zeros(shown.shape, np.float32)
+        lists = (view.offsets, view.ids)
+        known = (*lists, len(values), void)
+        view.run(kernels.label_tiles, view.splats, dense, *known, shown, confidence)
+        shown[confidence < void] = 0
+        rows = np.full(len(values), -1, np.int32)
+        seen = values[np.bincount(dense, minlength=1) > 0] if len(dense) else values[:0]
+        here = np.intersect1d(objects, seen).astype(np.int32)
+        rows[np.searchsorted(values, here)] = np.arange(len(here), dtype=np.int32)
+        bits = np.zeros((*shown.shape, max(1, -(-len(here) // 64))), np.uint64)
+        view.run(kernels.outline_tiles, view.splats, rows[dense], *lists, rows[shown], bits)
+        return Outlines(values[shown], here, bits)
 
     def backward(
         self,

@@ -1,0 +1,82 @@
+"""Labelled pictures of new views, of the open scene: what is asked for, and the job."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from gaga_core.errors import GagaError
+from gaga_core.export.dataset.settings import FORMS, DatasetConfig, Form
+from gaga_core.progress import Stage
+from gaga_core.settings import setting_of
+from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_photos
+from gaga_studio.session import stages
+from gaga_studio.session.notices import Level, Request, notifies
+from gaga_studio.session.session import Session
+from gaga_studio.system import paths
+
+
+@dataclass
+class DatasetPlan:
+    """The data set to make, as chosen so far."""
+
+    config: DatasetConfig = field(default_factory=DatasetConfig)
+    forms: tuple[Form, ...] = FORMS
+
+    def put(self, name: str, value: float) -> None:
+        """Set a field of the settings, within its limits."""
+        wanted = setting_of(self.config, name).clamped(value)
+        kind = type(getattr(self.config, name))
+        self.config = replace(self.config, **{name: kind(wanted)})
+
+    def switch(self, form: Form) -> None:
+        """Add a format, or leave it out."""
+        self.forms = tuple(one for one in FORMS if (one in self.forms) != (one == form))
+
+    @property
+    def why_not(self) -> str:
+        """Reason why nothing can be made."""
+        return "" if self.forms else "Choose a format."
+
+    def says(self) -> str:
+        """What will be made, in a sentence."""
+        config = self.config
+        n = -(-config.views // config.views_each)
+        placements = "one placement" if n == 1 else f"about {n:,} placements"
+        return (
+            f"{config.views:,} pictures of {placements} of the objects. In a folder that has a "
+            "data set, only what is missing or stale is made."
+        )
+
+
+@notifies
+def start(session: Session, plan: DatasetPlan, out: Path) -> bool:
+    """Make or complete the data set in ``out``, as a job."""
+    project = session.need().settled()
+    frozen = replace(project, scene=replace(project.scene))
+    config, forms = plan.config, plan.forms
+    if not forms:
+        raise GagaError(plan.why_not)
+
+    def stage() -> Stage[str]:
+        # It draws: numba is a good part of the launch time.
+        from gaga_core.pipeline.dataset import dataset_stage
+
+        made = yield from dataset_stage([frozen], out, config, forms)
+        text = f"{made.pictures:,} labelled pictures in {paths.shown(out)}: {made.made:,} new."
+        return " ".join([text, *made.notes])
+
+    return session.jobs.start(
+        f"Make data in {out.name}",
+        stages.prepared("Make pictures", stage),
+        on_done=lambda text: session.notify(Level.INFO, text, shows=out),
+        waits=True,
+    )
+
+
+COMMANDS: tuple[Command, ...] = (
+    ask(
+        "file.dataset",
+        "Make labelled data…",
+        Request.DATASET,
+        enabled=first_of(no_groups, no_photos, busy),
+    ),
+)

@@ -1,0 +1,1 @@
+"""Labelled data of new views: where they stand, what stands where, the labels, and the formats."""

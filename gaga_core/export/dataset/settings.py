@@ -1,0 +1,57 @@
+"""Settings of a data set of new views.
+
+This module is light: the command reads it to explain its options.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from gaga_core.errors import GagaError
+from gaga_core.settings import check_limits, setting
+
+Form = Literal["coco", "yolo", "bop"]
+FORMS: tuple[Form, ...] = ("coco", "yolo", "bop")
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """Settings of the pictures of one scene."""
+
+    views: int = setting(500, "Pictures of a scene", least=1, most=100_000)
+    """Pictures of each scene."""
+    width: int = setting(640, "Width", "pixels", least=32, most=4096)
+    """Width of a picture in pixels; its focal length is that of the photos, as wide as they are."""
+    height: int = setting(480, "Height", "pixels", least=32, most=4096)
+    """Height of a picture in pixels."""
+    coverage: float = setting(0.8, "Least share seen by photos", least=0.0, most=1.0)
+    """Share of a picture that photos must have shown from about the same side and distance: what
+    they did not show may be wrong."""
+    moved: float = setting(0.5, "Objects elsewhere", least=0.0, most=1.0)
+    """Share of the pictures in which objects stand elsewhere on what carries them."""
+    removed: float = setting(0.2, "Objects removed", least=0.0, most=1.0)
+    """Share of the pictures in which an object is gone."""
+    lights: float = setting(0.5, "Other light", least=0.0, most=1.0)
+    """Share of the pictures in another light: brightness, contrast and color temperature."""
+    views_each: int = setting(25, "Pictures of a placement", least=1, most=10_000)
+    """Pictures of one placement of the objects."""
+    validation: float = setting(0.2, "Placements for validation", least=0.0, most=0.9)
+    """Share of the placements kept for validation. The scene as it is always is for training."""
+    fill: bool = setting(True, "Fill what objects hid")
+    """Fill what a removed or moved object hid where it stood: seconds for each object, once."""
+    seed: int = setting(0, "Seed", least=0, most=1_000_000)
+    """Equal seeds give equal pictures."""
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        for name in ("coverage", "moved", "removed", "lights", "validation"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise GagaError(f"--{name} is a share: a number from 0 to 1.")
+
+
+def forms_of(text: str) -> tuple[Form, ...]:
+    """The formats of "coco,yolo"; ``GagaError`` for another word, or for none."""
+    words = [word.strip().lower() for word in text.split(",") if word.strip()]
+    found = tuple(form for form in FORMS if form in words)
+    if not found or len(found) < len(set(words)):
+        raise GagaError(f"--to {text}: choose of {', '.join(FORMS)}, with commas between.")
+    return found
