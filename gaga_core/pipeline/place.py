@@ -25,9 +25,9 @@ from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.checks import Verdict
 from gaga_core.placing.diagnosis import MatchFacts, chain_breaks
 from gaga_core.placing.foreground import (
+    Backdrop,
+    backdrop_stage,
     masks_from_folder,
-    masks_of_what_moves,
-    paint_background,
 )
 from gaga_core.placing.ladder import Ladder, place_stage
 from gaga_core.placing.metrics import SfmFacts
@@ -76,8 +76,6 @@ def photo_set_stage(source: Path, workspace: Path, config: ReconstructConfig) ->
     shutil.rmtree(workspace / "frames", ignore_errors=True)
     if config.foreground is not None:
         yield from masks_from_folder(found, Path(config.foreground), workspace / MASKS)
-    elif config.turntable:
-        yield from masks_of_what_moves(found, workspace / "photos", workspace / MASKS)
     with atomic_write(file) as temporary:
         temporary.write_text(json.dumps(found.to_json()), encoding="utf-8")
     return found
@@ -191,7 +189,9 @@ def placement_of(entry: Mapping[str, object]) -> PlacementReport | None:
     return PlacementReport(tuple(sfm.names), out, tuple(inside))
 
 
-def sfm_entry(source: Path, photos: PhotoSet, made: Ladder) -> dict[str, object]:
+def sfm_entry(
+    source: Path, photos: PhotoSet, made: Ladder, backdrop: Backdrop | None = None
+) -> dict[str, object]:
     """The entry "sfm" of the report: figures, checks, attempts, and the graph of the pairs."""
     best = made.best
     placed = set(best.facts.names)
@@ -202,7 +202,13 @@ def sfm_entry(source: Path, photos: PhotoSet, made: Ladder) -> dict[str, object]
         "why_out": {name: made.diagnosis.why_out(name, made.best.placed) for name in left_out},
         "names": list(best.facts.all_names),
         "links": _links(best.facts),
-        "notes": [*photos.notes, *_scene_notes(made, placed), *made.reasons()],
+        "notes": [
+            *photos.notes,
+            *((backdrop.note,) if backdrop else ()),
+            *_scene_notes(made, placed),
+            *made.reasons(),
+        ],
+        "backdrop": None if backdrop is None else asdict(backdrop),
         "checks": [asdict(verdict) for verdict in best.verdicts],
         "attempts": list(made.attempts),
         "scenes": [list(names) for names in best.scenes],
@@ -288,9 +294,17 @@ def place_photos(
         if made.best.model != workspace / "model":  # where the next step looks for it
             shutil.rmtree(workspace / "model", ignore_errors=True)
             shutil.copytree(made.best.model, workspace / "model")
-        if config.object_only:
-            masks = workspace / MASKS
-            yield from paint_background(found.photos, workspace / "photos", masks)
+        backdrop = None
+        if config.foreground is None:
+            shutil.rmtree(workspace / MASKS, ignore_errors=True)
+            is_static = config.turntable or made.diagnosis.still
+            backdrop = yield from backdrop_stage(
+                found,
+                workspace / "photos",
+                made.best.facts,
+                workspace / MASKS,
+                is_static=is_static,
+            )
         side = max(_PICTURE_SIDE, config.max_side or 0)
         yield from undistort_into(
             scene, found, workspace, config.sfm(), longest_side=side, replaces=source
@@ -303,7 +317,7 @@ def place_photos(
             shutil.rmtree(workspace, ignore_errors=True)
             if not existed and scene.is_dir() and not any(scene.iterdir()):
                 scene.rmdir()
-    entry = sfm_entry(source, found, made)
+    entry = sfm_entry(source, found, made, backdrop)
     write_entry(scene, {"sfm": entry | {"seconds": round(time.perf_counter() - start, 1)}})
     shutil.rmtree(workspace, ignore_errors=True)
     return notes_of(entry)
