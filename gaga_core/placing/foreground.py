@@ -42,6 +42,8 @@ _LONG_TRACK = 3  # views of a point that is no chance
 _MOST_POINTS, _FAR = 0.95, 1.5  # points beyond this quantile of distances times this are wrong
 _GAP = 0.06  # x width: half of a gap between points that is closed ...
 _CLOSED = 0.7  # ... but for this share: edges have no points
+_SHADE, _GRAY = 0.6, 0.08  # of a plain backdrop's brightness in a shadow; ratios of its channels
+_SMOOTH = 16  # of `_steps`, 4 levels a pixel: shadows have no sharper edges, objects do
 _LEAST_TURN = 60.0  # degrees that cameras must go around for colors to say something
 _MOST_OUTSIDE = 0.15  # share of a model's points on a plain backdrop
 _LEAST_SHARE = 0.01  # share of the picture that object and backdrop have at least
@@ -136,6 +138,9 @@ def backdrop_stage(
         if _plain_border(color, known) < _PLAIN_BORDER:
             return None
         extended = _extended(color, known)
+        # A plain round object has colors that stay, too; what a backdrop has goes to the border.
+        odd = binary_opening(known & (np.abs(color - extended).max(axis=2) > 3 * _SAME))
+        known &= ~(odd & ~_at_border(odd))
     masks, outside = [], []
     for i, photo in enumerate(placed):
         yield Progress(_STAGE, len(placed) + i, 2 * len(placed), photo.name)
@@ -207,6 +212,13 @@ def _border(values: AnyArray) -> AnyArray:
     return np.concatenate([part.reshape(-1, *values.shape[2:]) for part in parts])
 
 
+def _at_border(mask: BoolArray) -> BoolArray:
+    """The parts of ``mask`` (H, W) that reach the border."""
+    parts, n = label(mask)
+    reach = np.isin(np.arange(n + 1), _border(parts)) & (np.arange(n + 1) > 0)
+    return np.asarray(reach[parts])
+
+
 def _plain_border(color: FloatArray, known: BoolArray) -> float:
     """Share of the border that most photos agree on, in about one color."""
     colors, sure = _border(color), _border(known)
@@ -271,11 +283,15 @@ def object_mask(
     is_backdrop = known & (apart < _SAME)
     if extended is not None:  # what is connected with the border: the object may be as white
         like = is_backdrop | (np.abs(picture - extended).max(axis=2) < _SAME)
-        parts, n = label(like)
-        at_border = np.isin(np.arange(n + 1), _border(parts)) & (np.arange(n + 1) > 0)
-        is_backdrop |= at_border[parts]
+        ratio = (picture + _SAME) / (extended + _SAME)
+        low, high = ratio.min(axis=2), ratio.max(axis=2)
+        shaded = (high - low < _GRAY) & (low > _SHADE) & (high < 1 + _GRAY)
+        like |= shaded & (_steps(picture) < _SMOOTH)
+        is_backdrop |= _at_border(like)
     outside = binary_erosion(is_backdrop, border_value=1)
     differs = known & (apart > 3 * _SAME)
+    if extended is not None:
+        differs |= ~known & (np.abs(picture - extended).max(axis=2) > 3 * _SAME)
     inside = binary_erosion(differs | (may_be & ~is_backdrop), iterations=2, border_value=1)
     if not inside.any():
         return inside
