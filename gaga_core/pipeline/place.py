@@ -27,9 +27,9 @@ from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.checks import Verdict
 from gaga_core.placing.diagnosis import MatchFacts, chain_breaks
 from gaga_core.placing.foreground import (
+    Backdrop,
+    backdrop_stage,
     masks_from_folder,
-    masks_of_what_moves,
-    paint_background,
 )
 from gaga_core.placing.given import (
     Posed,
@@ -87,8 +87,6 @@ def photo_set_stage(source: Path, workspace: Path, config: ReconstructConfig) ->
     shutil.rmtree(workspace / "frames", ignore_errors=True)
     if config.foreground is not None:
         yield from masks_from_folder(found, Path(config.foreground), workspace / MASKS)
-    elif config.turntable:
-        yield from masks_of_what_moves(found, workspace / "photos", workspace / MASKS)
     with atomic_write(file) as temporary:
         temporary.write_text(json.dumps(found.to_json()), encoding="utf-8")
     return found
@@ -202,7 +200,9 @@ def placement_of(entry: Mapping[str, object]) -> PlacementReport | None:
     return PlacementReport(tuple(sfm.names), out, tuple(inside))
 
 
-def sfm_entry(source: Path, photos: PhotoSet, made: Ladder) -> dict[str, object]:
+def sfm_entry(
+    source: Path, photos: PhotoSet, made: Ladder, backdrop: Backdrop | None = None
+) -> dict[str, object]:
     """The entry "sfm" of the report: figures, checks, attempts, and the graph of the pairs."""
     best = made.best
     placed = set(best.facts.names)
@@ -213,7 +213,13 @@ def sfm_entry(source: Path, photos: PhotoSet, made: Ladder) -> dict[str, object]
         "why_out": {name: made.diagnosis.why_out(name, made.best.placed) for name in left_out},
         "names": list(best.facts.all_names),
         "links": _links(best.facts),
-        "notes": [*photos.notes, *_scene_notes(made, placed), *made.reasons()],
+        "notes": [
+            *photos.notes,
+            *((backdrop.note,) if backdrop else ()),
+            *_scene_notes(made, placed),
+            *made.reasons(),
+        ],
+        "backdrop": None if backdrop is None else asdict(backdrop),
         "checks": [asdict(verdict) for verdict in best.verdicts],
         "attempts": list(made.attempts),
         "scenes": [list(names) for names in best.scenes],
@@ -298,9 +304,17 @@ def place_photos(
         if posed is not None and not _is_by_poses(made, workspace):
             write_given(workspace, posed.names, posed.poses, refine=False)
             yield from run_step("to_given", found, workspace, config.sfm())
-        if config.object_only:
-            masks = workspace / MASKS
-            yield from paint_background(found.photos, workspace / "photos", masks)
+        backdrop = None
+        if config.foreground is None:
+            shutil.rmtree(workspace / MASKS, ignore_errors=True)
+            is_static = config.turntable or made.diagnosis.still
+            backdrop = yield from backdrop_stage(
+                found,
+                workspace / "photos",
+                made.best.facts,
+                workspace / MASKS,
+                is_static=is_static,
+            )
         side = max(_PICTURE_SIDE, config.max_side or 0)
         yield from undistort_into(
             scene, found, workspace, config.sfm(), longest_side=side, replaces=source
@@ -313,7 +327,7 @@ def place_photos(
             shutil.rmtree(workspace, ignore_errors=True)
             if not existed and scene.is_dir() and not any(scene.iterdir()):
                 scene.rmdir()
-    entry = sfm_entry(source, found, made)
+    entry = sfm_entry(source, found, made, backdrop)
     if given is not None and posed is not None:
         entry |= _given_entry(given, posed, entry, made, workspace, config)
         write_world(scene, World(given.is_metric, given.up, given.program))

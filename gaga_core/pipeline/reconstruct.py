@@ -157,7 +157,9 @@ def train_scene(
         points = random_points(cameras, _RANDOM_POINTS, config.seed)
         colors = np.full((len(points), 3), 128, np.uint8)
     engine = rasterizer or choose()
-    views = yield from load_views_stage(cameras, folder.image_paths, test, settings.longest_side)
+    views = yield from load_views_stage(
+        cameras, folder.image_paths, test, settings.longest_side, folder.foreground
+    )
     initial = yield from first_splats_stage(points, colors, views.train, settings, engine)
     workspace = root / WORKSPACE
     with _tidied(workspace), joined_team() as team:

@@ -92,7 +92,7 @@ class MatchFacts:
     coverage: DoubleArray  # (A,) share of the picture's cells that hold a feature
     pairs: LongArray  # (Q, 2) indices into names
     pair_matches: LongArray  # (Q,) verified
-    still: DoubleArray  # (Q,) share of the matches that do not move in the picture
+    still: DoubleArray  # (Q,) share of the matches that do not move in the picture; NaN: too few
     turns: DoubleArray  # (Q, 3, 3) rotation from the first camera to the second; NaN: unknown
 
     @staticmethod
@@ -112,8 +112,10 @@ class DiagnosisConfig:
     few_features: int = 300  # median of the photos
     covered: float = 0.45  # share of a picture that holds features, median
     linked: int = 15  # verified matches that link two photos
-    still: float = 0.5  # share of a pair's matches that are static
-    still_pairs: float = 0.3  # share of the pairs of which that is true
+    # Share of a pair's matches that are static: under 0.0001 where the camera moved, 0.5 and more
+    # on turntables before rooms.
+    still: float = 0.1
+    still_pairs: float = 0.5  # share of the pairs of which that is true
     open_cycle: float = 35.0  # degrees that the turns around three photos may miss by
     open_share: float = 0.15  # of the triplets, from which objects are said to repeat
     fewest_cycles: int = 20  # triplets below which nothing is said
@@ -137,8 +139,9 @@ class Diagnosis:
         found = []
         if self.still:
             found.append(
-                "The background is static while the object turns. Give "
-                f"{option('--turntable')}, or masks of the object with {option('--foreground')}."
+                "The background is static while the object turns, and what turns shows too few "
+                "details to be placed by. Turn it in steps of 10 degrees or less, put a patterned "
+                f"plate under it, or give masks of the object with {option('--foreground')}."
             )
         if self.blurred:
             found.append(
@@ -245,11 +248,11 @@ def chain_breaks(
 def is_still(matches: MatchFacts, config: DiagnosisConfig | None = None) -> bool:
     """Whether the camera stood still in front of most of what the photos show."""
     config = config or DiagnosisConfig()
-    strong = matches.pair_matches >= config.linked
-    if strong.sum() < len(matches.names):
+    known = ~np.isnan(matches.still)
+    if known.sum() < len(matches.names):
         return False
     # A film that rests has still pairs too, but of neighbours only.
-    far = strong & (np.abs(np.diff(matches.pairs, axis=1)[:, 0]) > max(2, len(matches.names) // 8))
+    far = known & (np.abs(np.diff(matches.pairs, axis=1)[:, 0]) > max(2, len(matches.names) // 8))
     return bool(far.any() and (matches.still[far] > config.still).mean() > config.still_pairs)
 
 

@@ -1,28 +1,55 @@
 """Masks of the object in the photos, when the background must not count.
 
-On a turntable the object turns and the room is static: matches of the room say that nothing
-moved. A mask keeps features to the object, and what lies outside is painted black before splats are
-trained on it.
+A folder of masks keeps features to the object. Without one, a backdrop is looked for when the
+photos are placed: the room behind a turntable, or a plain one. What lies outside of a mask is
+trained to be transparent; the photos are not changed.
 """
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from PIL import Image
-from scipy.ndimage import binary_closing, binary_dilation, binary_fill_holes, label
+from scipy.ndimage import (
+    binary_dilation,
+    binary_erosion,
+    binary_opening,
+    distance_transform_edt,
+    gaussian_filter,
+    gaussian_gradient_magnitude,
+    label,
+    watershed_ift,
+)
 
-from gaga_core.arrays import BoolArray
+from gaga_core.arrays import AnyArray, BoolArray, FloatArray, LongArray, UInt8Array
 from gaga_core.errors import GagaError
-from gaga_core.io.images import IMAGE_SUFFIXES, open_image, read_rgb
+from gaga_core.io.images import IMAGE_SUFFIXES, read_rgb
+from gaga_core.placing.metrics import SfmFacts
 from gaga_core.placing.photos import Photo, PhotoSet, shrunk
-from gaga_core.placing.sfm import option
 from gaga_core.progress import Progress, Stage
 
-_LOOK_SIDE = 320  # pixels: the moving part is looked for at this size
+_STAGE = "Leave out the background"
+_LOOK_SIDE = 320  # pixels: the backdrop is looked for at this size
 _MOST_PHOTOS = 40  # photos that it is looked for in
-_MOVING_DEVIATION = 10.0  # of 255: deviation over the photos of a pixel that something moves over
-_LEAST_SHARE = 0.01  # share of the picture: smaller moving parts are noise
+_CANDIDATES = 12  # of which the colors are tried
+_SAME = 9.0  # of 255: noise, compression and what is left of the exposure
+_ONE_COLOR = 40.0  # of 255: a plain backdrop with its shading
+_PLAIN_BORDER = 0.6  # share of the border of the pictures: sky is above only
+_KNOWN = 0.1  # share of the photos that must show a pixel of the backdrop, 3 at least ...
+_AGREE = 0.5  # ... and of those the share that must agree on its color
+_LONG_TRACK = 3  # views of a point that is no chance
+_MOST_POINTS, _FAR = 0.95, 1.5  # points beyond this quantile of distances times this are wrong
+_GAP = 0.06  # x width: half of a gap between points that is closed ...
+_CLOSED = 0.7  # ... but for this share: edges have no points
+_SHADE, _GRAY = 0.6, 0.08  # of a plain backdrop's brightness in a shadow; ratios of its channels
+_SMOOTH = 16  # of `_steps`, 4 levels a pixel: shadows have no sharper edges, objects do
+_LEAST_TURN = 60.0  # degrees that cameras must go around for colors to say something
+_MOST_OUTSIDE = 0.15  # share of a model's points on a plain backdrop
+_LEAST_SHARE = 0.01  # share of the picture that object and backdrop have at least
+_LEAST_PART = 0.02  # x the largest part: smaller ones are specks
+_CONSTANT = 0.9  # share of all photos in which a pixel has one color: a room, or plain and round
+_NEAR_POINT = 5  # pixels from a point of any photo in which no room stands still
 _NAMED = 3
 
 
@@ -54,51 +81,234 @@ def masks_from_folder(photos: PhotoSet, folder: Path, target: Path) -> Stage[Non
         )
 
 
-def masks_of_what_moves(photos: PhotoSet, pictures: Path, target: Path) -> Stage[None]:
-    """Write one mask for all photos of a fixed camera: the part in which something moved.
+@dataclass(frozen=True)
+class Backdrop:
+    """A background that the photos were freed from."""
 
-    Raises ``GagaError`` when the photos differ in size, or nothing is static.
+    kind: Literal["static", "plain"]  # of a camera that stood still; of one color behind an object
+    share: float  # of all pictures that it covers
+
+    @property
+    def note(self) -> str:
+        """What a person should know."""
+        seen = (
+            "The camera stood still while the object turned"
+            if self.kind == "static"
+            else "The object is in front of a plain backdrop"
+        )
+        return f"{seen}: the background, {self.share:.0%} of the pictures, was left out."
+
+
+def backdrop_stage(
+    photos: PhotoSet,
+    pictures: Path,
+    facts: SfmFacts,
+    target: Path,
+    *,
+    is_static: bool,  # whether matches say that the camera stood still
+) -> Stage[Backdrop | None]:
+    """Write masks of the object for the photos of ``facts``, where a backdrop is behind it.
+
+    A backdrop has colors that stay the same at a pixel, after the exposure of each photo is taken
+    out, while the cameras of ``facts`` go around the object: a room behind a turntable, or a plain
+    backdrop. From what surely is backdrop or object, regions grow to the edges of each picture
+    (watershed, Meyer 1991). None, and nothing is written, where there is no backdrop.
     """
-    chosen = photos.photos[:: max(1, len(photos.photos) // _MOST_PHOTOS)]
-    if len({(photo.width, photo.height) for photo in photos.photos}) > 1:
-        raise GagaError(
-            "The photos differ in size: the camera was not fixed. Give masks of the object "
-            f"with {option('--foreground')}."
-        )
+    placed = [photo for photo in photos.photos if photo.name in set(facts.names)]
+    if len({(photo.width, photo.height) for photo in placed}) > 1:
+        return None
+    if not is_static and _turned_around(facts) < _LEAST_TURN:
+        return None
     stack = []
-    for i, photo in enumerate(chosen):
-        yield Progress("Look for what moves", i, len(chosen), photo.name)
-        stack.append(shrunk(read_rgb(pictures / photo.name), _LOOK_SIDE).astype(np.float32))
-    moving = moving_part(np.array(stack).std(axis=0).max(axis=2) > _MOVING_DEVIATION)
-    if not _LEAST_SHARE < moving.mean() < 1 - _LEAST_SHARE:
-        raise GagaError(
-            f"These photos have no static background. Leave {option('--turntable')} out, or "
-            f"give masks of the object with {option('--foreground')}."
-        )
+    for i, photo in enumerate(placed):
+        yield Progress(_STAGE, i, 2 * len(placed), photo.name)
+        stack.append(shrunk(read_rgb(pictures / photo.name), _LOOK_SIDE))
+    looks = np.array(stack)
+    gains = exposure_gains(looks)
+    shape = looks.shape[1:3]
+    hulls, seen = _hulls(facts, shape), _seen_pixels(facts, shape)
+    color, known = backdrop_color(looks, gains, hulls)
+    changing = backdrop_color(looks, gains, np.zeros_like(hulls), _CONSTANT)[1]
+    np.logical_not(changing, out=changing)
+    occupied = np.zeros(shape, bool)
+    occupied[tuple(np.concatenate(list(seen.values())).T)] = True
+    changing |= binary_dilation(occupied, iterations=_NEAR_POINT)
+    extended = None
+    if not is_static:
+        if _plain_border(color, known) < _PLAIN_BORDER:
+            return None
+        extended = _extended(color, known)
+        # A plain round object has colors that stay, too; what a backdrop has goes to the border.
+        odd = binary_opening(known & (np.abs(color - extended).max(axis=2) > 3 * _SAME))
+        known &= ~(odd & ~_at_border(odd))
+    masks, outside = [], []
+    for i, photo in enumerate(placed):
+        yield Progress(_STAGE, len(placed) + i, 2 * len(placed), photo.name)
+        points = seen[photo.name]
+        may_be = hulls[i] & (known | changing)
+        mask = object_mask(looks[i] / gains[i], color, known, may_be, extended)
+        masks.append(mask)
+        outside.append(1 - float(mask[tuple(points.T)].mean()) if len(points) else 0.0)
+    share = 1 - float(np.mean(masks))
+    if not _LEAST_SHARE < share < 1 - _LEAST_SHARE:
+        return None
+    if not is_static and float(np.mean(outside)) > _MOST_OUTSIDE:
+        return None
     target.mkdir(parents=True, exist_ok=True)
-    for photo in photos.photos:
-        _write(target, photo, moving)
+    for photo, mask in zip(placed, masks, strict=True):
+        _write(target, photo, mask)
+    return Backdrop("static" if is_static else "plain", share)
 
 
-def moving_part(differs: BoolArray) -> BoolArray:
-    """The largest connected part (H, W) of the pixels that differ, without holes and noise."""
-    closed = binary_fill_holes(binary_closing(differs, iterations=6))
-    parts, n = label(closed)
-    if n == 0:
-        return np.zeros_like(differs)
-    sizes = np.bincount(parts.ravel())[1:]
-    return binary_dilation(parts == 1 + int(sizes.argmax()), iterations=3)
+def _turned_around(facts: SfmFacts) -> float:
+    """Largest angle, degrees, between the directions of two cameras."""
+    axes = facts.poses[:, 2, :3]
+    return float(np.degrees(np.arccos(np.clip((axes @ axes.T).min(), -1, 1))))
 
 
-def paint_background(photos: Sequence[Photo], pictures: Path, masks: Path) -> Stage[None]:
-    """Make the photos in ``pictures`` black where their mask is."""
-    for i, photo in enumerate(photos):
-        yield Progress("Leave out the background", i, len(photos), photo.name)
-        picture = read_rgb(pictures / photo.name)
-        mask = np.asarray(open_image(masks / f"{photo.name}.png")) > 0
-        Image.fromarray(np.where(mask[..., None], picture, np.uint8(0))).save(
-            pictures / photo.name, quality=97, subsampling=0
+def exposure_gains(looks: UInt8Array) -> FloatArray:
+    """Gain (N, 1, 1, 3) of each photo and channel against the median of all ``looks`` (N, H, W, 3).
+
+    By the median over pixels, so an object that changes in less than half of them does no harm.
+    """
+    rows = np.linspace(0, len(looks) - 1, min(len(looks), _MOST_PHOTOS)).astype(int)
+    logs = np.log(looks[:, ::2, ::2].astype(np.float32) + 4)
+    gains = np.zeros((len(looks), 1, 1, 3), np.float32)
+    for _ in range(3):
+        middle = np.median(logs[rows] - gains[rows], axis=0)
+        gains = np.median(logs - middle, axis=(1, 2), keepdims=True).astype(np.float32)
+    return np.exp(gains)
+
+
+def backdrop_color(
+    looks: UInt8Array,  # (N, H, W, 3)
+    gains: FloatArray,  # (N, 1, 1, 3)
+    hulls: BoolArray,  # (N, H, W) where the object may be
+    agree: float = _AGREE,  # share of photos
+) -> tuple[FloatArray, BoolArray]:
+    """The color (H, W, 3) of the backdrop, and at which pixels (H, W) it is known.
+
+    What most photos agree on of those in which the object is elsewhere: in front of it a plain
+    object looks as if it stood still.
+    """
+    rows = np.linspace(0, len(looks) - 1, min(len(looks), _MOST_PHOTOS)).astype(int)
+    some, free = looks[rows] / gains[rows], ~hulls[rows]
+    n_free, most = free.sum(axis=0), np.zeros(looks.shape[1:3], np.int64)
+    color = np.zeros(looks.shape[1:], np.float32)
+    for k in range(0, len(some), max(1, len(some) // _CANDIDATES)):
+        near = (np.abs(some - some[k]).max(axis=3) < _SAME) & free
+        count = near.sum(axis=0)
+        better = (count > most) & free[k]
+        mean = np.einsum("nhwc,nhw->hwc", some, near.astype(np.float32))
+        color[better] = mean[better] / count[better, None]
+        most[better] = count[better]
+    known = (n_free >= max(3, _KNOWN * len(rows))) & (most > agree * n_free)
+    return color, known
+
+
+def _border(values: AnyArray) -> AnyArray:
+    """The outermost pixels of (H, W, ...), one after the other."""
+    parts = [values[:3], values[-3:], values[:, :3], values[:, -3:]]
+    return np.concatenate([part.reshape(-1, *values.shape[2:]) for part in parts])
+
+
+def _at_border(mask: BoolArray) -> BoolArray:
+    """The parts of ``mask`` (H, W) that reach the border."""
+    parts, n = label(mask)
+    reach = np.isin(np.arange(n + 1), _border(parts)) & (np.arange(n + 1) > 0)
+    return np.asarray(reach[parts])
+
+
+def _plain_border(color: FloatArray, known: BoolArray) -> float:
+    """Share of the border that most photos agree on, in about one color."""
+    colors, sure = _border(color), _border(known)
+    if not sure.any():
+        return 0.0
+    alike = np.abs(colors - np.median(colors[sure], axis=0)).max(axis=1) < _ONE_COLOR
+    return float((sure & alike).mean())
+
+
+def _extended(color: FloatArray, known: BoolArray) -> FloatArray:
+    """The plain backdrop behind the object: a smooth continuation of what is seen of it."""
+    usual = np.median(_border(color)[_border(known)], axis=0)
+    sure = known & (np.abs(color - usual).max(axis=2) < _ONE_COLOR)
+    result = np.where(sure[..., None], color, 0)
+    for sigma in (4, 16, 64):  # the finest that knows something
+        weight = gaussian_filter(sure.astype(np.float32), sigma)
+        smooth = gaussian_filter(np.where(sure[..., None], color, 0), (sigma, sigma, 0))
+        known = (weight > 0.01) & ~result.any(axis=2)
+        result[known] = (smooth / np.maximum(weight, 1e-6)[..., None])[known]
+    return np.where(result.any(axis=2, keepdims=True), result, np.median(color[sure], axis=0))
+
+
+def _hulls(facts: SfmFacts, shape: tuple[int, int]) -> BoolArray:
+    """Where the model's points may be in each view (V, H, W): closed gaps, a bit wider."""
+    points = facts.points[facts.track_lengths >= _LONG_TRACK]
+    away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    points = points[away <= _FAR * np.quantile(away, _MOST_POINTS)]
+    found, gap = [], _GAP * shape[1]
+    for pose, focal, size in zip(facts.poses, facts.focal, facts.sizes, strict=True):
+        inside = points @ pose[:, :3].T + pose[:, 3]
+        cells = ((inside[:, 1::-1] / inside[:, 2:] * (focal / size)[::-1] + 0.5) * shape).astype(
+            int
         )
+        cells = cells[((cells >= 0) & (cells < shape)).all(axis=1) & (inside[:, 2] > 0)]
+        empty = np.ones(shape, bool)
+        empty[tuple(cells.T)] = False
+        wide = distance_transform_edt(empty) < gap
+        found.append(distance_transform_edt(wide) > _CLOSED * gap)
+    return np.array(found)
+
+
+def _seen_pixels(facts: SfmFacts, shape: tuple[int, int]) -> dict[str, LongArray]:
+    """Rows and columns (K, 2) in a picture of ``shape`` of the points that each photo sees."""
+    poses = facts.poses[facts.seen_views]
+    inside = np.einsum("oij,oj->oi", poses[:, :, :3], facts.points[facts.seen_points])
+    inside += poses[:, :, 3]
+    sizes, focal = facts.sizes[facts.seen_views], facts.focal[facts.seen_views]
+    at = inside[:, :2] / inside[:, 2:] * focal / sizes + 0.5  # shares of the width and height
+    cells = np.clip(at[:, ::-1] * shape, 0, np.array(shape) - 1).astype(np.int64)
+    return {name: cells[facts.seen_views == i] for i, name in enumerate(facts.names)}
+
+
+def object_mask(
+    picture: FloatArray,  # (H, W, 3) 0..255, exposure taken out
+    color: FloatArray,  # (H, W, 3) of the backdrop
+    known: BoolArray,  # (H, W) where that is known
+    may_be: BoolArray,  # (H, W) where what is no backdrop is object
+    extended: FloatArray | None = None,  # (H, W, 3) a plain backdrop's color behind the object
+) -> BoolArray:
+    """Where the object is (H, W): regions that grow from sure pixels to the picture's edges."""
+    apart = np.abs(picture - color).max(axis=2)
+    is_backdrop = known & (apart < _SAME)
+    if extended is not None:  # what is connected with the border: the object may be as white
+        like = is_backdrop | (np.abs(picture - extended).max(axis=2) < _SAME)
+        ratio = (picture + _SAME) / (extended + _SAME)
+        low, high = ratio.min(axis=2), ratio.max(axis=2)
+        shaded = (high - low < _GRAY) & (low > _SHADE) & (high < 1 + _GRAY)
+        like |= shaded & (_steps(picture) < _SMOOTH)
+        is_backdrop |= _at_border(like)
+    outside = binary_erosion(is_backdrop, border_value=1)
+    differs = known & (apart > 3 * _SAME)
+    if extended is not None:
+        differs |= ~known & (np.abs(picture - extended).max(axis=2) > 3 * _SAME)
+    inside = binary_erosion(differs | (may_be & ~is_backdrop), iterations=2, border_value=1)
+    if not inside.any():
+        return inside
+    markers = inside.astype(np.int16) * 2 + (outside & ~inside)
+    grown = watershed_ift(_steps(picture), markers) == 2
+    parts, n = label(binary_opening(grown))
+    sizes = np.bincount(parts.ravel(), minlength=n + 1)
+    sizes[0] = 0
+    kept = sizes >= max(_LEAST_PART * sizes.max(), 1)
+    return np.asarray(kept[parts])
+
+
+def _steps(picture: FloatArray) -> UInt8Array:
+    """Strength of the edges (H, W)."""
+    found = [gaussian_gradient_magnitude(picture[..., c], 1.0) for c in range(3)]
+    result: UInt8Array = np.clip(4 * np.max(found, axis=0), 0, 255).astype(np.uint8)
+    return result
 
 
 def _mask_of(photo: Photo, files: dict[str, Path]) -> Path | None:
@@ -113,5 +323,5 @@ def _mask_of(photo: Photo, files: dict[str, Path]) -> Path | None:
 def _write(target: Path, photo: Photo, mask: BoolArray) -> None:
     """As large as the photo, under the name that COLMAP looks for."""
     image = Image.fromarray(mask.astype(np.uint8) * np.uint8(255))
-    size = (photo.width, photo.height)
-    image.resize(size, Image.Resampling.NEAREST).save(target / f"{photo.name}.png")
+    image = image.resize((photo.width, photo.height), Image.Resampling.BICUBIC)
+    image.point(lambda value: 255 * (value > 127)).save(target / f"{photo.name}.png")

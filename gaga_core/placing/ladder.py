@@ -90,7 +90,6 @@ def _only(facts: SfmFacts, mine: np.ndarray) -> SfmFacts:
 STAGE = "Try again"
 _MOST_SIDE, _MOST_FEATURES = 3200, 16_384  # pixels and features of the most thorough attempts
 _EXHAUSTIVE_PHOTOS = 250  # photos whose pairs are all tried when the likely ones did not do
-_HALF_PLACED = 0.5  # share of the photos: so many before a still background are no chance
 _FAINT_CONTRAST = 0.002  # least contrast of the last attempt
 _MAPPERS = {"": "map", "relaxed": "map_relaxed"}
 
@@ -206,9 +205,12 @@ def place_stage(
         else:
             reason = ""
         label = "" if i == 0 else f"attempt {i + 1} of {len(steps)}, {state.clock()}; "
-        attempt = mapped(_attempt(state, folder, rung, reason), _labelled(label))
+        turns = state.diagnosis.still  # the attempts before said so
+        config = replace(rung.config, moving_only=rung.config.moving_only or turns)
+        made = _attempt(state, folder, replace(rung, config=config), reason)
+        attempt = mapped(made, _labelled(label))
         yield from attempt
-        if state.is_enough or state.out_of_time or state.is_hopeless(rung.config):
+        if state.is_enough or state.out_of_time or state.is_hopeless:
             break
     if state.best is None:
         raise GagaError(state.explain())
@@ -244,11 +246,11 @@ class _State:
             return False
         return len(best.scenes) == 1 or self.looked_closely
 
-    def is_hopeless(self, config: SfmConfig) -> bool:
-        """Whether more attempts of this kind cannot help.
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether more attempts cannot help.
 
-        They would match a still background again, or objects that look alike, or be held to a
-        wrong focal length again.
+        They would match objects that look alike again, or be held to a wrong focal length again.
         """
         best = self.best
         if best is not None and best.share >= self.ladder.enough and self.diagnosis.repeated():
@@ -256,8 +258,7 @@ class _State:
         if best is not None and best.share >= self.ladder.enough and self.priors:
             wrong = {verdict.check for verdict in best.verdicts if verdict.level == "error"}
             return bool(wrong) and wrong <= {"focal", "prior"}
-        placed = best is not None and best.is_right and best.share > _HALF_PLACED
-        return self.diagnosis.still and not config.moving_only and not placed
+        return False
 
     def take(self, placement: Placement) -> None:
         """Keep it when it is better than the best."""
@@ -306,6 +307,15 @@ def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None
     if not (folder / "match.finished").is_file():
         return
     state.diagnosis = diagnose(state.photos, MatchFacts.load(folder / "matches.npz"))
+    if state.diagnosis.still and not rung.config.moving_only:
+        # On a turntable: what stands still tells nothing of how the camera saw the object.
+        yield from _until(
+            state,
+            run_step("verify", state.photos, folder, replace(rung.config, moving_only=True)),
+        )
+        if not (folder / "verify.finished").is_file():
+            return
+        state.diagnosis = diagnose(state.photos, MatchFacts.load(folder / "matches.npz"))
     state.looked_closely = rung.config.affine
     placed: list[Placement] = []
     try:

@@ -187,9 +187,12 @@ def pair_agreement(facts: SfmFacts, config: MeasureConfig) -> tuple[float, int]:
     off_line = np.abs((normal * other).sum(axis=1)) / length
     apart = np.linalg.norm(turned - other, axis=1)
     tolerance = _tolerance(facts, config.pair_pixels)[strong]
-    # Rays more than a right angle apart hardly meet in front of both cameras.
-    facing = (turned * other).sum(axis=1) > 0
-    good = ((off_line < tolerance) & facing) | (apart < tolerance)
+    # Depths at which the rays meet, times a positive number: behind a camera they see no point.
+    across = np.cross(turned, other)
+    first_depth = -(np.cross(offset, other) * across).sum(axis=1)
+    second_depth = -(np.cross(offset, turned) * across).sum(axis=1)
+    in_front = (first_depth > 0) & (second_depth > 0)
+    good = ((off_line < tolerance) & in_front) | (apart < tolerance)
     _, pair, n = np.unique(
         first * len(facts.names) + second, return_inverse=True, return_counts=True
     )

@@ -56,7 +56,9 @@ class LooksIndex:
         for other, detail, shape in zip(self._coarse, self._fine, self._ratio, strict=True):
             if abs(shape / ratio - 1) > _SIDES_APART or float((coarse * other).mean()) < _ALIKE:
                 continue
-            if float(np.abs(fine - detail).mean()) < _SAME_DIFFERENCE:
+            # Where there is something: a small object may turn in front of much white.
+            content = (np.abs(fine) > 1) | (np.abs(detail) > 1)
+            if float(np.abs(fine - detail)[content].mean()) < _SAME_DIFFERENCE:
                 return True
         self._coarse.append(coarse)
         self._fine.append(fine)

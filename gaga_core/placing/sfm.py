@@ -45,6 +45,7 @@ def option(name: str, value: str = "") -> str:
 _TITLES = {
     "features": "Find features",
     "match": "Match photos",
+    "verify": "Match photos",
     "map": "Place photos",
     "map_relaxed": "Place photos",
     "given": "Place photos",
@@ -54,7 +55,7 @@ _TITLES = {
 }
 _BLOCK = re.compile(r"Processing (?:block|image) \[(\d+)/(\d+)(?:, (\d+)/(\d+))?\]")
 NO_MODEL = "no model"  # the worker's word for a mapping that found no pair to start from
-_FEW_PHOTOS = 12  # of one camera: a simple lens model holds where a rich one would run away
+FEW_PHOTOS = 12  # of one camera: a simple lens model holds where a rich one would run away
 
 
 @dataclass(frozen=True)
@@ -250,9 +251,10 @@ def _decided(photos: PhotoSet, config: SfmConfig) -> SfmConfig:
 
 def _group(photos: Sequence[Photo], config: SfmConfig) -> CameraGroup:
     model: str = config.camera_model
-    if model == "auto":
-        model = "OPENCV" if len(photos) >= _FEW_PHOTOS else "SIMPLE_RADIAL"
     first = photos[0]
+    if model == "auto":  # without a focal length simple at first: see `worker._widened`
+        is_known = len(photos) >= FEW_PHOTOS and first.focal is not None
+        model = "OPENCV" if is_known else "SIMPLE_RADIAL"
     names = tuple(photo.name for photo in photos)
     return CameraGroup(names, first.width, first.height, first.focal, model)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error, refuse_links
+from gaga_core.io.folder.scene_folder import FOREGROUND
 from gaga_core.placing.photos import PhotoSet
 from gaga_core.placing.sfm import SfmConfig, run_step
 from gaga_core.progress import Progress, Stage
@@ -38,6 +39,10 @@ def undistort_into(
             if (scene / "images").exists():
                 (scene / "images").replace(scene / ORIGINALS)
             shutil.move(out / "images", scene / "images")
+        if (out / FOREGROUND).is_dir():
+            refuse_links(scene / FOREGROUND, scene)
+            shutil.rmtree(scene / FOREGROUND, ignore_errors=True)
+            shutil.move(out / FOREGROUND, scene / FOREGROUND)
         refuse_links(scene / "sparse", scene)
         (scene / "sparse").mkdir(exist_ok=True)
         (out / "sparse" / "0").replace(scene / "sparse" / "0")

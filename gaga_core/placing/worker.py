@@ -10,6 +10,7 @@ import json
 import shutil
 import sys
 import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,15 +23,17 @@ from scipy.spatial.distance import cdist
 from gaga_core.arrays import AnyArray, DoubleArray, LongArray
 from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.processes import end_with_parent
+from gaga_core.io.folder.scene_folder import FOREGROUND
 from gaga_core.io.json_file import read_json
 from gaga_core.placing.given import GivenFile, centres, moved_by, similarity_between
 from gaga_core.placing.photos import MASKS
-from gaga_core.placing.sfm import CameraGroup, StepSettings
+from gaga_core.placing.sfm import FEW_PHOTOS, CameraGroup, StepSettings
 
 # --- What the checks read of a model: plain arrays that the worker writes.
 
 
-_STILL = 0.004  # x width: a match that moved less is static in the picture
+_STILL = 1 / 1000  # x longer side, a pixel at least: a match that moved less stands still
+_FEWEST_MATCHES = 15  # unverified ones of a pair, to say how many of them stand still
 _CELLS = 12  # across and down, to see where a picture has features
 _TURN_MATCHES = 60  # from which a pair says how its cameras are turned
 _MATCHES_OF_PAIR = 100  # verified matches of a pair that are kept, evenly spread
@@ -183,11 +186,15 @@ def write_match_facts(path: Path, database: Path) -> None:
     found = _Matching.read(database)
     points, used = found.keypoints(database), found.cameras
     sides = np.array([max(camera.width, 1) for camera in used], np.float64)
-    still, turns = [], []
-    for (a, b), m, geometry in zip(found.pairs, found.matches, found.geometries, strict=True):
-        moved = points[a][m[:, 0]] / sides[a] - points[b][m[:, 1]] / sides[b]
-        still.append(float((np.linalg.norm(moved, axis=1) < _STILL).mean()) if len(m) else 0.0)
+    still, turns, opened = [], [], pycolmap.Database.open(database)
+    for (a, b), geometry in zip(found.pairs, found.geometries, strict=True):
+        # Of all matches: the verified ones are of the background alone, or of the object alone.
+        m = np.asarray(opened.read_matches(found.images[a].image_id, found.images[b].image_id))
+        moved = np.linalg.norm(points[a][m[:, 0]] - points[b][m[:, 1]], axis=1)
+        bound = max(1.0, _STILL * sides[a])
+        still.append(float((moved < bound).mean()) if len(m) >= _FEWEST_MATCHES else np.nan)
         turns.append(_turn(used[a], points[a], used[b], points[b], geometry))
+    opened.close()
     coverage = [_coverage(p, camera) for p, camera in zip(points, used, strict=True)]
     _write(
         path,
@@ -330,6 +337,7 @@ def photo_vectors(descriptors: Sequence[AnyArray], seed: int = 0) -> DoubleArray
 
 _DECIMALS = 7  # of poses, points and lenses: far finer than any photo shows
 _MOST_MODELS = 4  # of one mapping that are looked at
+_BETTER_LENS = 0.97  # x error: a lens with three more numbers must fit so much better
 _PAIR_BLOCK = 1000  # pairs of a list that share one look-up of features
 
 
@@ -410,9 +418,7 @@ def _match(settings: StepSettings, workspace: Path) -> None:
     matching.use_gpu = False
     matching.num_threads = settings.config.threads
     matching.guided_matching = settings.config.guided
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = settings.config.seed
-    verification.filter_stationary_matches = settings.config.moving_only
+    verification = _verification(settings)
     device = pycolmap.Device.cpu
     n = _n_photos(settings)
     database = workspace / "database.db"
@@ -431,6 +437,27 @@ def _match(settings: StepSettings, workspace: Path) -> None:
         exhaustive = pycolmap.ExhaustivePairingOptions()
         exhaustive.block_size = max(4, min(50, n // 5))  # one block is one step of progress
         pycolmap.match_exhaustive(database, matching, exhaustive, verification, device)
+    write_match_facts(workspace / "matches.npz", database)
+
+
+def _verification(settings: StepSettings) -> pycolmap.TwoViewGeometryOptions:
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = settings.config.seed
+    options.filter_stationary_matches = settings.config.moving_only
+    return options
+
+
+def _verify(settings: StepSettings, workspace: Path) -> None:
+    """Verify the matches that are there again, as the settings say."""
+    database = workspace / "database.db"
+    opened = pycolmap.Database.open(database)
+    opened.clear_two_view_geometries()
+    opened.close()
+    threads = pycolmap.GeometricVerifierOptions()
+    threads.num_threads = settings.config.threads
+    pycolmap.geometric_verification(
+        database, threads, two_view_geometry_options=_verification(settings)
+    )
     write_match_facts(workspace / "matches.npz", database)
 
 
@@ -469,13 +496,41 @@ def _incremental(
         _say({"done": min(placed, n_photos), "total": n_photos, "message": "photos placed"})
 
     _say({"done": 0, "total": n_photos, "message": "looking for the first pair"})
-    return pycolmap.incremental_mapping(
+    models = pycolmap.incremental_mapping(
         workspace / "database.db",
         Path(settings.pictures),
         out,
         _mapping_options(settings, relaxed=relaxed),
         next_image_callback=next_photo,
     )
+    if settings.config.camera_model == "auto":
+        return {key: _widened(model) for key, model in models.items()}
+    return models
+
+
+def _widened(model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
+    """``model`` with OPENCV lenses where these fit clearly better than the simple ones.
+
+    A mapping that knows no focal length starts from any with a simple lens; a rich one takes the
+    error of the focal length up in its distortion and runs away, as on a narrow ring.
+    """
+    rich = pycolmap.Reconstruction(model)
+    counts = Counter(image.camera_id for image in rich.images.values() if image.has_pose)
+    for key, camera in rich.cameras.items():
+        if camera.model_name == "SIMPLE_RADIAL" and counts[key] >= FEW_PHOTOS:
+            focal, cx, cy, k = camera.params
+            camera.model = pycolmap.CameraModelId.OPENCV
+            camera.params = [focal, focal, cx, cy, k, 0.0, 0.0, 0.0]
+    if all(camera.model_name != "OPENCV" for camera in rich.cameras.values()):
+        return model
+    pycolmap.bundle_adjustment(rich, pycolmap.BundleAdjustmentOptions())
+    rich.update_point_3d_errors()
+    model.update_point_3d_errors()
+    simple_error, error = (
+        model.compute_mean_reprojection_error(),
+        rich.compute_mean_reprojection_error(),
+    )
+    return rich if error < _BETTER_LENS * simple_error else model
 
 
 def _empty(folder: Path) -> Path:
@@ -579,13 +634,29 @@ def _undistort(settings: StepSettings, workspace: Path) -> None:
         jpeg_quality=97,
         num_threads=settings.config.threads,
     )
+    masks = Path(settings.pictures).with_name(MASKS)
+    if masks.is_dir():
+        _undistort_masks(masks, workspace, out, options)
     for entry in out.iterdir():
-        if entry.name not in ("images", "sparse"):
+        if entry.name not in ("images", "sparse", FOREGROUND):
             shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
     (out / "sparse" / "0").mkdir()
     for file in (out / "sparse").iterdir():
         if file.is_file():
             file.rename(out / "sparse" / "0" / file.name)
+
+
+def _undistort_masks(
+    masks: Path, workspace: Path, out: Path, options: pycolmap.UndistortCameraOptions
+) -> None:
+    """Masks like the pictures, in out/foreground: NAME.png."""
+    (out / FOREGROUND).mkdir()
+    model = pycolmap.Reconstruction(workspace / "model")
+    for image in model.images.values():
+        mask = pycolmap.Bitmap.read(masks / f"{image.name}.png", as_rgb=False)
+        if image.has_pose and mask is not None:
+            flat, _ = pycolmap.undistort_image(options, mask, image.camera)
+            flat.write(out / FOREGROUND / f"{Path(str(image.name)).stem}.png")
 
 
 def _export(settings: StepSettings, workspace: Path) -> None:
@@ -831,6 +902,7 @@ def _align(model: pycolmap.Reconstruction, given: Mapping[str, DoubleArray]) -> 
 STEPS: dict[str, Callable[[StepSettings, Path], None]] = {
     "features": _features,
     "match": _match,
+    "verify": _verify,
     "map": _map,
     "map_relaxed": _map_relaxed,
     "given": _given,

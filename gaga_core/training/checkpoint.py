@@ -132,7 +132,8 @@ def digest_of(initial: Gaussians, views: TrainViews, config: TrainConfig, n_work
     for view in (*views.train, *views.test):
         camera = view.camera
         digest.update(camera.name.encode())
-        for array in (camera.K, camera.cam_from_world, view.picture):
+        alpha = () if view.alpha is None else (view.alpha,)
+        for array in (camera.K, camera.cam_from_world, view.picture, *alpha):
             digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
 

@@ -106,12 +106,13 @@ class CpuEngine:
                 sink(gradients)
 
         compare = state.exposures.loss_of(index, loss, by_exposure) if config.exposure else loss
+        behind = self._setting.behind(view, i)
         step = self._rasterizer.train_step(
             drawn.gaussians.with_antialiasing(config.antialiased),
             view.camera,
-            view.target(),
+            view.target(behind),
             compare,
-            background=self._setting.background,
+            background=behind,
             sink=None if sink is None else walk_back,
         )
         if sink is None:

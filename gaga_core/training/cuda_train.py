@@ -111,8 +111,9 @@ class CudaEngine:
         exposure = torch.tensor(
             state.exposures.values[turn.view], dtype=torch.float32, device=self._device
         ).requires_grad_(config.exposure)
-        image, info = self._render(view.camera, i / config.iterations)
-        target = torch.tensor(view.picture, device=self._device).float() / 255
+        behind = setting.behind(view, i)
+        image, info = self._render(view.camera, i / config.iterations, behind)
+        target = torch.tensor(view.target(behind), device=self._device)
         loss = _photometric(image * exposure[0] + exposure[1], target, config.dissimilarity)
         uses_gradient = config.density.strategy == "gradient"
         if uses_gradient:
@@ -134,7 +135,9 @@ class CudaEngine:
         state.losses[i - 1] = value
         state.iteration = i
 
-    def _render(self, camera: Camera, moment: float) -> tuple[Tensor, dict[str, Any]]:
+    def _render(
+        self, camera: Camera, moment: float, behind: FloatArray
+    ) -> tuple[Tensor, dict[str, Any]]:
         p, config = self._params, self._setting.config
         share = config.dropout_at(moment, len(self._setting.views))
         images, _, info = self._gsplat.rasterization(
@@ -150,7 +153,7 @@ class CudaEngine:
             sh_degree=config.degree_at(moment),
             packed=False,
             rasterize_mode="antialiased" if config.antialiased else "classic",
-            backgrounds=self._send(self._setting.background)[None],
+            backgrounds=self._send(behind)[None],
         )
         return images[0], info
 

@@ -17,7 +17,7 @@ from gaga_core.training.settings import TrainConfig
 from gaga_core.training.views import TrainView
 
 _EXPOSURE_END_RATE = 0.01  # share of the exposures' learning rate at the end
-_ORDER = 0  # what random numbers are drawn for; engines use other numbers
+_ORDER, _BEHIND = 0, 9  # what random numbers are drawn for; engines use other numbers
 
 
 class Engine(Protocol):
@@ -55,6 +55,13 @@ class Setting:
     def background(self) -> FloatArray:
         """Color (3,) behind all splats."""
         return np.array(self.config.background, np.float32)
+
+    def behind(self, view: TrainView, iteration: int) -> FloatArray:
+        """Color (3,) behind all splats in one iteration: where a background is left out another
+        each time, so that only what is transparent there fits."""
+        if view.alpha is None:
+            return self.background
+        return self.random(_BEHIND, iteration).random(3, np.float32)
 
     def view(self, index: int, moment: float) -> TrainView:
         """A view at the current size."""

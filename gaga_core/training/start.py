@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array, check_shape
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, UInt8Array, check_shape
 from gaga_core.camera import Camera
 from gaga_core.color import dc_from_rgb, rgb_from_dc
 from gaga_core.errors import GagaError
@@ -179,7 +179,8 @@ def _fill(
     alpha = rasterizer.render(known, camera).alpha
     pixels, depths = camera.project(points)
     near = camera.shows(pixels, depths)
-    shows_something = (np.abs(view.target() - config.background) > _UNLIKE_BACKGROUND).any(axis=2)
+    target = view.target(np.array(config.background, np.float32))
+    shows_something = (np.abs(target - config.background) > _UNLIKE_BACKGROUND).any(axis=2)
     v, u = np.nonzero((alpha < _HOLE_COVERAGE) & shows_something)
     if near.sum() < _AROUND or len(u) == 0:
         return known.take(np.zeros(0, np.int64))
@@ -190,7 +191,7 @@ def _fill(
     depth = ball.behind_others(camera.position, rays, depth)
     p_world = camera.position + rays * depth[:, None]
     size = _COVER_OVERLAP * depth / camera.K[0, 0]
-    return round_gaussians(p_world, size, view.target()[v, u], config.initial_opacity)
+    return round_gaussians(p_world, size, target[v, u], config.initial_opacity)
 
 
 # --- A closed background: a sphere of splats behind everything that photos show.
@@ -251,6 +252,7 @@ def even_directions(n: int) -> DoubleArray:
 
 
 _LARGEST_SHARE = 0.05  # standard deviation, x the distance to the nearest camera
+_INSIDE = 0.7  # share of the views in which a point is on the object: masks have faults
 _COVER_PART = 4  # points leave one part in so many of the cap to what covers holes
 _SHELL_PART = 20  # the shell takes at most one part in so many of the cap
 
@@ -277,6 +279,8 @@ def first_splats_stage(
         more, more_colors = yield from stereo_points_stage(points, views, n_more, config.seed)
         points = np.concatenate([points, more])
         colors = np.concatenate([colors, more_colors])
+    inside = in_foreground(points, views)
+    points, colors = points[inside], colors[inside]
     if len(points) > most_points:
         chosen = np.random.default_rng(config.seed).permutation(len(points))[:most_points]
         points, colors = points[chosen], colors[chosen]
@@ -289,6 +293,21 @@ def first_splats_stage(
         first, points, views, config.with_cap(most - n_shell), rasterizer
     )
     return concatenate(covered, far_shell(covered, CameraBall.around(points, views), n_shell))
+
+
+def in_foreground(points: DoubleArray, views: Sequence[TrainView]) -> BoolArray:
+    """Which points (P,) lie on the object in most views that show them; all without masks."""
+    shown, inside = np.zeros(len(points)), np.zeros(len(points))
+    for view in views:
+        if view.alpha is None:
+            continue
+        pixels, depths = view.camera.project(points)
+        rows = np.flatnonzero(view.camera.shows(pixels, depths))
+        u, v = pixels[rows].astype(np.int64).T
+        shown[rows] += 1
+        inside[rows] += view.alpha[v, u] > 0
+    result: BoolArray = inside >= _INSIDE * shown
+    return result
 
 
 def _limited(splats: Gaussians, views: Sequence[TrainView]) -> Gaussians:

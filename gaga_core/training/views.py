@@ -18,6 +18,7 @@ from gaga_core.training.losses import psnr, ssim
 
 READ_STAGE = "Read photos"
 _FEWEST = 2  # views to train on
+_IS_OBJECT = 127  # alpha of 255 above which a pixel is one of the object
 _SHAPES_APART = 0.02  # a photo may differ from its camera by this in width over height
 
 
@@ -27,19 +28,31 @@ class TrainView:
 
     camera: Camera
     picture: UInt8Array  # (H, W, 3)
+    alpha: UInt8Array | None = None  # (H, W) 0 = background that is left out, 255 = object
 
     def __post_init__(self) -> None:
-        check_shape("picture", self.picture, (self.camera.height, self.camera.width, 3), np.uint8)
+        shape = (self.camera.height, self.camera.width)
+        check_shape("picture", self.picture, (*shape, 3), np.uint8)
+        if self.alpha is not None:
+            check_shape("alpha", self.alpha, shape, np.uint8)
 
-    def target(self) -> FloatArray:
-        """The picture (H, W, 3) in 0..1."""
-        return self.picture * np.float32(1 / 255)
+    def target(self, background: FloatArray | None = None) -> FloatArray:
+        """The picture (H, W, 3) in 0..1, before ``background`` (3,), black if not given."""
+        picture = self.picture * np.float32(1 / 255)
+        if self.alpha is None:
+            return picture
+        share = (self.alpha * np.float32(1 / 255))[..., None]
+        behind = np.zeros(3, np.float32) if background is None else background
+        result: FloatArray = (picture * share + behind * (1 - share)).astype(np.float32)
+        return result
 
     def smaller(self, times: float) -> "TrainView":
         """The view at ``times`` its size, at least one pixel."""
         width = max(1, round(self.camera.width * times))
         height = max(1, round(self.camera.height * times))
-        return TrainView(self.camera.resized(width, height), shrunk(self.picture, width, height))
+        alpha = None if self.alpha is None else shrunk(self.alpha, width, height)
+        picture = shrunk(self.picture, width, height)
+        return TrainView(self.camera.resized(width, height), picture, alpha)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +80,7 @@ def load_views_stage(
     image_paths: Mapping[str, Path],  # by view name
     test: Sequence[str],  # names of the held-out views
     longest_side: int,  # pixels
+    foreground: Mapping[str, Path] | None = None,  # masks of the object, by view name
 ) -> Stage[TrainViews]:
     """Read the photos of ``cameras`` that are on disk, shrunk to ``longest_side``.
 
@@ -77,13 +91,15 @@ def load_views_stage(
     present = [camera for camera in cameras if camera.name in image_paths]
     for i, camera in enumerate(present):
         yield Progress(READ_STAGE, i, len(present), camera.name)
-        view = read_view(camera, image_paths[camera.name], longest_side)
+        mask = (foreground or {}).get(camera.name)
+        view = read_view(camera, image_paths[camera.name], longest_side, mask)
         parts[camera.name in held_out].append(view)
     return TrainViews(tuple(parts[False]), tuple(parts[True]))
 
 
-def read_view(camera: Camera, path: Path, longest_side: int) -> TrainView:
-    """One photo with its camera, shrunk so that no side is longer than ``longest_side``."""
+def read_view(camera: Camera, path: Path, longest_side: int, mask: Path | None = None) -> TrainView:
+    """One photo with its camera, shrunk so that no side is longer than ``longest_side``; where
+    ``mask`` is black is its background."""
     picture = read_rgb(path)
     height, width = picture.shape[:2]
     apart = (width / height) / (camera.width / camera.height)
@@ -95,11 +111,12 @@ def read_view(camera: Camera, path: Path, longest_side: int) -> TrainView:
     times = min(1.0, longest_side / max(width, height))
     width, height = max(1, round(width * times)), max(1, round(height * times))
     resized = camera.resized(width, height)
-    return TrainView(replace(resized, name=camera.name), shrunk(picture, width, height))
+    alpha = None if mask is None else shrunk(read_rgb(mask)[..., 0], width, height)
+    return TrainView(replace(resized, name=camera.name), shrunk(picture, width, height), alpha)
 
 
 def shrunk(picture: UInt8Array, width: int, height: int) -> UInt8Array:
-    """The picture at another size, without aliasing."""
+    """The picture (H, W, 3) or (H, W) at another size, without aliasing."""
     if picture.shape[:2] == (height, width):
         return picture
     image = Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS)
@@ -136,14 +153,20 @@ def quality_stage(
     rasterizer: Rasterizer,
     background: DoubleArray | FloatArray,
 ) -> Stage[HeldOutQuality | None]:
-    """PSNR and SSIM of ``views``, colors clipped to 0..1; None when there are none."""
+    """PSNR and SSIM of ``views``, colors clipped to 0..1; None when there are none.
+
+    Where a background is left out, PSNR is over the pixels of the object.
+    """
     found = []
     for i, view in enumerate(views):
         yield Progress(MEASURE_STAGE, i, len(views), view.camera.name)
         image = rasterizer.render(gaussians, view.camera, background=background).image
         image = np.clip(image, 0, 1)
-        target = view.target()
-        found.append(HeldOutView(view.camera.name, psnr(image, target), ssim(image, target)))
+        target = view.target(np.asarray(background, np.float32))
+        value = psnr(image, target)
+        if view.alpha is not None and (view.alpha > _IS_OBJECT).any():
+            value = psnr(image[view.alpha > _IS_OBJECT], target[view.alpha > _IS_OBJECT])
+        found.append(HeldOutView(view.camera.name, value, ssim(image, target)))
     if not found:
         return None
     return HeldOutQuality(

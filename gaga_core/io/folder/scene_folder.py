@@ -5,6 +5,7 @@ SCENE/sparse/0/                   COLMAP model, .bin or .txt
 SCENE/cameras.json                cameras of a 3DGS training, where there is no COLMAP model
 SCENE/point_cloud.ply             or point_cloud/iteration_*/point_cloud.ply (newest)
 SCENE/masks/<provider>/<stem>.png label map per view; <folder>/<stem>.png for images/<folder>/
+SCENE/foreground/<stem>.png       optional, of each photo: black = background that is left out
 SCENE/split.json                  optional {"train": [names], "test": [names]}; see `splits`
 SCENE/gaga/                       all that we write
 """
@@ -34,6 +35,7 @@ from gaga_core.progress import Stage
 
 T = TypeVar("T")
 _WORLD = "world.json"
+FOREGROUND = "foreground"  # folder of a scene: masks of the object
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,13 @@ class SceneFolder:
     def work(self) -> Path:
         """The folder of everything that we write."""
         return self.root / "gaga"
+
+    @property
+    def foreground(self) -> dict[str, Path]:
+        """Masks of the object by view name; empty where no background is left out."""
+        root = self.root / FOREGROUND
+        paths = {camera.name: root / f"{view_key(camera.name)}.png" for camera in self.cameras}
+        return {name: path for name, path in paths.items() if path.is_file()}
 
     def require_image(self, name: str) -> Path:
         """Path of a view's photo; ``GagaError`` when it is gone."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
@@ -46,6 +47,29 @@ def test_a_short_training_learns_the_scene(known: Known, strategy: str) -> None:
     last = trained.measured[-1]
     assert last.iteration == config.iterations
     assert last.psnr == pytest.approx(trained.quality.psnr)
+
+
+def test_a_background_that_is_left_out_stays_empty(known: Known) -> None:
+    """Two of four balls are the object: nothing is left of the rest, in held-out views too."""
+    half = known.truth.means[:, 0] > np.median(known.truth.means[:, 0])
+    ball = known.truth.take(half & (known.truth.means[:, 2] > 0.05))
+
+    def masked(view: TrainView) -> TrainView:
+        alpha = CPU.render(ball, view.camera).alpha
+        return replace(view, alpha=np.where(alpha > 0.5, 255, 0).astype(np.uint8))
+
+    train_views, test_views = (
+        tuple(masked(view) for view in views) for views in (known.views.train, known.views.test)
+    )
+    views, config = TrainViews(train_views, test_views), short(300)
+    stage = first_splats_stage(known.points, known.colors, views.train, config, CPU)
+    trained = train(run_stage(stage), views, config, CPU).gaussians
+    for view in test_views:
+        assert view.alpha is not None
+        drawn = CPU.render(trained, view.camera).alpha
+        away = ~binary_dilation(view.alpha > 0, iterations=2)
+        assert drawn[away].mean() < 0.05
+        assert drawn[view.alpha > 0].mean() > 0.8
 
 
 def test_the_same_seed_gives_the_same_splats(known: Known, monkeypatch: pytest.MonkeyPatch) -> None:
