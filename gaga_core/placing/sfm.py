@@ -47,6 +47,7 @@ _TITLES = {
     "map": "Place photos",
     "map_relaxed": "Place photos",
     "export": "Match photos",
+    "export_features": "Match photos",
     "undistort": "Undistort photos",
 }
 _BLOCK = re.compile(r"Processing (?:block|image) \[(\d+)/(\d+)(?:, (\d+)/(\d+))?\]")
