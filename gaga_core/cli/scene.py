@@ -119,7 +119,6 @@ class AlignCommand:
         from gaga_core.export.export import export_scene_stage
         from gaga_core.io.splats.splat_files import form_of
         from gaga_core.pipeline import align
-        from gaga_core.pipeline.search import describe_project
 
         if self.write is not None:
             form_of(self.write)  # a mistake is told before anything long begins
@@ -127,17 +126,13 @@ class AlignCommand:
         (first, a), (second, b) = opened
         if self.write is not None and (a is None or b is None):
             raise GagaError("--write needs splats in both scenes. Train them first.")
-        behind = [describe_project(p).background if p else frozenset() for p in (a, b)]
-        stage = align.align_stage(
-            first, second, self.config, align.workspace_of(self.first), (behind[0], behind[1])
-        )
+        stage = align.align_stage(first, second, self.config, align.workspace_of(self.first))
         found = out.follow(stage, compiles=True)
         target = self.out or align.result_path(self.first, found)
         align.write_aligned(target, found)
         written = {"file": str(target)}
         if self.write is not None and a is not None and b is not None:
-            edit, _ = align.added_edit(a.scene, b, found.alignment.world)
-            edit.apply(a.scene)
+            align.addition_of(a.scene, b, found.alignment.world).edit.apply(a.scene)
             out.follow(export_scene_stage(a.scene, self.write))
             written["splats"] = str(self.write)
         if self.json:

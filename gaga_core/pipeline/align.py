@@ -16,6 +16,7 @@ from gaga_core.io.files import atomic_write, refuse_links
 from gaga_core.io.folder.scene_folder import find_model, is_scene_folder, open_scene_folder
 from gaga_core.io.splats.splat_files import model_fingerprint
 from gaga_core.io.splats.spz import OURS
+from gaga_core.pipeline.search import describe_project
 from gaga_core.pipeline.settings import AlignConfig
 from gaga_core.placing.photos import FEWEST
 from gaga_core.progress import Stage
@@ -26,12 +27,16 @@ from gaga_core.scene.captures.alignment import Alignment, Capture, NotAlignedErr
 from gaga_core.scene.captures.by_photos import align_by_photos_stage
 from gaga_core.scene.captures.by_surfaces import drawn_stage
 from gaga_core.scene.captures.changes import Change, find_changes_stage
-from gaga_core.scene.edits import Edit, append, transform
+from gaga_core.scene.edits import Edit, append, recolor, transform
 from gaga_core.scene.edits.values import together
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project, meant_in, open_path_stage
 from gaga_core.scene.scene import Revision, Scene
+from gaga_core.scene.selection.algebra import world_means
+from gaga_core.scene.selection.bounds import robust_box
+from gaga_core.scene.tint import mean_color, tint_affine
 
+_TINT, _TINTED = (0.95, 0.55, 0.15), 0.5  # color of a second scene while it is shown, and how much
 _WORKSPACE = ".gaga-align"  # next to the first scene's files, while photos are matched
 
 
@@ -69,11 +74,14 @@ def open_capture_stage(path: Path) -> Stage[tuple[Capture, Project | None]]:
 
 
 def capture_of(project: Project) -> Capture:
-    """The scene of ``project`` with its photos, as it is now."""
+    """The scene of ``project`` with its photos, as it is now, and its groups described."""
+    behind = frozenset[int]()
+    if project.scene.labels.any():
+        behind = describe_project(project).background
     folder, name, scene = project.placed_folder, _name_of(project), replace(project.scene)
     if folder is None:
-        return Capture(name, scene=scene)
-    return Capture(name, folder.cameras, folder.image_paths, scene)
+        return Capture(name, scene=scene, behind=behind)
+    return Capture(name, folder.cameras, folder.image_paths, scene, behind)
 
 
 def align_stage(
@@ -81,7 +89,6 @@ def align_stage(
     second: Capture,
     config: AlignConfig,
     workspace: Path,  # a folder of its own, removed at the end
-    behind: tuple[frozenset[int], frozenset[int]] = (frozenset(), frozenset()),
     rasterizer: Rasterizer | None = None,
 ) -> Stage[Aligned]:
     """Bring ``second`` to ``first`` and say what changed.
@@ -105,8 +112,9 @@ def align_stage(
                     raise NotAlignedError(f"{capture.name} has neither photos on disk nor splats.")
                 shown[i] = yield from drawn_stage(capture, workspace / f"drawn-{i}", engine)
         matching = workspace / "matching"
-        limits = {"threads": config.threads, "seed": config.seed}
-        found = yield from align_by_photos_stage(shown[0], shown[1], matching, **limits)
+        found = yield from align_by_photos_stage(
+            shown[0], shown[1], matching, threads=config.threads, seed=config.seed
+        )
         if shown[0] is not first:
             found = replace(found, by="surfaces")
     finally:
@@ -114,7 +122,7 @@ def align_stage(
     changes = None
     if config.changes and all(scene is not None and scene.labels.any() for scene in scenes):
         engine = engine or choose()
-        changes = yield from find_changes_stage(first, second, found.world, engine, behind)
+        changes = yield from find_changes_stage(first, second, found.world, engine)
     return Aligned(first.name, second.name, found, changes)
 
 
@@ -122,34 +130,55 @@ def _n_photos(capture: Capture) -> int:
     return sum(camera.name in capture.photos for camera in capture.cameras)
 
 
-def added_edit(scene: Scene, second: Project, world: DoubleArray) -> tuple[Edit, dict[int, int]]:
-    """The edit that adds the visible splats of ``second`` to ``scene``, moved by ``world`` (4, 4),
-    with its groups and their names; and what its groups are called here.
+@dataclass(frozen=True, eq=False)
+class Addition:
+    """A second scene in the first one."""
+
+    edit: Edit
+    groups: dict[int, int]  # ids of its groups there, by those that they have in their own scene
+    shown: Edit  # the same with its splats tinted, to tell the two apart
+
+
+def addition_of(scene: Scene, second: Project, world: DoubleArray) -> Addition:
+    """Add the visible splats of ``second`` to ``scene``, moved by ``world`` (4, 4), selected, with
+    its groups and their names.
 
     The project names the file of an unedited scene, and keeps edited splats itself.
     """
-    other = second.scene
-    is_as_filed = (
-        not (other.added or other.placement.any() or second.model_axes != OURS)
-        and other.visible.all()
-    )  # fmt: skip
-    digest = model_fingerprint(second.model_path) if is_as_filed else ""
+    other, title = second.scene, f"Add {_name_of(second)}"
+    is_edited = bool(other.added or other.placement.any() or not other.visible.all())
+    is_filed = not is_edited and second.model_axes == OURS
+    digest = model_fingerprint(second.model_path) if is_filed else ""
     splats, labels = bake(other), other.labels[other.visible]
-    ids = np.unique(labels)
+    ids, first = np.unique(labels, return_index=True)
     names = {group: group_name(other, group) for group in ids.tolist() if group}
-    path = second.folder.root if second.folder and not digest else second.model_path
+    path = second.model_path if second.folder is None or digest else second.folder.root
     edit = append(scene, splats, path, digest, labels, names)
-    if edit is None:
-        raise GagaError(f"{path} shows no splats, so there is nothing to add.")
+    if edit is None or len(splats) == 0:
+        raise GagaError(f"{_name_of(second)} shows no splats, so there is nothing to add.")
     after = replace(scene, revision=Revision())
     edit.apply(after)
     own = np.arange(len(scene), len(after))
-    title = f"Add {_name_of(second)}"
-    whole = together(title, (edit, transform(after, own, world[:3], title)))
-    assert whole is not None
-    _, first = np.unique(labels, return_index=True)
-    fresh = after.labels[own][first]
-    return whole, dict(zip(ids.tolist(), fresh.tolist(), strict=True))
+    edit = together(title, (edit, placed := transform(after, own, world[:3], title)))
+    assert edit is not None
+    assert placed is not None
+    groups = dict(zip(ids.tolist(), after.labels[own][first].tolist(), strict=True))
+    placed.apply(after)
+    tint = recolor(after, own, tint_affine(mean_color(after, own), _TINT, _TINTED), title=title)
+    shown = together(title, (edit, tint))
+    assert shown is not None
+    return Addition(edit, groups, shown)
+
+
+def beside(first: Scene, second: Scene) -> DoubleArray:
+    """Where a scene that could not be aligned is put (4, 4), to be moved by hand: around the middle
+    of the first one, as large as that."""
+    boxes = [robust_box(world_means(scene), 0.9) for scene in (first, second)]
+    middles = [(lo + hi) / 2 for lo, hi in boxes]
+    sizes = [float(np.linalg.norm(hi - lo)) for lo, hi in boxes]
+    world = np.diag([*[sizes[0] / max(sizes[1], 1e-12)] * 3, 1.0])
+    world[:3, 3] = middles[0] - world[:3, :3] @ middles[1]
+    return world
 
 
 def _name_of(project: Project) -> str:

@@ -28,6 +28,7 @@ class Capture:
     cameras: tuple[Camera, ...] = ()  # of its photos, in the world of ``scene`` as it is now
     photos: Mapping[str, Path] = field(default_factory=dict)  # by name of the camera
     scene: Scene | None = None  # None: its photos are placed, and there are no splats yet
+    behind: frozenset[int] = frozenset()  # groups that are background: no things that move
 
 
 @dataclass(frozen=True)

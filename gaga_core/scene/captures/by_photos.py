@@ -149,8 +149,7 @@ def shared_of(
     i, j = matches[~is_across].T
     n = len(photo)
     graph = coo_matrix((np.ones(len(i), np.bool_), (i, j)), (n, n))
-    _, track = connected_components(graph, directed=False)
-    track = track.astype(np.int64)
+    track: LongArray = connected_components(graph, directed=False)[1].astype(np.int64)
     points, good = _triangulated(track, photo, seen, poses, config)
     across = matches[is_across]
     across = np.where(is_second[across[:, :1]], across[:, ::-1], across).T  # (2, M)

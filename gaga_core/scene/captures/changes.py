@@ -97,19 +97,17 @@ def find_changes_stage(
     second: Capture,
     world: DoubleArray,  # (4, 4) first_from_second
     rasterizer: Rasterizer,
-    behind: tuple[frozenset[int], frozenset[int]] = (frozenset(), frozenset()),
     config: ChangeConfig | None = None,
 ) -> Stage[tuple[Change, ...]]:
     """Objects that came, went or moved, by kind and name.
 
-    Both captures need splats; one without groups has no objects that could have changed. ``behind``
-    are groups of each that are background: they are not asked about.
+    Both captures need splats; one without groups has no objects that could have changed.
     """
     config = config or ChangeConfig()
     a = yield from _side(first, config)
     b = yield from _side(second, config)
-    gone_a = yield from _gone(a, b, inverse(world), rasterizer, behind[0], config)
-    gone_b = yield from _gone(b, a, world, rasterizer, behind[1], config)
+    gone_a = yield from _gone(a, b, inverse(world), rasterizer, config)
+    gone_b = yield from _gone(b, a, world, rasterizer, config)
     scale = scale_of(world)
     went = [_Thing.of(a, *one, 1.0) for one in gone_a]
     came = [_Thing.of(b, *one, scale) for one in gone_b]
@@ -153,7 +151,6 @@ def _gone(
     other: _Side,
     other_from_side: DoubleArray,  # (4, 4)
     rasterizer: Rasterizer,
-    behind: frozenset[int],
     config: ChangeConfig,
 ) -> Stage[list[tuple[int, float]]]:
     """Groups of ``side`` of which the views of ``other`` see a part not to be there, and how large
@@ -182,7 +179,9 @@ def _gone(
     share = np.bincount(of[seen & gone], minlength=len(groups)) / np.maximum(n_seen, 1)
     is_known = (n_all >= config.fewest) & (n_seen >= config.seen * n_all)
     found = zip(groups[is_known].tolist(), share[is_known].tolist(), strict=True)
-    return [(g, part) for g, part in found if part >= config.partly and g not in behind]
+    return [
+        (g, part) for g, part in found if part >= config.partly and g not in side.capture.behind
+    ]
 
 
 def _size(points: DoubleArray) -> float:

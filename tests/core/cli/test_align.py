@@ -5,28 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
-from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.splats.splat_files import read_splats
 from gaga_core.scene.captures.alignment import difference
-from gaga_core.scene.frame import carried_cameras, inverse
+from gaga_core.scene.frame import inverse
 from tests.core.cli.calls import Capture, answer, refusal
-from tests.core.placing.photo_scenes import photograph, walk_cameras
-from tests.core.scene.captures.test_alignment import any_similarity
-
-
-def write_scene(
-    folder: Path, every: int, *, seed: int = 0, world: np.ndarray | None = None
-) -> None:
-    """Half of the photos of a corner of a room, placed: from ``every`` on each second one."""
-    (folder / "images").mkdir(parents=True)
-    (folder / "sparse" / "0").mkdir(parents=True)
-    cameras = walk_cameras(10)[every::2]
-    for camera in cameras:
-        picture = Image.fromarray(photograph(camera, seed=seed))
-        picture.save(folder / "images" / camera.name, quality=95)
-    placed = cameras if world is None else carried_cameras(cameras, world)
-    write_colmap(folder / "sparse" / "0", placed, np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+from tests.core.scene.captures.scenes import any_similarity, write_furnished, write_scene
 
 
 @pytest.fixture
@@ -50,6 +34,25 @@ def test_two_halves_come_together(halves: tuple[Path, Path, np.ndarray], capsys:
     assert scale < 0.005
     assert said["changes"] is None  # there are no splats
     assert sorted(p.name for p in first.iterdir()) == ["gaga", "images", "sparse"]
+
+
+def test_what_moved_is_listed_and_both_are_written(tmp_path: Path, capsys: Capture) -> None:
+    """Splats with groups: one ball moved, one went, one came, one stayed."""
+    world = any_similarity(np.random.default_rng(5))
+    first, second = write_furnished(tmp_path, world)
+    target = tmp_path / "both.ply"
+    said = answer(capsys, "align", str(first), str(second), "--write", str(target))
+    changes = said["changes"]
+    assert isinstance(changes, list)
+    found = sorted((c["kind"], c["first_group"], c["second_group"]) for c in changes)
+    assert found == [("came", None, 5), ("moved", 2, 2), ("went", 3, None)]
+    both, a, b = (
+        read_splats(p) for p in (target, *(f / "point_cloud.ply" for f in (first, second)))
+    )
+    assert len(both) == len(a) + len(b)
+    back = inverse(world)
+    expected = b.means @ back[:3, :3].T + back[:3, 3]
+    np.testing.assert_allclose(both.means[len(a) :], expected, atol=0.03)
 
 
 def test_scenes_of_other_places_are_refused_in_words(tmp_path: Path, capsys: Capture) -> None:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
@@ -12,16 +11,10 @@ from gaga_core.geometry import fit_similarity
 from gaga_core.scene.captures.alignment import NotAlignedError, difference, trusted
 from gaga_core.scene.captures.by_photos import PhotoConfig, align_shared, shared_of
 from gaga_core.scene.frame import carried_cameras, inverse
+from tests.core.scene.captures.scenes import any_similarity
 from tests.scenes import orbit_cameras
 
 _SIZE = np.array([640.0, 480.0])
-
-
-def any_similarity(rng: np.random.Generator) -> DoubleArray:
-    world = np.eye(4)
-    world[:3, :3] = np.exp(rng.uniform(-2, 2)) * Rotation.random(random_state=rng).as_matrix()
-    world[:3, 3] = rng.uniform(-5, 5, 3)
-    return world
 
 
 def features(
