@@ -65,7 +65,7 @@ def test_what_cannot_be_aligned_is_placed_by_hand(
     new_session: Callable[[], Session], tmp_path: Path
 ) -> None:
     """Photos of another corner, and nothing else in common."""
-    first, second = write_furnished(tmp_path, np.eye(4))
+    first, second = write_furnished(tmp_path, any_similarity(np.random.default_rng(8)))
     write_scene(tmp_path / "other", 1, seed=1)
     (second / "point_cloud.ply").rename(tmp_path / "other" / "point_cloud.ply")
     session = new_session()
