@@ -128,3 +128,18 @@ def compose_affine(a: DoubleArray, b: DoubleArray) -> DoubleArray:
     linear = a[..., :3] @ b[..., :3]
     offset = (a[..., :3] @ b[..., 3:]) + a[..., 3:]
     return np.concatenate([linear, offset], axis=-1)
+
+
+def fit_similarity(source: DoubleArray, target: DoubleArray) -> DoubleArray:
+    """Scale times rotation, and shift, (..., 3, 4) that take points ``source`` (..., N, 3) to
+    ``target`` with least squares (Umeyama 1991)."""
+    middle_a, middle_b = source.mean(axis=-2), target.mean(axis=-2)
+    a, b = source - middle_a[..., None, :], target - middle_b[..., None, :]
+    u, values, vt = np.linalg.svd(np.swapaxes(b, -1, -2) @ a)
+    signs = np.ones(values.shape)
+    signs[..., 2] = np.where(np.linalg.det(u @ vt) < 0, -1.0, 1.0)
+    spread = np.maximum((a * a).sum(axis=(-1, -2)), 1e-300)
+    scale = (values * signs).sum(axis=-1) / spread
+    linear = scale[..., None, None] * ((u * signs[..., None, :]) @ vt)
+    offset = middle_b[..., None] - linear @ middle_a[..., None]
+    return np.concatenate([linear, offset], axis=-1)

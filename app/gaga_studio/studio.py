@@ -18,7 +18,7 @@ from gaga_core.errors import GagaError
 from gaga_core.export.export import MeshForm
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.splats.splat_files import SplatFormat
-from gaga_studio.features import autosave, cleanup, fill, level_of_detail, split_view
+from gaga_studio.features import add_scene, autosave, cleanup, fill, level_of_detail, split_view
 from gaga_studio.features import camera as camera_path_actions
 from gaga_studio.features.cleanup import ReducePlan
 from gaga_studio.features.commands import new_session
@@ -38,6 +38,7 @@ from gaga_studio.ui.chrome import command_buttons, menu, status, toasts, toolbar
 from gaga_studio.ui.chrome.status import status_text
 from gaga_studio.ui.chrome.toasts import ToastState
 from gaga_studio.ui.dialogs import (
+    changes,
     dataset,
     export,
     files,
@@ -192,6 +193,7 @@ def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
         Request.EXPORT_CAMERAS: partial(exports, what="cameras"),
         Request.MODELS: models.opens,
         Request.REDUCE: partial(reduce.opens, plan=ui.reduce),
+        Request.CHANGES: changes.opens,
         Request.RENAME: lambda s: objects.rename_selected(s, ui.scene.objects),
         Request.TIMELINE: lambda _: imgui.set_window_focus(memory_bank.TIMELINE),
         Request.FIND: lambda _: search.focus(ui.scene.objects.search),
@@ -452,6 +454,7 @@ class Studio:
         call("Models", lambda: models.draw(session))
         call("Reduce splats", lambda: reduce.draw(session, ui.reduce))
         call("Labelled data", lambda: dataset.draw(session, ui.dataset, ui.files))
+        call("What changed", lambda: changes.draw(session))
         call("First steps", steps)
         call("Notices", lambda: toasts.draw(session, ui.toasts, ui.area))
 
@@ -471,7 +474,7 @@ class Studio:
 
     def _escape(self) -> bool:
         """End a preview or a gesture, or close the compared photo; whether there was one."""
-        if cleanup.cancel(self.session) or fill.cancel(self.session):
+        if any(one.cancel(self.session) for one in (cleanup, fill, add_scene)):
             return True
         if self.session.view.playback.is_playing:
             self.session.view.playback.is_playing = False

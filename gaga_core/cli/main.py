@@ -28,6 +28,7 @@ from gaga_core.cli.output import SwitchError
 from gaga_core.cli.query import QueryCommand
 from gaga_core.cli.run import ReconstructCommand, RunCommand
 from gaga_core.cli.scene import (
+    AlignCommand,
     AssociateCommand,
     CompareCommand,
     EvaluateCommand,
@@ -42,6 +43,7 @@ AnyCommand = (
     Annotated[ReconstructCommand, subcommand("reconstruct")]
     | Annotated[AssociateCommand, subcommand("associate")]
     | Annotated[LiftCommand, subcommand("lift")]
+    | Annotated[AlignCommand, subcommand("align")]
     | Annotated[RenderCommand, subcommand("render")]
     | Annotated[EvaluateCommand, subcommand("evaluate")]
     | Annotated[CompareCommand, subcommand("compare")]

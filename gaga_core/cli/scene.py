@@ -9,6 +9,7 @@ from tyro.conf import Positional
 
 from gaga_core.cli import output as out
 from gaga_core.cli.output import (
+    AnyScene,
     AsJson,
     Backend,
     Groups,
@@ -26,6 +27,7 @@ from gaga_core.evaluate.settings import (
     CompareConfig,
     Preset,
 )
+from gaga_core.pipeline.settings import AlignConfig
 
 _ROWS = ("seeds", "variants", "lift", "lifting_iterations", "sam2_masks", "tracks", "bound_by")
 
@@ -96,6 +98,49 @@ class LiftCommand:
         if (folder.work / "project.json").is_file():
             out.say("The saved project of this scene keeps its own labels until you lift there.")
         return out.result(report.to_json(), as_json=self.json)
+
+
+@dataclass(frozen=True)
+class AlignCommand:
+    """Bring a second scene of the same place to the first, and list what came, went or moved."""
+
+    first: AnyScene
+    second: AnyScene
+    config: Annotated[AlignConfig, options(AlignConfig, "by", "changes")]
+    out: Path | None = None
+    """JSON file for the result; default: gaga/align-SECOND.json in the first scene folder."""
+    write: Path | None = None
+    """Write both as one file of splats (.ply, .splat, .spz, .sog, .glb, .html), in the frame of the
+    first."""
+    json: AsJson = False
+
+    def run(self) -> int:
+        """Print the similarity, its residual, and one line a change."""
+        from gaga_core.export.export import export_scene_stage
+        from gaga_core.io.splats.splat_files import form_of
+        from gaga_core.pipeline import align
+
+        if self.write is not None:
+            form_of(self.write)  # a mistake is told before anything long begins
+        opened = [out.follow(align.open_capture_stage(p)) for p in (self.first, self.second)]
+        (first, a), (second, b) = opened
+        if self.write is not None and (a is None or b is None):
+            raise GagaError("--write needs splats in both scenes. Train them first.")
+        stage = align.align_stage(first, second, self.config, align.workspace_of(self.first))
+        found = out.follow(stage, compiles=True)
+        target = self.out or align.result_path(self.first, found)
+        align.write_aligned(target, found)
+        written = {"file": str(target)}
+        if self.write is not None and a is not None and b is not None:
+            align.addition_of(a.scene, b, found.alignment.world).edit.apply(a.scene)
+            out.follow(export_scene_stage(a.scene, self.write))
+            written["splats"] = str(self.write)
+        if self.json:
+            return out.result(found.to_json() | written, as_json=True)
+        out.line(found.alignment.sentence())
+        for line in found.lines():
+            out.line(line)
+        return out.result(written, as_json=False)
 
 
 @dataclass(frozen=True)

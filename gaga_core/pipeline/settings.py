@@ -111,6 +111,20 @@ class ReconstructConfig:
 
 
 @dataclass(frozen=True)
+class AlignConfig:
+    """How two captures are brought together."""
+
+    by: Literal["auto", "photos", "surfaces"] = "auto"
+    """photos: features that photos of both show. surfaces: the splats alone. auto: photos where
+    both have some."""
+    changes: bool = setting(True, "What changed")
+    """Find what came, went or moved between the two."""
+    threads: int = 0
+    """Processor threads; 0: all."""
+    seed: int = 0
+
+
+@dataclass(frozen=True)
 class SegmentConfig:
     """Settings of pictures for a provider of masks."""
 

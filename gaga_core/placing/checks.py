@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.geometry import fit_similarity
 from gaga_core.io.arrays_file import TEXT, Column, read_columns
 from gaga_core.io.files import refuse_links
 from gaga_core.placing.metrics import (
@@ -179,20 +180,10 @@ def _moved(
     """``points`` under the similarity that takes most of ``source`` (K, 3) to ``target``."""
     rows: LongArray = np.arange(len(source))
     for _ in range(4):
-        linear, shift = _similarity(source[rows], target[rows])
-        off = np.linalg.norm(source @ linear.T + shift - target, axis=1)
+        moved = fit_similarity(source[rows], target[rows])
+        off = np.linalg.norm(source @ moved[:, :3].T + moved[:, 3] - target, axis=1)
         rows = np.argsort(off, kind="stable")[: max(3, int(config.kept * len(source)))]
-    return points @ linear.T + shift
-
-
-def _similarity(source: DoubleArray, target: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
-    """Scale times rotation (3, 3) and shift (3,) of least squares (Umeyama 1991)."""
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    u, values, vt = np.linalg.svd(b.T @ a)
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0])
-    scale = (values * signs).sum() / max(float((a * a).sum()), 1e-300)
-    linear: DoubleArray = scale * (u * signs) @ vt
-    return linear, target.mean(axis=0) - linear @ source.mean(axis=0)
+    return points @ moved[:, :3].T + moved[:, 3]
 
 
 _SHARED_POINTS = MeasureConfig().shared

@@ -51,6 +51,7 @@ _TITLES = {
     "given": "Place photos",
     "to_given": "Place photos",
     "export": "Match photos",
+    "export_features": "Match photos",
     "undistort": "Undistort photos",
 }
 _BLOCK = re.compile(r"Processing (?:block|image) \[(\d+)/(\d+)(?:, (\d+)/(\d+))?\]")

@@ -259,6 +259,30 @@ def write_pair_matches(path: Path, database: Path) -> None:
     )
 
 
+def write_features(path: Path, database: Path) -> None:
+    """Write all verified matches with the features that they join, of A photos with F features.
+
+    Arrays: names (A,), first (A + 1,) where the features of each photo begin, places (F, 2) xy over
+    width and height, matches (M, 2) of features.
+    """
+    found = _Matching.read(database)
+    cameras = zip(found.keypoints(database), found.cameras, strict=True)
+    places = [pixels / (camera.width, camera.height) for pixels, camera in cameras]
+    first = np.cumsum([0, *map(len, places)]).astype(np.int64)
+    matches = [
+        first[pair] + m.astype(np.int64) for pair, m in zip(found.pairs, found.matches, strict=True)
+    ]
+    _write(
+        path,
+        {
+            "names": found.names,
+            "first": first,
+            "places": np.concatenate([np.zeros((0, 2)), *places]),
+            "matches": np.concatenate([np.zeros((0, 2), np.int64), *matches]),
+        },
+    )
+
+
 def _coverage(points: AnyArray, camera: pycolmap.Camera) -> float:
     """Share of the cells of a picture that hold a feature."""
     size = np.array([camera.width, camera.height], np.float64)
@@ -899,6 +923,10 @@ def _align(model: pycolmap.Reconstruction, given: Mapping[str, DoubleArray]) -> 
     model.transform(pycolmap.Sim3d(scale, rotation, world[:3, 3]))
 
 
+def _export_features(settings: StepSettings, workspace: Path) -> None:
+    write_features(workspace / "features.npz", workspace / "database.db")
+
+
 STEPS: dict[str, Callable[[StepSettings, Path], None]] = {
     "features": _features,
     "match": _match,
@@ -908,6 +936,7 @@ STEPS: dict[str, Callable[[StepSettings, Path], None]] = {
     "given": _given,
     "to_given": _to_given,
     "export": _export,
+    "export_features": _export_features,
     "undistort": _undistort,
 }
 

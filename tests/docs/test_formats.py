@@ -15,6 +15,7 @@ from gaga_core.export.export import export_objects_stage
 from gaga_core.identity.field import LiftFigures
 from gaga_core.io.folder.scene_folder import SceneFolder, open_scene_folder
 from gaga_core.io.splats.ply import write_ply
+from gaga_core.pipeline.align import Aligned, write_aligned
 from gaga_core.pipeline.associate import associate_scene
 from gaga_core.pipeline.dataset import dataset_stage
 from gaga_core.pipeline.lift import lift_scene
@@ -31,6 +32,8 @@ from gaga_core.scene.camera_path import (
     Shot,
     save_path,
 )
+from gaga_core.scene.captures.alignment import Alignment
+from gaga_core.scene.captures.changes import Change
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.export_manifest import Manifest, ManifestEntry
 from gaga_core.scene.lod.build import build_lod_stage
@@ -173,6 +176,16 @@ def test_a_camera_path(tmp_path: Path) -> None:
     for keyframe in content["keyframes"]:
         assert isinstance(keyframe, dict)
         _check("Keyframe", keyframe)
+
+
+def test_what_an_alignment_writes(tmp_path: Path) -> None:
+    alignment = Alignment(np.eye(4), "photos", 40, 0.9, 0.01, 0.5, 0.001, 0.001)
+    change = Change("moved", "mug", 3, 5, 0.4)
+    write_aligned(tmp_path / "align.json", Aligned("a", "b", alignment, (change,)))
+    content = json.loads((tmp_path / "align.json").read_text(encoding="utf-8"))
+    _check("align-*.json", content)
+    _check("Alignment", content["alignment"])
+    _check("Change", content["changes"][0])
 
 
 def test_preferences_with_their_defaults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ Backspace mean, which depends on the feature that is active.
 from collections.abc import Mapping
 
 from gaga_studio.features import (
+    add_scene,
     camera,
     cleanup,
     dataset,
@@ -41,13 +42,13 @@ def confirm(session: Session) -> None:
         selection.close_outline(session)
     elif click_object.is_clicking(session):
         click_object.make_object(session)
-    elif not fill.apply(session):
+    elif not (fill.apply(session) or add_scene.apply(session)):
         cleanup.apply(session)
 
 
 def nothing_to_confirm(session: Session) -> str:
     """Needs an outline, clicks, or the preview of a cleaning or filling."""
-    waits = cleanup.shown(session) is not None or fill.shown(session) is not None
+    waits = any(one.shown(session) is not None for one in (cleanup, fill, add_scene))
     if session.view.outline is not None or waits:
         return ""
     if click_object.is_clicking(session):
@@ -123,12 +124,12 @@ _ALL = (
     *(selection.COMMANDS + objects.COMMANDS + folders.COMMANDS + cleanup.COMMANDS + fill.COMMANDS),
     *(masks.COMMANDS + association.COMMANDS + memory_bank.COMMANDS + search.COMMANDS),
     *(click_object.COMMANDS + view.COMMANDS + split_view.COMMANDS + camera.COMMANDS),
-    *(measure.COMMANDS + dataset.COMMANDS),
+    *(measure.COMMANDS + dataset.COMMANDS + add_scene.COMMANDS),
 )
 _BY_ID = {command.id: command for command in _ALL}
 _ORDER = {
     "File": """file.open_photos file.open_folder file.open_file file.make_splats
-        file.make_splats_as file.add_splats file.demo file.save file.save_as
+        file.make_splats_as file.add_splats file.add_scene file.demo file.save file.save_as
         file.export_scene file.export_page file.export_selected file.export_objects
         file.export_meshes file.export_cameras file.export_masks file.dataset file.save_script
         file.save_picture file.close file.quit""",
@@ -146,7 +147,7 @@ _ORDER = {
         object.leave_parent object.children_go_along object.make object.merge object.separate
         object.split object.split_here object.join_here object.split_masks object.fill
         object.fill_apply object.fill_lighten object.fill_continue object.fill_model object.clean
-        object.clean_apply object.clean_first""",
+        object.clean_apply object.clean_first scene.add_apply scene.changes""",
     "View": """view.color view.groups view.depth view.confidence view.centres view.rings view.mask
         view.identity view.next_mode view.groups_centres view.identity_centres view.folder_colors
         view.look_auto view.look_classic view.look_antialiased view.background view.frame_selected

@@ -123,6 +123,4 @@ def _toggle(session: Session) -> bool:
     return stop(session) if state is not None and state.is_held else start(session)
 
 
-COMMANDS: tuple[Command, ...] = (
-    Command(COMMAND, _TITLE, _toggle, enabled=not_possible),
-)
+COMMANDS: tuple[Command, ...] = (Command(COMMAND, _TITLE, _toggle, enabled=not_possible),)

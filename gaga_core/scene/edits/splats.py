@@ -1,6 +1,6 @@
 """Builders of edits that select, hide, lock and delete splats, and add those of other files."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -115,24 +115,37 @@ def restore(scene: Scene, title: str = "Restore deleted") -> FlipState | None:
 # --- splats of other files ----------------------------------------------------------------------
 
 
-def append(scene: Scene, splats: Gaussians, path: Path, digest: str) -> Edit | None:
+def append(
+    scene: Scene,
+    splats: Gaussians,
+    path: Path,
+    digest: str,
+    labels: IntArray | None = None,
+    names: Mapping[int, str] | None = None,
+) -> Edit | None:
     """Add the splats of the file ``path`` to the scene, selected, each of a group of its own.
 
-    Groups of the file (a column ``group``) become new groups, named after the file; splats without
-    one become a group of the file's name. They stand on one placement row, so that they move as a
-    whole, and are drawn, sorted, picked and selected together with all others.
+    Groups of the file (``labels`` (K,), by default its column ``group``) become new groups with the
+    ``names`` of these, else named after the file; splats without one become a group of the file's
+    name. They stand on one placement row, so that they move as a whole, and are drawn, sorted,
+    picked and selected together with all others. ``digest`` "": they are kept themselves, as no
+    file has them as they are.
     """
     path = Path(path).absolute()
     title, stem = f"Add {path.name}", path.name.split(".")[0] or path.stem
     first = free_group(scene)
     if scene.bank is not None:  # which may make groups of the next ids
         first = -(-first // _GAP) * _GAP
-    labels, names = _groups(splats, first, stem)
+    if labels is None:
+        labels = splats.extra.get("group", np.zeros(0, np.int32))
+    labels, given = _groups(labels, len(splats), first, stem, names or {})
+    unselect, named = select(scene, np.zeros(0, np.int32)), SetNames.of(scene, given)
+    if not digest:
+        return together(title, (unselect, append_made(scene, splats, labels, title), named))
     place = _at_end(scene, labels, State.SELECTED)
     edit = AppendFile(title, *place, str(path), digest, OURS, scene.frame.rows)
     edit.__dict__["splats"] = splats  # read already
-    unselect = select(scene, np.zeros(0, np.int32))
-    return together(title, (unselect, edit, SetNames.of(scene, names)))
+    return together(title, (unselect, edit, named))
 
 
 def append_made(
@@ -164,13 +177,15 @@ def _at_end(
     return packed, int(state), *sizes, tuple(scene.gaussians.extra)
 
 
-def _groups(splats: Gaussians, first: int, stem: str) -> tuple[IntArray, dict[int, str]]:
-    """New labels (K,) from ``first`` on, and the names of the new groups."""
-    column = splats.extra.get("group")
-    if column is None or column.dtype.kind not in "iu":
-        column = np.zeros(len(splats), np.int32)
+def _groups(
+    column: AnyArray, n: int, first: int, stem: str, known: Mapping[int, str]
+) -> tuple[IntArray, dict[int, str]]:
+    """New labels (N,) from ``first`` on, and the names of the new groups."""
+    if len(column) != n or column.dtype.kind not in "iu":
+        column = np.zeros(n, np.int32)
     ids, places = np.unique(np.maximum(column.astype(np.int64), 0), return_inverse=True)
-    names = [stem if group == 0 else f"{stem} {group}" for group in ids.tolist()]
+    own = {0: stem} | dict(known)
+    names = [own.get(group, f"{stem} {group}") for group in ids.tolist()]
     labels = (first + places).astype(np.int32)
     return labels, {first + i: name for i, name in enumerate(names)}
 

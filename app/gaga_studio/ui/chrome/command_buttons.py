@@ -14,6 +14,7 @@ ICONS = {
     "file.open_file": icons.FILE,
     "file.demo": icons.DEMO,
     "file.add_splats": icons.NEW,
+    "file.add_scene": icons.NEW,
     "file.save": icons.SAVE,
     "file.save_as": icons.SAVE,
     "edit.cancel": icons.CLOSE,

@@ -7,7 +7,7 @@ from functools import lru_cache
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.raster import backend_report
-from gaga_studio.features import cleanup, fill
+from gaga_studio.features import add_scene, cleanup, fill
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
 from gaga_studio.tools.base import Tool
@@ -59,6 +59,8 @@ def status_text(session: Session, tool: Tool) -> str:
         return "Enter applies the cleaning, Esc discards it. Drag orbits."
     if fill.shown(session) is not None:
         return "Enter applies the fill, Esc discards it. Drag orbits."
+    if add_scene.shown(session) is not None:
+        return "Enter adds the scene, Esc discards it. Drag orbits."
     if session.hint:
         return session.hint
     hint = tool.hint(session)

@@ -19,7 +19,7 @@ from gaga_core.io.files import safe_name
 from gaga_core.io.images import IMAGE_SUFFIXES
 from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.placing.photos import VIDEO_SUFFIXES
-from gaga_studio.features import camera, files, fill, reconstruction
+from gaga_studio.features import add_scene, camera, files, fill, reconstruction
 from gaga_studio.features.find import masks
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
@@ -397,6 +397,9 @@ _ASKED = {
         files.add_splats,
         READ_SUFFIXES,
         "Add",
+    ),
+    Request.ADD_SCENE: _Asked(
+        "Add a scene of the same place", PathKind.OPEN_FOLDER, add_scene.start, action="Add"
     ),
     Request.IMPORT_MASK_FOLDER: _Asked(
         "Import masks from a folder", PathKind.OPEN_FOLDER, masks.import_from, action="Import"

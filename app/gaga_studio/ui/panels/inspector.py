@@ -11,7 +11,7 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.scene.cleanup import DROPPED, TAKEN_IN
 from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.orientation import Pose, degrees_of, motion_between, with_degrees
-from gaga_studio.features import cleanup, commands, fill, measure, transform
+from gaga_studio.features import add_scene, cleanup, commands, fill, measure, transform
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.selection import Uncertain
 from gaga_studio.features.transform import GradeSliders
@@ -274,6 +274,19 @@ def _filling(session: Session) -> bool:
     return True
 
 
+def _adding(session: Session) -> bool:
+    """The preview of an added scene in the place of the panel; False when there is none."""
+    found = add_scene.shown(session)
+    if found is None:
+        return False
+    imgui.text_unformatted("Add a scene")
+    imgui.dummy(ImVec2(0, em(0.2)))
+    for line in add_scene.summary(found):
+        widgets.dim(line, wrap=True)
+    _apply_or_cancel(session, "scene.add_apply", add_scene.cancel)
+    return True
+
+
 def _apply_or_cancel(session: Session, apply: str, cancel: Callable[[Session], object]) -> None:
     """The two ways to end a preview."""
     imgui.dummy(ImVec2(0, em(0.2)))
@@ -408,7 +421,7 @@ class InspectorState:
 def draw(session: Session, state: InspectorState) -> None:
     """The whole panel."""
     document = session.document
-    if _filling(session):
+    if _filling(session) or _adding(session):
         return
     n_splats = len(session.selected_indices()) if document is not None else 0
     if document is None or n_splats == 0:

@@ -7,7 +7,7 @@ from pathlib import Path
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_core.camera import Camera
-from gaga_studio.features import cleanup, commands, fill, objects
+from gaga_studio.features import add_scene, cleanup, commands, fill, objects
 from gaga_studio.features import measure as align_ground
 from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
@@ -87,7 +87,7 @@ def _draw_next_stage(session: Session, state: PictureState, area: PictureArea) -
     document = session.document
     if offer is None or document is None or state.is_offer_closed:
         return
-    if cleanup.shown(session) is not None or fill.shown(session) is not None:
+    if any(one.shown(session) is not None for one in (cleanup, fill, add_scene)):
         return  # it would cover a preview that is to be looked at
     if not offer.command and session.tool is ToolName.OBJECT:
         return  # it only advises what is being done
@@ -528,6 +528,8 @@ def preview_badge(session: Session) -> str:
     """What is shown while it waits to be applied; "" while nothing does."""
     if fill.shown(session) is not None:
         return "Preview of Delete and fill"
+    if add_scene.shown(session) is not None:
+        return "Preview of Add a scene: the added one is orange"
     return "Preview of Clean up" if cleanup.shown(session) is not None else ""
 
 

@@ -1,0 +1,173 @@
+"""Add a scene of the same place: aligned, in a preview to apply or cancel, and what changed."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gaga_core.errors import GagaError
+from gaga_core.progress import Progress, Stage
+from gaga_core.scene.objects import group_indices
+from gaga_studio.features import camera
+from gaga_studio.features.base import Command, Preview, ask, needs, no_scene, not_saveable, watch
+from gaga_studio.session.notices import Level, Request, choose_one, notifies
+from gaga_studio.session.session import Session
+
+if TYPE_CHECKING:
+    from gaga_core.pipeline.align import Addition, Aligned
+    from gaga_core.scene.captures.changes import Change
+
+TITLE = "Add a scene"
+_CHANGED = "The scene changed while the other one was aligned. Try again."
+_NO_PREVIEW = "There is no preview of an added scene. Use Add a scene first."
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A scene that can be added, and how it fits."""
+
+    name: str
+    addition: "Addition"
+    aligned: "Aligned | None"  # None: ``why_not``
+    why_not: str = ""
+
+
+class Adding(Preview[Found]):
+    """A scene that is shown where it fits, and the edit that shows it."""
+
+
+@dataclass
+class ListedChanges:
+    """What changed between the open scene and the one that was added last."""
+
+    name: str = ""  # of that one
+    found: "tuple[tuple[Change, tuple[int, ...]], ...]" = ()  # with the groups here that show it
+
+
+def shown(session: Session) -> Found | None:
+    """Return the scene whose preview is shown now."""
+    return session.document.feature(Adding).shown(session) if session.document else None
+
+
+def summary(found: Found) -> tuple[str, ...]:
+    """Return how it fits and what changed, in sentences."""
+    if found.aligned is None:
+        return found.why_not, "Apply it, and move, turn and scale it by its handles."
+    return found.aligned.alignment.sentence(), *found.aligned.lines()
+
+
+@notifies
+def start(session: Session, path: Path) -> None:
+    """Open the scene at ``path``, align it with the one that is open, and show it there, tinted.
+
+    One that cannot be aligned is offered to be placed by hand.
+    """
+    document = session.need()
+    project = replace(document.settled(), scene=replace(document.scene))
+
+    def stage() -> Stage[Found]:
+        yield Progress(TITLE, 0, 0)
+        # SciPy's and numba's import takes long: it belongs to the job.
+        from gaga_core.pipeline import align
+        from gaga_core.pipeline.compile_kernels import after_warm_up
+        from gaga_core.pipeline.settings import AlignConfig
+        from gaga_core.scene.captures.alignment import NotAlignedError
+
+        capture, second = yield from align.open_capture_stage(path)
+        if second is None:
+            raise GagaError(f"{path.name} has no splats yet. Make them first, then add it.")
+        first, aligned, why = align.capture_of(project), None, ""
+        folder = project.folder
+        place = align.workspace_of(folder.root if folder else project.model_path)
+        try:
+            work = align.align_stage(first, capture, AlignConfig(), place)
+            aligned = yield from after_warm_up(work)
+            world = aligned.alignment.world
+        except NotAlignedError as error:
+            world, why = align.beside(project.scene, second.scene), str(error)
+        return Found(capture.name, align.addition_of(project.scene, second, world), aligned, why)
+
+    check = watch(session, document, _CHANGED)
+
+    def show(found: Found) -> None:
+        document.show(found.addition.shown, waits_as=TITLE)
+        document.feature(Adding).take(found, found.addition.shown)
+
+    def done(found: Found) -> None:
+        if not check():
+            return
+        if found.aligned is None:
+            choices = {"Place it by hand": lambda: show(found)}
+            session.pending_question = choose_one(found.why_not, choices)
+        else:
+            show(found)
+
+    session.jobs.start(f"{TITLE}: {path.name}", stage(), on_done=done)
+
+
+@notifies
+def apply(session: Session) -> bool:
+    """Keep the scene where the preview shows it: one entry of the history, without the tint."""
+    found = shown(session)
+    if found is None:
+        return False
+    document = session.need()
+    session.cancel_preview()
+    changes = () if found.aligned is None else found.aligned.changes or ()
+    here = found.addition.groups
+    listed = document.feature(ListedChanges)
+    listed.name, listed.found = found.name, tuple((c, _groups(c, here)) for c in changes)
+    done = document.do(found.addition.edit)
+    session.notify(
+        Level.INFO,
+        f"Added {found.name}; it is selected, and its handles move it.",
+        "scene.changes" if changes else "",
+    )
+    return done
+
+
+def _groups(change: "Change", here: dict[int, int]) -> tuple[int, ...]:
+    """Groups of the open scene that show a change, that of the added scene last."""
+    second = () if change.second is None else (here[change.second],)
+    return second if change.first is None else (change.first, *second)
+
+
+def cancel(session: Session) -> bool:
+    """Cancel the preview; False when there is none."""
+    if shown(session) is None:
+        return False
+    session.cancel_preview()
+    return True
+
+
+def changes(session: Session) -> ListedChanges:
+    """Return the list of the scene that was added last."""
+    return session.need().feature(ListedChanges)
+
+
+@notifies
+def select(session: Session, groups: tuple[int, ...]) -> bool:
+    """Select what a line of the list is about, and frame it."""
+    document = session.need()
+    splats = group_indices(document.scene, groups)
+    if len(splats) == 0:
+        raise GagaError("These objects are not in the scene any more.")
+    done = document.select(splats.astype(np.int32))
+    camera.frame_selected(session)
+    return done
+
+
+def _no_preview(session: Session) -> str:
+    return "" if shown(session) is not None else no_scene(session) or _NO_PREVIEW
+
+
+_no_changes = needs(
+    lambda session: changes(session).found,
+    "No changes are known. Add a scene of the same place first.",
+)
+COMMANDS: tuple[Command, ...] = (
+    ask("file.add_scene", "Add a scene…", Request.ADD_SCENE, enabled=not_saveable),
+    Command("scene.add_apply", "Apply the added scene", apply, enabled=_no_preview),
+    ask("scene.changes", "What changed…", Request.CHANGES, enabled=_no_changes),
+)

@@ -1,0 +1,34 @@
+"""The sheet What changed: objects that came, went or moved between two scenes, to be looked at."""
+
+from imgui_bundle import ImVec2, imgui
+
+from gaga_studio.features import add_scene
+from gaga_studio.session.session import Session
+from gaga_studio.ui.kit import theme, widgets
+from gaga_studio.ui.kit.modal import begin_modal, close_row
+from gaga_studio.ui.kit.theme import em
+
+NAME = "What changed"
+_ROWS = 12  # lines that are seen at once
+
+
+def opens(session: Session) -> None:
+    """Open the sheet."""
+    if session.document is not None:
+        imgui.open_popup(NAME)
+
+
+def draw(session: Session) -> None:
+    """The sheet, while it is open."""
+    if not begin_modal(NAME, em(30), is_possible=session.document is not None):
+        return
+    listed = add_scene.changes(session)
+    widgets.dim(f"Between the open scene and {theme.plain(listed.name)}. Click to see.", wrap=True)
+    height = em(1.8) * min(len(listed.found), _ROWS) + em(0.6)
+    imgui.begin_child("Changes", ImVec2(0, height))
+    for i, (change, groups) in enumerate(listed.found):
+        if imgui.selectable(f"{theme.visual(change.sentence())}###Change {i}", False)[0]:
+            add_scene.select(session, groups)
+    imgui.end_child()
+    close_row()
+    imgui.end_popup()

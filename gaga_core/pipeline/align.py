@@ -1,0 +1,204 @@
+"""Two captures as a stage: brought together, compared, and written where a person looks.
+
+The second one is a scene of the same place, or a scan of a thing that stands in the first.
+"""
+
+import json
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.errors import GagaError
+from gaga_core.io.files import atomic_write, refuse_links
+from gaga_core.io.folder.scene_folder import find_model, is_scene_folder, open_scene_folder
+from gaga_core.io.splats.splat_files import model_fingerprint
+from gaga_core.io.splats.spz import OURS
+from gaga_core.pipeline.search import describe_project
+from gaga_core.pipeline.settings import AlignConfig
+from gaga_core.placing.photos import FEWEST
+from gaga_core.progress import Stage
+from gaga_core.raster import choose
+from gaga_core.raster.base import Rasterizer
+from gaga_core.scene.bake import bake
+from gaga_core.scene.captures.alignment import Alignment, Capture, NotAlignedError
+from gaga_core.scene.captures.by_photos import align_by_photos_stage
+from gaga_core.scene.captures.by_surfaces import drawn_stage
+from gaga_core.scene.captures.changes import Change, find_changes_stage
+from gaga_core.scene.edits import Edit, append, recolor, transform
+from gaga_core.scene.edits.values import together
+from gaga_core.scene.objects import group_name
+from gaga_core.scene.project import Project, meant_in, open_path_stage
+from gaga_core.scene.scene import Revision, Scene
+from gaga_core.scene.selection.algebra import world_means
+from gaga_core.scene.selection.bounds import robust_box
+from gaga_core.scene.tint import mean_color, tint_affine
+
+_TINT, _TINTED = (0.95, 0.55, 0.15), 0.5  # color of a second scene while it is shown, and how much
+_WORKSPACE = ".gaga-align"  # next to the first scene's files, while photos are matched
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """The result."""
+
+    first: str  # names of the captures
+    second: str
+    alignment: Alignment
+    changes: tuple[Change, ...] | None  # None: not asked for, or one has no splats
+
+    def lines(self) -> tuple[str, ...]:
+        """One sentence a change; one that says that there is none, or why it is not known."""
+        if self.changes is None:
+            return ("What changed is not known: it takes splats with groups in both scenes.",)
+        return tuple(c.sentence() for c in self.changes) or ("Nothing came, went or moved.",)
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values."""
+        found = None if self.changes is None else [change.to_json() for change in self.changes]
+        names = {"first": self.first, "second": self.second}
+        return names | {"alignment": self.alignment.to_json(), "changes": found}
+
+
+def open_capture_stage(path: Path) -> Stage[tuple[Capture, Project | None]]:
+    """What ``path`` holds; a scene folder whose photos are placed needs no splats."""
+    if is_scene_folder(path) and find_model(path) is None and meant_in(path) is None:
+        folder = open_scene_folder(path)
+        if not folder.cameras:
+            raise GagaError(f"{path} has neither splats nor placed photos. Make splats first.")
+        return Capture(path.absolute().name, folder.cameras, folder.image_paths), None
+    project = yield from open_path_stage(path)
+    return capture_of(project), project
+
+
+def capture_of(project: Project) -> Capture:
+    """The scene of ``project`` with its photos, as it is now, and its groups described."""
+    behind = frozenset[int]()
+    if project.scene.labels.any():
+        behind = describe_project(project).background
+    folder, name, scene = project.placed_folder, _name_of(project), replace(project.scene)
+    if folder is None:
+        return Capture(name, scene=scene, behind=behind)
+    return Capture(name, folder.cameras, folder.image_paths, scene, behind)
+
+
+def align_stage(
+    first: Capture,
+    second: Capture,
+    config: AlignConfig,
+    workspace: Path,  # a folder of its own, removed at the end
+    rasterizer: Rasterizer | None = None,
+) -> Stage[Aligned]:
+    """Bring ``second`` to ``first`` and say what changed.
+
+    Raises ``NotAlignedError`` where that cannot be trusted.
+    """
+    scenes, engine = (first.scene, second.scene), rasterizer
+    has_photos = min(_n_photos(first), _n_photos(second)) >= FEWEST
+    if config.by == "photos" and not has_photos:
+        raise NotAlignedError(
+            f"It takes {FEWEST} photos on disk in both. Align by the surfaces, or put them back."
+        )
+    refuse_links(workspace)
+    shutil.rmtree(workspace, ignore_errors=True)
+    try:
+        shown = [first, second]
+        if config.by == "surfaces" or not has_photos:
+            engine = engine or choose()
+            for i, capture in enumerate(shown):
+                if capture.scene is None:
+                    raise NotAlignedError(f"{capture.name} has neither photos on disk nor splats.")
+                shown[i] = yield from drawn_stage(capture, workspace / f"drawn-{i}", engine)
+        matching = workspace / "matching"
+        found = yield from align_by_photos_stage(
+            shown[0], shown[1], matching, threads=config.threads, seed=config.seed
+        )
+        if shown[0] is not first:
+            found = replace(found, by="surfaces")
+    finally:
+        shutil.rmtree(workspace, ignore_errors=True)
+    changes = None
+    if config.changes and all(scene is not None and scene.labels.any() for scene in scenes):
+        engine = engine or choose()
+        changes = yield from find_changes_stage(first, second, found.world, engine)
+    return Aligned(first.name, second.name, found, changes)
+
+
+def _n_photos(capture: Capture) -> int:
+    return sum(camera.name in capture.photos for camera in capture.cameras)
+
+
+@dataclass(frozen=True, eq=False)
+class Addition:
+    """A second scene in the first one."""
+
+    edit: Edit
+    groups: dict[int, int]  # ids of its groups there, by those that they have in their own scene
+    shown: Edit  # the same with its splats tinted, to tell the two apart
+
+
+def addition_of(scene: Scene, second: Project, world: DoubleArray) -> Addition:
+    """Add the visible splats of ``second`` to ``scene``, moved by ``world`` (4, 4), selected, with
+    its groups and their names.
+
+    The project names the file of an unedited scene, and keeps edited splats itself.
+    """
+    other, title = second.scene, f"Add {_name_of(second)}"
+    is_edited = bool(other.added or other.placement.any() or not other.visible.all())
+    is_filed = not is_edited and second.model_axes == OURS
+    digest = model_fingerprint(second.model_path) if is_filed else ""
+    splats, labels = bake(other), other.labels[other.visible]
+    ids, first = np.unique(labels, return_index=True)
+    names = {group: group_name(other, group) for group in ids.tolist() if group}
+    path = second.model_path if second.folder is None or digest else second.folder.root
+    edit = append(scene, splats, path, digest, labels, names)
+    if edit is None or len(splats) == 0:
+        raise GagaError(f"{_name_of(second)} shows no splats, so there is nothing to add.")
+    after = replace(scene, revision=Revision())
+    edit.apply(after)
+    own = np.arange(len(scene), len(after))
+    edit = together(title, (edit, placed := transform(after, own, world[:3], title)))
+    assert edit is not None
+    assert placed is not None
+    groups = dict(zip(ids.tolist(), after.labels[own][first].tolist(), strict=True))
+    placed.apply(after)
+    tint = recolor(after, own, tint_affine(mean_color(after, own), _TINT, _TINTED), title=title)
+    shown = together(title, (edit, tint))
+    assert shown is not None
+    return Addition(edit, groups, shown)
+
+
+def beside(first: Scene, second: Scene) -> DoubleArray:
+    """Where a scene that could not be aligned is put (4, 4), to be moved by hand: around the middle
+    of the first one, as large as that."""
+    boxes = [robust_box(world_means(scene), 0.9) for scene in (first, second)]
+    middles = [(lo + hi) / 2 for lo, hi in boxes]
+    sizes = [float(np.linalg.norm(hi - lo)) for lo, hi in boxes]
+    world = np.diag([*[sizes[0] / max(sizes[1], 1e-12)] * 3, 1.0])
+    world[:3, 3] = middles[0] - world[:3, :3] @ middles[1]
+    return world
+
+
+def _name_of(project: Project) -> str:
+    folder = project.folder
+    return project.model_path.name if folder is None else folder.root.absolute().name
+
+
+def workspace_of(first: Path) -> Path:
+    """Folder for the work on the first scene, which is removed again."""
+    return (first if first.is_dir() else first.parent) / _WORKSPACE
+
+
+def result_path(first: Path, found: Aligned) -> Path:
+    """Default file of the result: in the first scene folder, or next to the file."""
+    name = f"align-{Path(found.second).stem}.json"
+    return first / "gaga" / name if first.is_dir() else first.with_name(f"{first.stem}-{name}")
+
+
+def write_aligned(path: Path, found: Aligned) -> None:
+    """Write the result as JSON (see docs/formats.md)."""
+    path.parent.mkdir(exist_ok=True)
+    with atomic_write(path) as temporary:
+        temporary.write_text(json.dumps(found.to_json(), indent=1) + "\n", encoding="utf-8")

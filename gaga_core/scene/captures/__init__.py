@@ -1,0 +1,1 @@
+"""Two captures of one place: brought together, and what differs between them."""

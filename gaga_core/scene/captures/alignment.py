@@ -1,0 +1,114 @@
+"""The similarity that brings one capture to another, with what it leaves, and how sure it is."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from gaga_core.arrays import DoubleArray
+from gaga_core.camera import Camera
+from gaga_core.errors import GagaError
+from gaga_core.scene.frame import inverse, scale_of
+from gaga_core.scene.scene import Scene
+
+By = Literal["photos", "surfaces"]
+
+
+class NotAlignedError(GagaError):
+    """What the captures share does not say how they lie to each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """One of two captures."""
+
+    name: str
+    cameras: tuple[Camera, ...] = ()  # of its photos, in the world of ``scene`` as it is now
+    photos: Mapping[str, Path] = field(default_factory=dict)  # by name of the camera
+    scene: Scene | None = None  # None: its photos are placed, and there are no splats yet
+    behind: frozenset[int] = frozenset()  # groups that are background: no things that move
+
+
+@dataclass(frozen=True)
+class TrustConfig:
+    """What an alignment must show. The bounds of its errors are those that a person sees where two
+    scans of a room overlap: 1 cm in a metre."""
+
+    fewest: int = 30  # points that fit
+    share: float = 0.25  # of the points that are shared: fewer could be a thing that was moved
+    degrees: float = 0.5  # one standard error of the rotation
+    scale: float = 0.005  # one standard error of the scale, relative
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """How the second capture lies in the world of the first."""
+
+    world: DoubleArray  # (4, 4) first_from_second: rotation times scale, and an offset
+    by: By
+    n_points: int  # that fit
+    share: float  # of all that the two share
+    residual: float  # median distance of points that fit, units of the first capture
+    pixels: float | None  # median error of these in the photos; None: not by photos
+    turn_error: float  # radians, one standard error
+    scale_error: float  # relative, one standard error
+
+    @property
+    def scale(self) -> float:
+        """Factor of lengths of the second capture."""
+        return scale_of(self.world)
+
+    @property
+    def angle(self) -> float:
+        """Angle of the rotation, radians."""
+        cosine = (np.trace(self.world[:3, :3]) / self.scale - 1) / 2
+        return float(np.arccos(np.clip(cosine, -1, 1)))
+
+    def sentence(self) -> str:
+        """What was found, for a person."""
+        what = "points of the photos" if self.by == "photos" else "points of the surfaces"
+        text = f"{self.n_points:,} {what} fit, {self.residual:.3g} units apart in the median"
+        if self.pixels is not None:
+            text += f" ({self.pixels:.1f} pixels)"
+        error = f"{np.degrees(self.turn_error):.2g}° and {100 * self.scale_error:.2g} %"
+        turned = f"turned by {np.degrees(self.angle):.1f}°, {self.scale:.4g} times as large"
+        return f"{text}; {turned}, known to {error}."
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values."""
+        return {
+            "first_from_second": self.world.tolist(),
+            "scale": self.scale,
+            "by": self.by,
+            "points": self.n_points,
+            "share": round(self.share, 4),
+            "residual": self.residual,
+            "pixels": self.pixels,
+            "degrees_error": float(np.degrees(self.turn_error)),
+            "scale_error": self.scale_error,
+        }
+
+
+def trusted(found: Alignment, config: TrustConfig | None = None) -> Alignment:
+    """``found``. Raises ``NotAlignedError`` with the reason where it cannot be trusted."""
+    c = config or TrustConfig()
+    what = f"The captures share too little: {found.n_points:,} {found.by} points fit"
+    if found.n_points < c.fewest:
+        text = f"it takes {c.fewest}."
+    elif found.share < c.share:
+        text = f"{found.share:.0%} of those that look alike; the others contradict."
+    elif not (np.degrees(found.turn_error) <= c.degrees and found.scale_error <= c.scale):
+        text = "from too few places to say how they lie to each other."
+    else:
+        return found
+    raise NotAlignedError(f"{what}, {text} Add photos that show both, or place it by hand.")
+
+
+def difference(a: DoubleArray, b: DoubleArray) -> tuple[float, float]:
+    """Angle in radians and relative scale between two similarities (4, 4)."""
+    between = inverse(a) @ b
+    scale = scale_of(between)
+    cosine = (np.trace(between[:3, :3]) / scale - 1) / 2
+    return float(np.arccos(np.clip(cosine, -1, 1))), abs(scale - 1)

@@ -1,0 +1,238 @@
+"""What came, went or moved between two captures that are aligned, object by object.
+
+An object of one capture is gone from the other where photos of the other look through its place, or
+see another color there; hidden there, or outside of all pictures, nothing is said. What went and
+what came with the same shape and color moved. Both are asked of rendered depth, not of nearby
+splats: two trainings put splats of one wall in different places, but the wall's surface stays.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from gaga_core.arrays import DoubleArray, IntArray, LongArray
+from gaga_core.camera import Camera
+from gaga_core.color import rgb_from_dc
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import turned
+from gaga_core.progress import Progress, Stage
+from gaga_core.raster.base import Rasterizer
+from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.captures.alignment import Capture
+from gaga_core.scene.frame import inverse, scale_of
+from gaga_core.scene.objects import group_name
+from gaga_core.scene.selection.click import click_views
+
+STAGE = "Compare the captures"
+Kind = Literal["came", "went", "moved"]
+
+
+@dataclass(frozen=True)
+class ChangeConfig:
+    """What counts as a change. Chosen on the demo with three objects moved and on ycb_table."""
+
+    side: int = 320  # pixels of a view that is looked into
+    opaque: float = 0.3  # opacity from which a splat is a part of a surface
+    sees: float = 0.5  # alpha from which a pixel shows a surface
+    depth: float = 0.02  # of the depth: what is that much nearer or farther is another surface
+    thin: float = 0.25  # ... or by that much of the thing's own size, if that is less
+    finest: float = 0.005  # of the depth: a trained surface is not known better
+    color: float = 0.25  # mean difference of channels, from which it is another thing
+    seen: float = 0.2  # share of a group's splats that must be seen
+    gone: float = 0.6  # share of these that must be gone
+    partly: float = 0.2  # ... of what stands where another thing stood, if it came from elsewhere
+    least_move: float = 0.5  # of its own size: what moved less is the same thing, seen otherwise
+    fewest: int = 30  # opaque splats of an object: smaller ones are crumbs
+    shape: float = 0.35  # greatest mean difference of log extents of one thing that moved
+    hues: float = 0.45  # least share of colors in common of one thing that moved
+
+
+@dataclass(frozen=True)
+class Change:
+    """One object that is not where it was."""
+
+    kind: Kind
+    name: str
+    first: int | None  # its group in the first capture; None: it came
+    second: int | None  # ... in the second; None: it went
+    distance: float = 0.0  # that it moved, units of the first capture
+
+    def sentence(self) -> str:
+        """ "mug moved by 0.32"."""
+        return (
+            f"{self.name} moved by {self.distance:.3g}"
+            if self.kind == "moved"
+            else (f"{self.name} {self.kind}")
+        )
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values."""
+        return {
+            "kind": self.kind,
+            "name": self.name,
+            "first_group": self.first,
+            "second_group": self.second,
+            "distance": self.distance,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """Surface of a capture: K opaque splats, and views of it."""
+
+    capture: Capture
+    gaussians: Gaussians  # all visible splats, world
+    rows: LongArray  # (K,) opaque ones in groups
+    labels: IntArray  # (K,)
+    means: DoubleArray  # (K, 3)
+    colors: DoubleArray  # (K, 3)
+    views: tuple[Camera, ...]
+
+
+def find_changes_stage(
+    first: Capture,
+    second: Capture,
+    world: DoubleArray,  # (4, 4) first_from_second
+    rasterizer: Rasterizer,
+    config: ChangeConfig | None = None,
+) -> Stage[tuple[Change, ...]]:
+    """Objects that came, went or moved, by kind and name.
+
+    Both captures need splats; one without groups has no objects that could have changed.
+    """
+    config = config or ChangeConfig()
+    a = yield from _side(first, config)
+    b = yield from _side(second, config)
+    gone_a = yield from _gone(a, b, inverse(world), rasterizer, config)
+    gone_b = yield from _gone(b, a, world, rasterizer, config)
+    scale = scale_of(world)
+    went = [_Thing.of(a, *one, 1.0) for one in gone_a]
+    came = [_Thing.of(b, *one, scale) for one in gone_b]
+    found, taken = [], set[int]()
+    pairs = _pairs(went, came, config)
+    for i, thing in enumerate(went):
+        if (j := pairs.get(i)) is not None:
+            far = float(
+                np.linalg.norm(
+                    turned(came[j].centre[None], world[:3, :3])[0] + world[:3, 3] - thing.centre
+                )
+            )
+            taken.add(j)
+            if far >= config.least_move * thing.size:
+                found.append(Change("moved", thing.name, thing.group, came[j].group, far))
+        elif thing.share >= config.gone:
+            found.append(Change("went", thing.name, thing.group, None))
+    for j, thing in enumerate(came):
+        if j not in taken and thing.share >= config.gone:
+            found.append(Change("came", thing.name, None, thing.group))
+    return tuple(sorted(found, key=lambda change: (change.kind, change.name)))
+
+
+def _side(capture: Capture, config: ChangeConfig) -> Stage[_Side]:
+    assert capture.scene is not None
+    scene = capture.scene
+    shown = np.flatnonzero(scene.visible)
+    gaussians = yield from bake_stage(scene)
+    labels = scene.labels[shown]
+    rows = np.flatnonzero((labels > 0) & (gaussians.opacities >= config.opaque))
+    colors = np.clip(rgb_from_dc(gaussians.sh[rows, 0]), 0, 1).astype(np.float64)
+    views = tuple(
+        view.at_most(config.side) for view in click_views(capture.cameras, gaussians.means)
+    )
+    means = gaussians.means[rows].astype(np.float64)
+    return _Side(capture, gaussians, rows, labels[rows], means, colors, views)
+
+
+def _gone(
+    side: _Side,
+    other: _Side,
+    other_from_side: DoubleArray,  # (4, 4)
+    rasterizer: Rasterizer,
+    config: ChangeConfig,
+) -> Stage[list[tuple[int, float]]]:
+    """Groups of ``side`` of which the views of ``other`` see a part not to be there, and how large
+    that is, as a share of what they see."""
+    points = turned(side.means, other_from_side[:3, :3]) + other_from_side[:3, 3]
+    there, away = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
+    groups, of = np.unique(side.labels, return_inverse=True)
+    n_all, scale = np.bincount(of), scale_of(other_from_side)
+    size = np.array([_size(side.means[of == i]) for i in range(len(groups))]) * scale
+    for i, view in enumerate(other.views):
+        yield Progress(STAGE, i, len(other.views), view.name)
+        frame = rasterizer.render(other.gaussians, view)
+        pixels, depths = view.project(points)
+        inside = np.flatnonzero(view.shows(pixels, depths))
+        u, v = pixels[inside].astype(np.int64).T
+        depth, surface = frame.median_depth[v, u], frame.alpha[v, u] >= config.sees
+        off = depth / depths[inside] - 1
+        near = config.thin * size[of[inside]] / depths[inside]
+        near = np.clip(near, config.finest, config.depth)
+        same = surface & (np.abs(off) <= near)
+        differs = np.abs(frame.image[v, u] - side.colors[inside]).mean(axis=1) > config.color
+        there[inside] += same & ~differs
+        away[inside] += (surface & (off > near)) | (same & differs)
+    seen, gone = there + away > 0, away > there
+    n_seen = np.bincount(of[seen], minlength=len(groups))
+    share = np.bincount(of[seen & gone], minlength=len(groups)) / np.maximum(n_seen, 1)
+    is_known = (n_all >= config.fewest) & (n_seen >= config.seen * n_all)
+    found = zip(groups[is_known].tolist(), share[is_known].tolist(), strict=True)
+    return [
+        (g, part) for g, part in found if part >= config.partly and g not in side.capture.behind
+    ]
+
+
+def _size(points: DoubleArray) -> float:
+    """Twice the mean distance of points (N, 3) to their middle: about the diameter of a ball."""
+    return 2 * float(np.linalg.norm(points - np.median(points, axis=0), axis=1).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class _Thing:
+    """Place, shape and color of an object that is not where it was."""
+
+    group: int
+    share: float  # that is seen not to be there in the other capture
+    name: str
+    size: float  # units of the first capture
+    centre: DoubleArray  # (3,) world of its capture
+    extents: DoubleArray  # (3,) log of its standard deviations, units of the first capture
+    hues: DoubleArray  # (B,) share of the splats in each cell of RGB
+
+    @staticmethod
+    def of(side: _Side, group: int, share: float, scale: float) -> "_Thing":
+        """A group of a capture whose units are ``scale`` units of the first one."""
+        assert side.capture.scene is not None
+        rows = np.flatnonzero(side.labels == group)
+        centre = np.median(side.means[rows], axis=0)
+        off = np.linalg.norm(side.means[rows] - centre, axis=1)
+        rows = rows[off <= np.quantile(off, _CORE)]  # without strays
+        spread = np.linalg.eigvalsh(np.cov(side.means[rows].T)) * scale**2
+        cells = (side.colors[rows] * (_LEVELS - 1) + 0.5).astype(np.int64) @ (
+            _LEVELS**2,
+            _LEVELS,
+            1,
+        )
+        hues = np.bincount(cells, minlength=_LEVELS**3) / len(rows)
+        name = group_name(side.capture.scene, group)
+        extents, size = 0.5 * np.log(np.maximum(spread, 1e-12)), scale * _size(side.means[rows])
+        return _Thing(group, share, name, size, centre, extents, hues)
+
+
+_CORE = 0.9  # share of a group's splats that its place and shape are measured of
+_LEVELS = 5  # of each channel, of which colors are counted
+
+
+def _pairs(went: Sequence[_Thing], came: Sequence[_Thing], config: ChangeConfig) -> dict[int, int]:
+    """Which of ``came`` is which of ``went``: the same shape and color."""
+    if not went or not came:
+        return {}
+    shape = np.array([[np.abs(a.extents - b.extents).mean() for b in came] for a in went])
+    hues = np.array([[np.minimum(a.hues, b.hues).sum() for b in came] for a in went])
+    share = np.array([[(a.share, b.share) for b in came] for a in went])
+    fits = (shape <= config.shape) & (hues >= config.hues) & (share.max(axis=2) >= config.gone)
+    cost = np.where(fits, shape / config.shape + (1 - hues) + 2 - share.sum(axis=2), 1e6)
+    rows, columns = linear_sum_assignment(cost)
+    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if fits[i, j]}

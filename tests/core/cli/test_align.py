@@ -1,0 +1,63 @@
+"""``gaga align``: two scene folders of one place, from photos on disk to the similarity."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_core.io.splats.splat_files import read_splats
+from gaga_core.scene.captures.alignment import difference
+from gaga_core.scene.frame import inverse
+from tests.core.cli.calls import Capture, answer, refusal
+from tests.core.scene.captures.scenes import any_similarity, write_furnished, write_scene
+
+
+@pytest.fixture
+def halves(tmp_path: Path) -> tuple[Path, Path, np.ndarray]:
+    world = any_similarity(np.random.default_rng(3))
+    write_scene(tmp_path / "a", 0)
+    write_scene(tmp_path / "b", 1, world=world)
+    return tmp_path / "a", tmp_path / "b", world
+
+
+def test_two_halves_come_together(halves: tuple[Path, Path, np.ndarray], capsys: Capture) -> None:
+    first, second, world = halves
+    said = answer(capsys, "align", str(first), str(second))
+    file = Path(str(said.pop("file")))
+    assert file == first / "gaga" / "align-b.json"
+    assert json.loads(file.read_text(encoding="utf-8")) == said
+    found = said["alignment"]
+    assert isinstance(found, dict)
+    turn, scale = difference(inverse(world), np.array(found["first_from_second"]))
+    assert np.degrees(turn) < 0.5
+    assert scale < 0.005
+    assert said["changes"] is None  # there are no splats
+    assert sorted(p.name for p in first.iterdir()) == ["gaga", "images", "sparse"]
+
+
+def test_what_moved_is_listed_and_both_are_written(tmp_path: Path, capsys: Capture) -> None:
+    """Splats with groups: one ball moved, one went, one came, one stayed."""
+    world = any_similarity(np.random.default_rng(5))
+    first, second = write_furnished(tmp_path, world)
+    target = tmp_path / "both.ply"
+    said = answer(capsys, "align", str(first), str(second), "--write", str(target))
+    changes = said["changes"]
+    assert isinstance(changes, list)
+    found = sorted((c["kind"], c["first_group"], c["second_group"]) for c in changes)
+    assert found == [("came", None, 5), ("moved", 2, 2), ("went", 3, None)]
+    both, a, b = (
+        read_splats(p) for p in (target, *(f / "point_cloud.ply" for f in (first, second)))
+    )
+    assert len(both) == len(a) + len(b)
+    back = inverse(world)
+    expected = b.means @ back[:3, :3].T + back[:3, 3]
+    np.testing.assert_allclose(both.means[len(a) :], expected, atol=0.03)
+
+
+def test_scenes_of_other_places_are_refused_in_words(tmp_path: Path, capsys: Capture) -> None:
+    write_scene(tmp_path / "a", 0)
+    write_scene(tmp_path / "b", 1, seed=1)
+    said = refusal(capsys, "align", str(tmp_path / "a"), str(tmp_path / "b"))
+    assert "place it by hand" in said
+    assert sorted(p.name for p in (tmp_path / "a").iterdir()) == ["images", "sparse"]
