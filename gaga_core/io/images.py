@@ -127,8 +127,10 @@ def _raw(path: Path, *, held: int) -> Image.Image:
         with open_file(path) as file, rawpy.imread(file) as raw:
             n = raw.sizes.raw_width * raw.sizes.raw_height
             check_memory(path, held + _OF_RAW * n, f"{n:,} pixels")
-            image = Image.fromarray(raw.postprocess(use_camera_wb=True, output_bps=8))
-            exif = _exif_of_preview(raw)
+            # Each photo as bright as it was exposed: LibRaw would stretch each for itself.
+            made = raw.postprocess(use_camera_wb=True, no_auto_bright=True, output_bps=8)
+            image = Image.fromarray(made)
+            exif = _exif_of_preview(path, raw)
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     except rawpy.LibRawFileUnsupportedError as error:
@@ -142,15 +144,15 @@ def _raw(path: Path, *, held: int) -> Image.Image:
     return image
 
 
-def _exif_of_preview(raw: "rawpy.RawPy") -> Image.Exif:
+def _exif_of_preview(path: Path, raw: "rawpy.RawPy") -> Image.Exif:
     import rawpy
 
     try:
         preview = raw.extract_thumb()
         if preview.format == rawpy.ThumbFormat.JPEG:
-            with Image.open(BytesIO(bytes(preview.data)), formats=("JPEG",)) as image:
+            with image_header(path, bytes(preview.data)) as image:
                 return image.getexif()
-    except (rawpy.LibRawError, OSError, *_DAMAGED):
+    except (rawpy.LibRawError, GagaError):
         pass  # without a preview the focal length is not known
     return Image.Exif()
 

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from gaga_core.errors import CancelledError, GagaError
-from gaga_core.io.cameras.given import GivenPoses
+from gaga_core.io.cameras.given import GivenPose, GivenPoses
 from gaga_core.io.cameras.poses import find_poses, read_poses
 from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
 from gaga_core.io.folder.scene_folder import World, read_report_entry, with_entry, write_world
@@ -291,9 +291,9 @@ def place_photos(
     start, existed = time.perf_counter(), scene.exists()
     workspace = scene / WORKSPACE
     try:
-        _claim(workspace, _fingerprint(source, config))
-        require_room(scene, source, workspace)
         given = _given_poses(source, config)
+        _claim(workspace, _fingerprint(source, config, given))
+        require_room(scene, source, workspace)
         found = yield from photo_set_stage(source, workspace, config)
         posed = None if given is None else posed_photos(found, given, source, config.sfm())
         made = yield from _placed(found, posed, workspace, config)
@@ -342,6 +342,11 @@ def _given_poses(source: Path, config: ReconstructConfig) -> GivenPoses | None:
         return None
     named = config.poses_from
     given = find_poses(source) if named is None else read_poses(Path(named), source)
+    if given is not None and config.poses == "keep" and any(p.lens is None for p in given.poses):
+        raise GagaError(
+            f"{given.file} says nothing of the lens, so its poses cannot be kept as they are. "
+            f"{option('--poses', 'refine')} finds it."
+        )
     if given is not None:
         say(f"{given.told} (--poses {config.poses}).")
     return given
@@ -431,15 +436,19 @@ def _claim(workspace: Path, fingerprint: str) -> None:
         mark.write_text(fingerprint, encoding="ascii")
 
 
-def _fingerprint(source: Path, config: ReconstructConfig) -> str:
-    """Digest of the photos' names, sizes and times and of the settings that change their places."""
+def _fingerprint(source: Path, config: ReconstructConfig, given: GivenPoses | None) -> str:
+    """Digest of the photos' names, sizes and times and of what changes their places."""
     files: Sequence[Path] = (source,) if source.is_file() else list_photos(source)
     stats = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     settings = asdict(replace(config.sfm(), threads=0))
     masks = None if config.foreground is None else str(Path(config.foreground).absolute())
-    poses = [config.poses, config.poses_from]
+    poses = [config.poses, *([] if given is None else map(_words_of, given.poses))]
     task = [stats, settings, config.focal, config.video_fps, masks, poses]
     return hashlib.sha256(json.dumps(task).encode()).hexdigest()
+
+
+def _words_of(pose: GivenPose) -> str:
+    return f"{pose.name} {pose.lens} {pose.cam_from_world.tolist()}"
 
 
 def _require(made: Ladder, config: ReconstructConfig) -> None:

@@ -7,7 +7,7 @@ and named; what can be is turned upright, made 8-bit RGB, and shrunk if it is ve
 import hashlib
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -15,7 +15,7 @@ from typing import cast
 import numpy as np
 from PIL import ExifTags, Image
 
-from gaga_core.arrays import FloatArray, UInt8Array
+from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.io.images import (
     HEIF_SUFFIXES,
@@ -115,6 +115,9 @@ _EXIF, _ORIENTATION = 0x8769, 0x0112  # tags
 _SIDE_35MM = np.hypot(36, 24)  # millimetres: the diagonal of a 35 mm negative
 _NAMED = 3  # names in a sentence
 _LEAST_SIDE = 32  # pixels
+# Yaw and pitch of the views of a panorama, degrees: rows that overlap by half, as COLMAP cuts them.
+_ROWS = (0, -35, 35)
+_VIEWS = tuple((yaw + 45 * (p != 0), p) for p in _ROWS for yaw in range(0, 360, 90))
 _INCH, _UNITS = 25.4, {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # millimetres
 
 
@@ -219,6 +222,7 @@ def prepare_photos(
     unread: list[str] = []
     twins: list[str] = []
     copies: list[str] = []
+    cut: list[str] = []
     looks_of = LooksIndex()
     for i, path in enumerate(_largest_first(sources)):
         yield Progress(STAGE, i, len(sources), path.name)
@@ -240,6 +244,11 @@ def prepare_photos(
             copies.append(path.name)
             continue
         name = _name_of(path, root, names)
+        if is_panorama(path, width, height):
+            cut.append(path.name)
+            photos += _cut(path, picture, target / name, longest_side)
+            names.update(photo.name.rpartition(".")[0].lower() for photo in photos)
+            continue
         photo = _prepared(path, picture, target / name, longest_side)
         known = focal if focal is not None else exif_focal(path, width, height)
         scale = photo.width / width
@@ -250,12 +259,68 @@ def prepare_photos(
         *_note("could not be read and {is} left out", unread),
         *_note("{is} the same as another and left out", twins),
         *_note("{is} a smaller or recompressed copy of another and left out", copies),
+        *_note(f"{{is}} of 360 degrees, each cut into {len(_VIEWS)} views", cut),
         *others,
     )
     if len(photos) < FEWEST:
         raise GagaError(_too_few(len(photos), len(sources), len(unread), notes))
     yield Progress(STAGE, len(sources), len(sources))
     return PhotoSet(tuple(sorted(photos, key=lambda p: p.name)), ordered, notes)
+
+
+def is_panorama(path: Path, width: int, height: int) -> bool:
+    """Whether a photo shows all directions: its metadata (GPano) say equirectangular."""
+    if abs(width - 2 * height) > 1:
+        return False
+    with image_header(path) as image:
+        found = image.info.get("xmp", b"")
+    text = found if isinstance(found, bytes) else str(found).encode(errors="replace")
+    return b"equirectangular" in text
+
+
+def panorama_views(picture: UInt8Array, side: int) -> Iterator[UInt8Array]:
+    """Square views (side, side, 3) of 90 degrees of an equirectangular picture (H, 2 H, 3).
+
+    Focal length side / 2. The middle of the picture is straight ahead, its upper edge above.
+    """
+    height, width = picture.shape[:2]
+    v, u = np.mgrid[0:side, 0:side] + 0.5
+    rays = np.stack([u - side / 2, v - side / 2, np.full_like(u, side / 2)], axis=2)
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    for yaw, pitch in _VIEWS:  # right and up, degrees
+        (cy, sy), (cp, sp) = ((np.cos(a), np.sin(a)) for a in np.radians([yaw, pitch]))
+        up = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
+        right = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+        x, y, z = np.moveaxis(rays @ (right @ up).T, 2, 0)
+        column = (np.arctan2(x, z) / (2 * np.pi) + 0.5) * width - 0.5
+        row = (np.arcsin(np.clip(y, -1, 1)) / np.pi + 0.5) * height - 0.5
+        yield _sampled(picture, row, column)
+
+
+def _sampled(picture: UInt8Array, row: DoubleArray, column: DoubleArray) -> UInt8Array:
+    """Pixels between others, bilinear; columns go round."""
+    height, width = picture.shape[:2]
+    row = np.clip(row, 0, height - 1)
+    top, left = np.floor(row).astype(np.int64), np.floor(column).astype(np.int64)
+    down, across = (row - top)[..., None], (column - left)[..., None]
+    bottom, right = np.minimum(top + 1, height - 1), (left + 1) % width
+    left %= width
+    upper = picture[top, left] * (1 - across) + picture[top, right] * across
+    lower = picture[bottom, left] * (1 - across) + picture[bottom, right] * across
+    result: UInt8Array = (upper * (1 - down) + lower * down + 0.5).astype(np.uint8)
+    return result
+
+
+def _cut(path: Path, picture: UInt8Array, target: Path, longest_side: int) -> list[Photo]:
+    """Write the views of a panorama, as sharp as it is in the middle."""
+    side = min(picture.shape[1] // 4, longest_side)
+    found = []
+    for k, view in enumerate(panorama_views(picture, side)):
+        file = target.with_name(f"{target.stem}-{k:02d}{target.suffix}")
+        Image.fromarray(view).save(file, quality=97, subsampling=0)
+        sharp = sharpness(shrunk(view, LOOK_SIDE))
+        found.append(Photo(file.name, str(path), side, side, side / 2, sharp))
+    return found
 
 
 def _largest_first(sources: Sequence[Path]) -> list[Path]:

@@ -832,7 +832,8 @@ def _off_lines(model: pycolmap.Reconstruction, matches: _HeldOut) -> DoubleArray
         slope = np.sqrt((line_a[:, :2] ** 2).sum(axis=1) + (line_b[:, :2] ** 2).sum(axis=1))
         focal = np.mean([camera.mean_focal_length() for camera in cameras])
         parts.append(focal * error / np.maximum(slope, 1e-18))
-    return np.concatenate(parts)
+    # A lens may say nothing of a pixel at its rim.
+    return np.nan_to_num(np.concatenate(parts), nan=_CAPPED, posinf=_CAPPED)
 
 
 def _mean_off(off: DoubleArray) -> float:
@@ -881,7 +882,9 @@ def _adjust(
         config.add_image(image.image_id)
         counts[image.camera_id] = counts.get(image.camera_id, 0) + 1
     for camera_id, n in counts.items():
-        if n < _LENS_PHOTOS or not is_last:  # while poses are off, a lens would make up for them
+        is_known = model.cameras[camera_id].has_prior_focal_length
+        # While poses are off, a lens would make up for them.
+        if is_known and (n < _LENS_PHOTOS or not is_last):
             config.set_constant_cam_intrinsics(camera_id)
     if is_last:
         now = _poses_of(model)

@@ -19,7 +19,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from gaga_core.errors import GagaError
 from gaga_core.io import files
-from gaga_core.io.images import IMAGE_SUFFIXES, image_header, open_image, read_rgb
+from gaga_core.io.images import IMAGE_SUFFIXES, RAW_SUFFIXES, image_header, open_image, read_rgb
 from gaga_core.io.masks.label_maps import read_further_labels, read_labels
 from gaga_core.io.masks.other_programs import recognise
 from gaga_core.placing.photos import Photo, PhotoSet, check_prepared, exif_focal
@@ -104,7 +104,7 @@ def test_what_any_encoder_writes_is_read_rightly_or_refused(kind: str, tmp_path:
                     found = read(path)
                 except GagaError:
                     continue
-                if name == "photo":
+                if name == "photo" and suffix not in RAW_SUFFIXES:  # these are made, not read
                     assert isinstance(found, np.ndarray)
                     wanted = plain if mode[0] in "IF" else image
                     apart = np.abs(found.astype(int) - np.asarray(wanted.convert("RGB"))).mean()

@@ -171,8 +171,8 @@ def _seen(lens: Lens, cam_from_world: DoubleArray, point: DoubleArray) -> tuple[
     camera = pycolmap.Camera(
         model=lens.model, width=lens.width, height=lens.height, params=lens.params
     )
-    u, v = camera.img_from_cam((cam_from_world @ point)[:3])
-    return float(u), float(v)
+    u, v = np.asarray(camera.img_from_cam((cam_from_world @ point)[:3])).tolist()
+    return u, v
 
 
 def test_map_coordinates_come_near_the_origin_by_whole_units(tmp_path: Path) -> None:

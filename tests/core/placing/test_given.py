@@ -1,3 +1,4 @@
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from gaga_core.pipeline.place import place_photos, placement_of, read_entry
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.given import moved_by, pairs_by_pose, similarity_between
 from gaga_core.progress import run_stage
-from tests.core.placing.photo_scenes import write_photos
+from tests.core.placing.photo_scenes import FOCAL, write_photos
 
 N = 12
 
@@ -50,13 +51,20 @@ def placed(tmp_path: Path) -> Placed:
     """Place photos of the room by poses that are off: true poses, found ones, report, scene."""
 
     def place(
-        mode: str, degrees: float, way: float, change: Callable[..., object] = lambda _: None
+        mode: str,
+        degrees: float,
+        way: float,
+        change: Callable[..., object] = lambda _: None,
+        has_lens: bool = True,
     ) -> tuple[DoubleArray, DoubleArray, dict[str, Any], Path]:
         truth = write_photos(tmp_path / "shots" / "images", N)
         images = {camera.name: tmp_path / "shots" / "images" / camera.name for camera in truth}
         noisy = _noisy(truth, degrees, way)
         file = tmp_path / "shots" / "transforms.json"
         write_transforms_json(file, [c for c in noisy if change(c) is None], images)
+        if not has_lens:
+            words = re.sub(r'"fl_[xy]": [\d.]+,', "", file.read_text())
+            file.write_text(words)
         config = ReconstructConfig(poses=mode, threads=1)  # type: ignore[arg-type]
         run_stage(place_photos(tmp_path / "shots" / "images", tmp_path / "scene", config))
         folder = open_scene_folder(tmp_path / "scene")
@@ -127,6 +135,14 @@ def test_a_photo_without_a_pose_is_told(placed: Placed) -> None:
     report = placement_of({"sfm": entry})
     assert report is not None
     assert report.left_out == {"005.jpg": "no pose is given"}
+
+
+def test_poses_without_a_lens_are_refined_with_one_and_not_kept(placed: Placed) -> None:
+    with pytest.raises(GagaError, match="nothing of the lens"):
+        placed("keep", 0.0, 0.0, has_lens=False)
+    truth, found, entry, _ = placed("refine", 0.0, 0.0, has_lens=False)
+    assert entry["focal"] == pytest.approx(FOCAL, rel=0.02)
+    assert moved_by(truth, found)[0].max() < 0.1
 
 
 def test_kept_poses_that_photos_contradict_are_refused(placed: Placed, tmp_path: Path) -> None:

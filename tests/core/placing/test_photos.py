@@ -16,6 +16,7 @@ from gaga_core.placing.photos import (
     PhotoSet,
     exif_focal,
     list_photos,
+    panorama_views,
     prepare_photos,
     read_photo_set,
     sharpness,
@@ -204,3 +205,33 @@ def test_no_video_is_told(tmp_path: Path) -> None:
     with pytest.raises(GagaError, match="cannot be read as a video"):
         run_stage(extract_moving_frames(video, tmp_path / "out", longest_side=160))
     assert not (tmp_path / "out").exists()
+
+
+def test_a_photo_of_360_degrees_is_cut_into_views_that_show_what_is_there(tmp_path: Path) -> None:
+    """Each direction has its color; a view shows it where a pinhole camera does."""
+    height = 256
+    v, u = np.mgrid[0:height, 0 : 2 * height] + 0.5
+    yaw, pitch = (u / height - 1) * np.pi, (v / height - 0.5) * np.pi
+    towards = np.stack(
+        [np.cos(pitch) * np.sin(yaw), np.sin(pitch), np.cos(pitch) * np.cos(yaw)], axis=2
+    )
+    picture = np.round(127.5 + 127.5 * towards).astype(np.uint8)
+    views = list(panorama_views(picture, 128))
+    centres = [(view[63:65, 63:65].reshape(-1, 3).mean(axis=0) - 127.5) / 127.5 for view in views]
+    assert np.abs(centres[0] - [0, 0, 1]).max() < 0.02  # straight ahead
+    assert np.abs(centres[1] - [1, 0, 0]).max() < 0.02  # to the right
+    for view, ahead in zip(views, centres, strict=True):
+        # 45 degrees right of the middle at the right edge: the same turn in every view.
+        edge = (view[63:65, -1].mean(axis=0) - 127.5) / 127.5
+        assert abs(float(edge @ ahead) - np.cos(np.radians(45))) < 0.03
+        down = (view[-1, 63:65].mean(axis=0) - view[0, 63:65].mean(axis=0))[1]
+        assert down > 0
+    xmp = b'<x xmlns:GPano="a" GPano:ProjectionType="equirectangular"/>'
+    folder = tmp_path / "round"
+    folder.mkdir()
+    Image.fromarray(picture).save(folder / "a.jpg", xmp=xmp, quality=95)
+    Image.fromarray(picture[:, ::-1]).save(folder / "b.jpg", quality=95)  # nothing says so
+    found = prepared(folder, tmp_path / "out")
+    assert len(found.photos) == len(views) + 1
+    assert {photo.focal for photo in found.photos if photo.name != "b.jpg"} == {64.0}
+    assert "360 degrees" in " ".join(found.notes)

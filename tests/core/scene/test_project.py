@@ -4,8 +4,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.cli.export import up_of
 from gaga_core.errors import GagaError
+from gaga_core.io.cameras.colmap import write_colmap
 from gaga_core.io.files import fingerprint
+from gaga_core.io.folder.scene_folder import World, known_world, write_world
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene import edits
 from gaga_core.scene.camera_path import Bookmark, Shot
@@ -140,3 +143,32 @@ def test_real_scene_with_a_project(ycb_table: Path, tmp_path: Path) -> None:
     assert_same(project.scene, again.scene)
     assert again.folder is not None
     assert again.scene.visible.sum() == 59_900
+
+
+def test_metres_and_the_vertical_of_given_poses_reach_the_project_and_its_export(
+    tmp_path: Path,
+) -> None:
+    scene = objects_scene(2, 20, n_cameras=3)
+    (tmp_path / "sparse" / "0").mkdir(parents=True)
+    write_colmap(
+        tmp_path / "sparse" / "0", scene.cameras, np.ones((1, 3)), np.ones((1, 3), np.uint8)
+    )
+    write_ply(tmp_path / "point_cloud.ply", scene.gaussians)
+    assert not opened(tmp_path).scene.frame.is_metric
+    assert np.allclose(up_of(opened(tmp_path)), (0, 0, 1), atol=0.02)
+    write_world(tmp_path, World(is_metric=True, up=(0, 1, 0), program="ARKit"))
+    project = opened(tmp_path)
+    assert project.scene.frame.is_metric
+    assert np.allclose(up_of(project), (0, 1, 0))
+    # Turned on its side as a whole, the vertical turns along; a saved project keeps both.
+    turn = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0]], np.float64)
+    edit = edits.move_scene(project.scene, turn, "Turn")
+    assert edit is not None
+    History(project.scene).do(edit)
+    assert np.allclose(up_of(project), (0, 0, 1))
+    again = opened(save_project(project))
+    assert again.scene.frame.is_metric
+    assert np.allclose(up_of(again), (0, 0, 1))
+    # A file that is damaged says nothing, and stops nothing.
+    (tmp_path / "gaga" / "world.json").write_text('{"up": [0, 0, 0], "is_metric": 3}')
+    assert known_world(tmp_path) == (False, None)

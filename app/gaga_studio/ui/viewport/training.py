@@ -45,6 +45,7 @@ def draw_fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionP
     """Draw the settings of the placement; return the plan with what was changed."""
     config = plan.config
     if not found.is_video:
+        widgets.dim("Poses next to the photos")
         chosen = widgets.segmented("Poses", _POSES, config.poses, why_not={})
         if chosen != config.poses:
             plan = reconstruction.plan_with(plan, "poses", chosen)
