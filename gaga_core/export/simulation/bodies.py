@@ -27,14 +27,16 @@ from gaga_core.scene.orientation import upright_basis
 UP = (0.0, 0.0, 1.0)  # of the world of a simulation
 GRAVITY = 9.81  # m/s^2 downwards
 _SOLID = 0.2  # opacity from which on a splat counts as a surface
-_ASIDE, _BELOW = 0.5, 0.25  # of the object's size: where its support is looked for
+_ASIDE, _ABOVE = 0.5, 0.25  # of the object's size: how far around and above its lowest point ...
+# ... its support is looked for: the highest layer with this share of the splats of the fullest.
+_FULL = 0.5
 _LAYER = 0.02  # of the object's size: height of the layer of splats that a plane is fitted to
 _N_SUPPORT = 30  # splats: fewer are no surface
 _STEEPEST = np.cos(np.radians(20.0))  # of a plane that something stands on
 _GAP = 0.15  # of the object's height: a foot that ends higher over its support does not touch it
 _CUT = 2.0  # voxels over the support from which on downwards the underside is made flat
 _MOST_CORNERS = 64  # of a convex part: what PhysX takes on a graphics card
-_COARSE, _MOST_TRIANGLES = 0.002, 3_000  # of the extent; what convex parts are searched in
+_COARSE, _MOST_TRIANGLES = 0.002, 1_500  # of the extent; what convex parts are searched in
 _THICKNESS = 0.05  # of the longer side of a support: how thick its box is
 
 
@@ -130,14 +132,14 @@ def support_of(points: DoubleArray, others: DoubleArray) -> Plane | None:
     size = float((hi - lo).max())
     reach = _ASIDE * float((hi - lo)[:2].max())
     near = ((others[:, :2] > lo[:2] - reach) & (others[:, :2] < hi[:2] + reach)).all(axis=1)
-    near &= np.abs(others[:, 2] - lo[2]) < _BELOW * size
+    near &= others[:, 2] < lo[2] + _ABOVE * size
     cloud = others[near]
     layer = _LAYER * size
     if len(cloud) < _N_SUPPORT:
         return None
     heights = np.sort(cloud[:, 2])
     n_in_layer = np.searchsorted(heights, heights + layer, side="right") - np.arange(len(heights))
-    start = heights[int(n_in_layer.argmax())]
+    start = heights[np.flatnonzero(n_in_layer >= _FULL * n_in_layer.max())[-1]]
     inside = (cloud[:, 2] >= start) & (cloud[:, 2] <= start + layer)
     fit = np.array([0.0, 0.0, start + layer / 2])
     for _ in range(3):
@@ -265,7 +267,9 @@ def body_stage(
 
     Raises ``GagaError`` when it has no surface, or an extra is missing.
     """
-    mesh = yield from proxy_mesh_stage(gaussians, choose(), up=np.array(UP), config=mesh_config)
+    mesh = yield from proxy_mesh_stage(
+        gaussians, choose(), up=np.array(UP), config=mesh_config, is_soft=True
+    )
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     stands = is_closed = False
     try:
