@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from gaga_core.export.simulation.settings import SimulationConfig
 from gaga_core.io.meshes import TriangleMesh
 from gaga_core.io.splats.splat_files import read_splats, write_splats
 from tests.scenes import box_on_table, random_gaussians
+from tests.usd_files import complaints
 
 trimesh = pytest.importorskip("trimesh")
 for _package in ("coacd", "manifold3d", "mujoco"):
@@ -34,7 +36,7 @@ for _package in ("coacd", "manifold3d", "mujoco"):
 _CONFIG = SimulationConfig(parts=16, concavity=0.05)
 
 
-def _mesh(solid: "trimesh.Trimesh") -> TriangleMesh:
+def _mesh(solid: Any) -> TriangleMesh:
     vertices = np.ascontiguousarray(solid.vertices, np.float32)
     return TriangleMesh(vertices, np.ascontiguousarray(solid.faces, np.int32))
 
@@ -155,8 +157,6 @@ def test_the_command_writes_what_simulators_load(
 
     pytest.importorskip("pxr.UsdVol", reason="usd-core is not installed")
     from pxr import Usd, UsdPhysics
-
-    from tests.core.io.test_usd import complaints
 
     table_scene, out = tmp_path / "scene.ply", tmp_path / "out"
     write_splats(table_scene, box_on_table())
