@@ -1,6 +1,6 @@
 """Small synthetic scenes that tests share: known splats, known groups, known cameras."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -99,3 +99,21 @@ def _facing(normals: DoubleArray) -> DoubleArray:
     quats[w < 1e-6] = [0, 1, 0, 0]
     result: DoubleArray = quats / np.linalg.norm(quats, axis=1, keepdims=True)
     return result
+
+
+def box_on_table(gap: float = 0.0) -> Gaussians:
+    """A box of 80 x 60 x 100 mm, group 1, ``gap`` over a table, group 2, in axes of a .ply."""
+    rng = np.random.default_rng(0)
+    face, rows = rng.integers(0, 5, 3000), np.arange(3000)
+    points = rng.uniform(-0.5, 0.5, (3000, 3))
+    points[rows, np.array([0, 0, 2, 2, 1])[face]] = np.array([-0.5, 0.5, -0.5, 0.5, 0.5])[face]
+    points = points * [0.08, 0.1, 0.06] + [0, 0.05 + gap, 0]
+    table = rng.uniform([-0.4, 0, -0.4], [0.4, 0, 0.4], (6000, 3))
+    means = np.vstack([points, table]) * [1, -1, -1]
+    return replace(
+        random_gaussians(9000),
+        means=means.astype(np.float32),
+        log_scales=np.full((9000, 3), np.log(0.0025), np.float32),
+        logit_opacities=np.full(9000, 4, np.float32),
+        extra={"group": np.repeat([1, 2], [3000, 6000]).astype(np.int32)},
+    )

@@ -1,7 +1,7 @@
 """Solids of objects: a convex hull, an oriented box, and the surface as a triangle mesh."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -113,6 +113,8 @@ _BAND = 3.0  # voxels around a depth in which a view measures a distance
 _MARGIN = 3  # voxels around the object
 _SOLID = 0.5  # alpha from which on a pixel shows the object
 _HIDDEN = 0.1  # what a view counts that sees a voxel far behind the surface
+_FRONT = 0.5  # percent of the pixels may be nearer than what counts as the front
+_FLAT = 20.0  # percent of the views may see a face, not an edge that has few pixels
 _CRUMB = 0.05  # parts smaller than this share of the largest one are left out
 _SEEN = 2.0  # voxels: a vertex no farther from a view's depth has its color
 
@@ -156,11 +158,14 @@ def proxy_mesh_stage(
     *,
     up: DoubleArray | None = None,  # (3,) unit, world; None: z
     config: MeshConfig | None = None,
+    is_soft: bool = False,
 ) -> Stage[TriangleMesh]:
     """The closed surface of ``gaussians`` (an object alone, world) with a color a vertex.
 
-    Every edge has two triangles, which face outwards. Raises ``GagaError`` when there is no
-    surface: too few splats, or all nearly transparent.
+    ``is_soft``: the outlines of views say how large it is, as depths of trained splats lie deeper
+    than the surface: for lengths that are to be true. Every edge has two triangles, which face
+    outwards. Raises ``GagaError`` when there is no surface: too few splats, or all nearly
+    transparent.
     """
     config = config or MeshConfig()
     finite: BoolArray = np.isfinite(gaussians.means.sum(axis=1))
@@ -181,10 +186,12 @@ def proxy_mesh_stage(
     frames: list[tuple[Camera, Frame]] = []
     for k, camera in enumerate(cameras):
         yield Progress(STEP, k, len(cameras), camera.name)
-        frame = rasterizer.render(gaussians, camera)
-        _fuse(grid, camera, frame, total, weight, is_above=bool(is_above[k]))
-        if is_above[k]:
-            frames.append((camera, frame))
+        frames.append((camera, rasterizer.render(gaussians, camera)))
+    nearer = _nearer(frames[: _RINGS[0][1]]) if is_soft else 0.0
+    frames = [(c, replace(f, median_depth=f.median_depth - nearer)) for c, f in frames]
+    for (camera, frame), above in zip(frames, is_above, strict=True):
+        _fuse(grid, camera, frame, total, weight, is_above=bool(above))
+    frames = [seen for seen, above in zip(frames, is_above, strict=True) if above]
     field = np.where(weight > 0, total / np.maximum(weight, 1e-6), -1).reshape(grid.shape)
     vertices, faces = _at_most(field, config.triangles)
     world = grid.origin + grid.voxel * vertices
@@ -193,6 +200,41 @@ def proxy_mesh_stage(
     return TriangleMesh(
         np.ascontiguousarray(world, np.float32), np.ascontiguousarray(faces, np.int32), colors
     )
+
+
+def _nearer(level: list[tuple[Camera, Frame]]) -> float:
+    """How much too far the depths are: outlines from the side reach farther to the viewer.
+
+    ``level``: views from evenly around. Trained splats are soft, so half of the light comes from
+    within: without this an orange of 73 mm had 65 mm.
+    """
+    behind = []
+    quarter = len(level) // 4
+    for k, (camera, frame) in enumerate(level):
+        axis = camera.cam_from_world[2, :3]
+        solid = (frame.alpha >= _SOLID) & (frame.median_depth > 0)
+        reaches = []
+        for side in (k + quarter, k - quarter):
+            other, seen = level[side % len(level)]
+            columns = np.flatnonzero((seen.alpha >= _SOLID).any(axis=0))
+            if not solid.any() or len(columns) == 0:
+                continue
+            # From the middle, at whose distance the outline is, to the end that is towards us.
+            right, middle = other.cam_from_world[0, :3], other.width / 2
+            distance = float(np.linalg.norm(camera.position - _middle_of(level)))
+            ends = (columns[[0, -1]] + [0, 1] - middle) * distance / other.K[0, 0]
+            reaches.append(float((ends * -(right @ axis)).max()))
+        if reaches:
+            front = float(np.percentile(frame.median_depth[solid], _FRONT))
+            # What one side sees too large, as it is nearer to it, the other sees too small.
+            behind.append(front - (distance - min(reaches)))
+    return max(float(np.percentile(behind, _FLAT)), 0.0) if behind else 0.0
+
+
+def _middle_of(level: list[tuple[Camera, Frame]]) -> DoubleArray:
+    """What views from evenly around look at (3,)."""
+    middle: DoubleArray = np.mean([camera.position for camera, _ in level], axis=0)
+    return middle
 
 
 def _fuse(

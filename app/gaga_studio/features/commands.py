@@ -20,6 +20,7 @@ from gaga_studio.features import (
     objects,
     reconstruction,
     selection,
+    simulate,
     split_view,
     transform,
     upright,
@@ -124,7 +125,7 @@ _ALL = (
     *(selection.COMMANDS + objects.COMMANDS + folders.COMMANDS + cleanup.COMMANDS + fill.COMMANDS),
     *(masks.COMMANDS + association.COMMANDS + memory_bank.COMMANDS + search.COMMANDS),
     *(click_object.COMMANDS + view.COMMANDS + split_view.COMMANDS + camera.COMMANDS),
-    *(measure.COMMANDS + dataset.COMMANDS + add_scene.COMMANDS),
+    *(measure.COMMANDS + dataset.COMMANDS + add_scene.COMMANDS + simulate.COMMANDS),
 )
 _BY_ID = {command.id: command for command in _ALL}
 _ORDER = {
@@ -147,7 +148,7 @@ _ORDER = {
         object.leave_parent object.children_go_along object.make object.merge object.separate
         object.split object.split_here object.join_here object.split_masks object.fill
         object.fill_apply object.fill_lighten object.fill_continue object.fill_model object.clean
-        object.clean_apply object.clean_first scene.add_apply scene.changes""",
+        object.clean_apply object.clean_first object.simulate scene.add_apply scene.changes""",
     "View": """view.color view.groups view.depth view.confidence view.centres view.rings view.mask
         view.identity view.next_mode view.groups_centres view.identity_centres view.folder_colors
         view.look_auto view.look_classic view.look_antialiased view.background view.frame_selected

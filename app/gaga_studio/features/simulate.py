@@ -24,6 +24,7 @@ COMMAND = "object.simulate"
 _TITLE = "Simulate"
 _FRAME = 1 / 30  # s between the places that are shown
 _MOST_SECONDS = 60.0  # of falling
+_STILL, _REST_S = 1e-5, 0.5  # change of places between two frames, and for how long: at rest
 # Coarser than an export: one waits for the bodies with the button held.
 _MESH, _CONFIG = MeshConfig(voxels=48, triangles=0), SimulationConfig(parts=8, concavity=0.1)
 
@@ -73,14 +74,16 @@ def start(session: Session) -> bool:
         world = yield from world_stage(scene, how, groups or None)
         place, motions, begin = upright_place(how.up, 1.0), Motions(), time.monotonic()
         first: DoubleArray | None = None
+        former, n_still = np.zeros(0), 0
         for k, places in enumerate(fall(world, _MOST_SECONDS, _FRAME)):
-            first = places if first is None else first
+            n_still = n_still + 1 if k and np.abs(places - former).max() < _STILL else 0
+            first, former = (places if first is None else first), places
             motions = [
                 (body.id, np.linalg.inv(place) @ now @ np.linalg.inv(then) @ place)
                 for body, now, then in zip(world.bodies, places, first, strict=True)
             ]
             yield Progress(_TITLE, 0, 0, payload=motions)
-            if not state.is_held:
+            if not state.is_held or n_still * _FRAME > _REST_S:
                 break
             time.sleep(max(0.0, begin + k * _FRAME - time.monotonic()))  # as fast as it is
         return motions

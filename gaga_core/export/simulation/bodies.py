@@ -27,14 +27,16 @@ from gaga_core.scene.orientation import upright_basis
 UP = (0.0, 0.0, 1.0)  # of the world of a simulation
 GRAVITY = 9.81  # m/s^2 downwards
 _SOLID = 0.2  # opacity from which on a splat counts as a surface
-_ASIDE, _BELOW = 0.5, 0.25  # of the object's size: where its support is looked for
+_ASIDE, _NEAR = 0.5, 0.25  # of the object's size: how far around and above or below its lowest
+# point its support is looked for; else it is below, of a layer with this share of the fullest.
+_FULL = 0.5
 _LAYER = 0.02  # of the object's size: height of the layer of splats that a plane is fitted to
 _N_SUPPORT = 30  # splats: fewer are no surface
 _STEEPEST = np.cos(np.radians(20.0))  # of a plane that something stands on
 _GAP = 0.15  # of the object's height: a foot that ends higher over its support does not touch it
 _CUT = 2.0  # voxels over the support from which on downwards the underside is made flat
 _MOST_CORNERS = 64  # of a convex part: what PhysX takes on a graphics card
-_COARSE, _MOST_TRIANGLES = 0.002, 3_000  # of the extent; what convex parts are searched in
+_COARSE, _MOST_TRIANGLES = 0.002, 1_500  # of the extent; what convex parts are searched in
 _THICKNESS = 0.05  # of the longer side of a support: how thick its box is
 
 
@@ -130,26 +132,34 @@ def support_of(points: DoubleArray, others: DoubleArray) -> Plane | None:
     size = float((hi - lo).max())
     reach = _ASIDE * float((hi - lo)[:2].max())
     near = ((others[:, :2] > lo[:2] - reach) & (others[:, :2] < hi[:2] + reach)).all(axis=1)
-    near &= np.abs(others[:, 2] - lo[2]) < _BELOW * size
-    cloud = others[near]
-    layer = _LAYER * size
+    layer, foot = _LAYER * size, others[near]
+    stands = foot[np.abs(foot[:, 2] - lo[2]) < _NEAR * size]
+    plane = _level_plane(stands, 1.0, layer)
+    # What hangs in the air falls on the highest of several surfaces.
+    return plane or _level_plane(foot[foot[:, 2] < lo[2]], _FULL, layer)
+
+
+def _level_plane(cloud: DoubleArray, share: float, layer: float) -> Plane | None:
+    """The plane of the highest ``layer`` with this ``share`` of the points of the fullest one."""
     if len(cloud) < _N_SUPPORT:
         return None
-    heights = np.sort(cloud[:, 2])
-    n_in_layer = np.searchsorted(heights, heights + layer, side="right") - np.arange(len(heights))
-    start = heights[int(n_in_layer.argmax())]
+    rows = np.sort(cloud[:, 2])
+    in_layer = np.searchsorted(rows, rows + layer, side="right") - np.arange(len(rows))
+    start = rows[np.flatnonzero(in_layer >= share * in_layer.max())[-1]]
     inside = (cloud[:, 2] >= start) & (cloud[:, 2] <= start + layer)
-    fit = np.array([0.0, 0.0, start + layer / 2])
+    corner, fit = cloud.min(axis=0), np.array([0.0, 0.0, start + layer / 2])
     for _ in range(3):
         if inside.sum() < _N_SUPPORT:
             return None
-        design = np.column_stack([cloud[:, :2] - lo[:2], np.ones(len(cloud))])
+        design = np.column_stack([cloud[:, :2] - corner[:2], np.ones(len(cloud))])
         fit = np.linalg.lstsq(design[inside], cloud[inside, 2], rcond=None)[0]
         inside = np.abs(design @ fit - cloud[:, 2]) < layer
     normal = np.array([-fit[0], -fit[1], 1.0]) / np.sqrt(fit[0] ** 2 + fit[1] ** 2 + 1)
     if normal[2] < _STEEPEST:
         return None
-    return Plane(np.array([lo[0], lo[1], fit[2]]), normal)
+    middle = np.median(cloud[inside], axis=0)
+    on_it = fit[0] * (middle[0] - corner[0]) + fit[1] * (middle[1] - corner[1]) + fit[2]
+    return Plane(np.array([middle[0], middle[1], on_it]), normal)
 
 
 def _solid_of(mesh: TriangleMesh) -> Any:
@@ -265,7 +275,9 @@ def body_stage(
 
     Raises ``GagaError`` when it has no surface, or an extra is missing.
     """
-    mesh = yield from proxy_mesh_stage(gaussians, choose(), up=np.array(UP), config=mesh_config)
+    mesh = yield from proxy_mesh_stage(
+        gaussians, choose(), up=np.array(UP), config=mesh_config, is_soft=True
+    )
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     stands = is_closed = False
     try:

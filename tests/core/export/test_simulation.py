@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,8 @@ from gaga_core.export.simulation.mjcf import mjcf_of, urdf_of
 from gaga_core.export.simulation.settings import SimulationConfig
 from gaga_core.io.meshes import TriangleMesh
 from gaga_core.io.splats.splat_files import read_splats, write_splats
-from tests.scenes import random_gaussians
+from tests.scenes import box_on_table, random_gaussians
+from tests.usd_files import complaints
 
 trimesh = pytest.importorskip("trimesh")
 for _package in ("coacd", "manifold3d", "mujoco"):
@@ -34,7 +36,7 @@ for _package in ("coacd", "manifold3d", "mujoco"):
 _CONFIG = SimulationConfig(parts=16, concavity=0.05)
 
 
-def _mesh(solid: "trimesh.Trimesh") -> TriangleMesh:
+def _mesh(solid: Any) -> TriangleMesh:
     vertices = np.ascontiguousarray(solid.vertices, np.float32)
     return TriangleMesh(vertices, np.ascontiguousarray(solid.faces, np.int32))
 
@@ -148,48 +150,25 @@ def test_urdf_and_mjcf_say_mass_and_parts() -> None:
     assert 'data="splats/cup.ply"' in text
 
 
-@pytest.fixture
-def table_scene(tmp_path: Path) -> Path:
-    """A box of 80 x 60 x 100 mm, group 1, on a table, as splats in the axes of a .ply (y down)."""
-    rng = np.random.default_rng(0)
-    face = rng.integers(0, 5, 3000)
-    points = rng.uniform(-0.5, 0.5, (3000, 3))
-    axis, side = np.array([0, 0, 2, 2, 1])[face], np.array([-0.5, 0.5, -0.5, 0.5, 0.5])[face]
-    points[np.arange(3000), axis] = side
-    points = points * [0.08, 0.1, 0.06] + [0, 0.05, 0]
-    table = np.column_stack(
-        [rng.uniform(-0.4, 0.4, 6000), np.zeros(6000), rng.uniform(-0.4, 0.4, 6000)]
-    )
-    means = np.vstack([points, table]) * [1, -1, -1]
-    g = replace(
-        random_gaussians(9000),
-        means=means.astype(np.float32),
-        log_scales=np.full((9000, 3), np.log(0.0025), np.float32),
-        logit_opacities=np.full(9000, 4, np.float32),
-        extra={"group": np.repeat([1, 2], [3000, 6000]).astype(np.int32)},
-    )
-    write_splats(tmp_path / "scene.ply", g)
-    return tmp_path / "scene.ply"
-
-
 def test_the_command_writes_what_simulators_load(
-    table_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     import mujoco
 
     pytest.importorskip("pxr.UsdVol", reason="usd-core is not installed")
     from pxr import Usd, UsdPhysics
 
-    from tests.core.io.test_usd import complaints
-
-    out = tmp_path / "out"
+    table_scene, out = tmp_path / "scene.ply", tmp_path / "out"
+    write_splats(table_scene, box_on_table())
     call = ["export", str(table_scene), "--out", str(out), "--what", "simulation", "--only", "1"]
     assert main([*call, "--voxels", "40", "--parts", "4", "--mass", "1=0.4"]) == 0
     assert unit_sentence(is_metric=False) in " ".join(capsys.readouterr().err.split())
     told = json.loads((out / "simulation.json").read_text())
     (thing,) = told["objects"]
     assert thing["mass"] == pytest.approx(0.4)
-    assert thing["volume"] == pytest.approx(0.08 * 0.1 * 0.06, rel=0.3)
+    edge = 0.0035  # m that round splats of 2.5 mm show beyond their centres
+    volume = (0.08 + 2 * edge) * (0.1 + edge) * (0.06 + 2 * edge)
+    assert thing["volume"] == pytest.approx(volume, rel=0.2)
     assert thing["underside"] == "assumed flat"
     model = mujoco.MjModel.from_xml_path(str(out / "scene.xml"))
     assert model.nbody == 2

@@ -12,16 +12,10 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.io.splats.splat_files import read_splats, write_splats
 from tests.scenes import random_gaussians
+from tests.usd_files import complaints
 
 pytest.importorskip("pxr.UsdVol", reason="usd-core is not installed")
-from pxr import Gf, Usd, UsdGeom, UsdValidation, UsdVol
-
-
-def complaints(path: Path) -> list[str]:
-    """What all validators of OpenUSD say of a file."""
-    registry = UsdValidation.ValidationRegistry()
-    context = UsdValidation.ValidationContext(registry.GetOrLoadAllValidators())
-    return [error.GetMessage() for error in context.Validate(Usd.Stage.Open(str(path)))]
+from pxr import Gf, Usd, UsdGeom, UsdVol
 
 
 @pytest.mark.parametrize("suffix", ["usd", "usda", "usdc", "usdz"])

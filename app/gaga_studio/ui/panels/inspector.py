@@ -11,7 +11,7 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.scene.cleanup import DROPPED, TAKEN_IN
 from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.orientation import Pose, degrees_of, motion_between, with_degrees
-from gaga_studio.features import add_scene, cleanup, commands, fill, measure, transform
+from gaga_studio.features import add_scene, cleanup, commands, fill, measure, simulate, transform
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.selection import Uncertain
 from gaga_studio.features.transform import GradeSliders
@@ -483,6 +483,13 @@ def _buttons(session: Session) -> None:
         command_buttons.command_button(session, command, label, Face(icon=icon, width=width))
     draw_choice(session, len(command_buttons.SELECTION_BUTTONS) % columns > 0)
     imgui.pop_style_var()
+    hint = "While you hold it, the selection falls and comes to rest under gravity"
+    why_not = simulate.not_possible(session)
+    widgets.button("Hold to simulate", Face(width=-1), why_not=why_not, hint=hint)
+    if imgui.is_item_activated() and not why_not:
+        simulate.start(session)
+    elif imgui.is_item_deactivated():
+        simulate.stop(session)
 
 
 def _color(session: Session, document: Document, state: InspectorState) -> None:
