@@ -251,7 +251,13 @@ _SIZES = {  # of the window, by the scale of the text
 }
 _SMALLEST = (800, 500)
 _WITH_OPTIONS = (ToolName.LASSO, ToolName.OBJECT, ToolName.COLOR)
-_SHEETS = ("edit.preferences", "file.export_objects", "file.export_cameras", "camera.film")
+_SHEETS = (
+    "edit.preferences",
+    "file.export_objects",
+    "file.export_cameras",
+    "camera.film",
+    "file.dataset",
+)
 
 
 def test_no_text_is_cut_at_any_size(
