@@ -281,6 +281,8 @@ def place_photos(
     try:
         _claim(workspace, _fingerprint(source, config))
         require_room(scene, source, workspace)
+        if config.foreground is None:  # found by a run that was stopped: features need none
+            shutil.rmtree(workspace / MASKS, ignore_errors=True)
         found = yield from photo_set_stage(source, workspace, config)
         made = yield from place_stage(
             found,
@@ -296,7 +298,6 @@ def place_photos(
             shutil.copytree(made.best.model, workspace / "model")
         backdrop = None
         if config.foreground is None:
-            shutil.rmtree(workspace / MASKS, ignore_errors=True)
             is_static = config.turntable or made.diagnosis.still
             backdrop = yield from backdrop_stage(
                 found,
