@@ -294,6 +294,8 @@ def place_photos(
         given = _given_poses(source, config)
         _claim(workspace, _fingerprint(source, config, given))
         require_room(scene, source, workspace)
+        if config.foreground is None:  # found by a run that was stopped: features need none
+            shutil.rmtree(workspace / MASKS, ignore_errors=True)
         found = yield from photo_set_stage(source, workspace, config)
         posed = None if given is None else posed_photos(found, given, source, config.sfm())
         made = yield from _placed(found, posed, workspace, config)
@@ -306,7 +308,6 @@ def place_photos(
             yield from run_step("to_given", found, workspace, config.sfm())
         backdrop = None
         if config.foreground is None:
-            shutil.rmtree(workspace / MASKS, ignore_errors=True)
             is_static = config.turntable or made.diagnosis.still
             backdrop = yield from backdrop_stage(
                 found,

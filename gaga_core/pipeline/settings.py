@@ -45,9 +45,11 @@ class ReconstructConfig:
     place_minutes: float | None = setting(None, "Minutes for placing", above=0, most=10_000)
     """Time for all attempts to place the photos; default: 20, 60 or 300 as the quality says."""
     foreground: str | None = setting(None, "Masks of the object")
-    """Folder of masks of the object, NAME.png, black = background: the background is left out."""
+    """Folder of masks of the object, NAME.png, black = background: the background is left out.
+    Default: looked for, on turntables and in front of plain backdrops."""
     turntable: bool = setting(False, "Object on a turntable")
-    """The object turned in front of a fixed camera: leave the background out."""
+    """The object turned in front of a fixed camera, where that is not found without asking: leave
+    the background out."""
     poses: Literal["keep", "refine", "scale", "ignore"] = setting(
         "refine", "Poses next to the photos"
     )

@@ -90,6 +90,9 @@ def _only(facts: SfmFacts, mine: np.ndarray) -> SfmFacts:
 STAGE = "Try again"
 _MOST_SIDE, _MOST_FEATURES = 3200, 16_384  # pixels and features of the most thorough attempts
 _EXHAUSTIVE_PHOTOS = 250  # photos whose pairs are all tried when the likely ones did not do
+_HALF_PLACED = 0.5  # share of the photos: a placement of more promises that attempts gain
+_UNPROMISING = 0.25  # x the time for all attempts: after that the refusal comes, 5 min at draft
+_FAILED = "No attempt placed the photos."
 _FAINT_CONTRAST = 0.002  # least contrast of the last attempt
 _MAPPERS = {"": "map", "relaxed": "map_relaxed"}
 
@@ -237,7 +240,14 @@ class _State:
 
     @property
     def out_of_time(self) -> bool:
-        return self.seconds > 60 * self.ladder.minutes
+        return self.seconds > 60 * self.minutes
+
+    @property
+    def minutes(self) -> float:
+        """For all attempts: a part where they placed too little to promise more."""
+        best = self.best
+        promises = best is not None and best.is_right and best.share > _HALF_PLACED
+        return self.ladder.minutes * (1.0 if promises else _UNPROMISING)
 
     @property
     def is_enough(self) -> bool:
@@ -267,7 +277,7 @@ class _State:
 
     def clock(self) -> str:
         """Share of the time limit that is used up."""
-        return f"{self.seconds / 60:.0f} of at most {self.ladder.minutes:.0f} min"
+        return f"{self.seconds / 60:.0f} of at most {self.minutes:.0f} min"
 
     def reason(self) -> str:
         """Reason for another attempt."""
@@ -286,7 +296,7 @@ class _State:
         """Reason why there is no model at all."""
         repeated = self.diagnosis.repeated()
         return " ".join(
-            [self.failure, *([repeated] if repeated else []), *self.diagnosis.reasons()]
+            [self.failure or _FAILED, *([repeated] if repeated else []), *self.diagnosis.reasons()]
         )
 
 
@@ -351,11 +361,11 @@ def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None
 
 
 def _until(state: _State, stage: Stage[None]) -> Stage[None]:
-    """Run ``stage`` until the time is used up, if there is a result to fall back on."""
+    """Run ``stage`` until the time is used up; the first attempt in any case to a result."""
     try:
         for step in stage:
             yield step
-            if state.out_of_time and state.best is not None:
+            if state.out_of_time and (state.best is not None or state.attempts):
                 return
     finally:
         stage.close()

@@ -8,14 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.images import read_rgb
 from gaga_core.pipeline.reconstruct import reconstruct_scene
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from tests.captures import scenes
 from tests.captures.placing import placed
+from tests.captures.turntables import TWELVE, photograph_turntable
 from tests.conftest import real_scene
 
 _OFF = 0.05  # of the cameras' extent
@@ -137,16 +140,34 @@ def test_an_object_on_a_turntable(tmp_path: Path, given: str) -> None:
     """0.1.0: no model, and no word about the background."""
     photos, masks = tmp_path / "in", tmp_path / "masks"
     true = scenes.turntable(photos, masks)
-    if given == "nothing":
-        with pytest.raises(GagaError, match=r"background is static.*--turntable"):
-            placed(photos, tmp_path / "scene")
-        return
-    config = ReconstructConfig(only="sfm", turntable=True)
+    config = ReconstructConfig(only="sfm", turntable=given == "turntable")
     if given == "masks":
         config = ReconstructConfig(only="sfm", foreground=str(masks))
     made = placed(photos, tmp_path / "scene", config)
     assert made.share >= 0.9
     assert made.off(true) < _OFF
+    assert ("The camera stood still" in made.notes) == (given != "masks")
+
+
+@pytest.mark.capture
+@pytest.mark.parametrize("kind", TWELVE)
+def test_a_scanned_object_on_a_turntable(tmp_path: Path, kind: str) -> None:
+    """Placed without being asked; the masks hold the object, and little but what turns along."""
+    photos, masks, spec = tmp_path / "in", tmp_path / "masks", TWELVE[kind]
+    true = photograph_turntable(spec, real_scene("ycb_meshes"), photos, masks)
+    made = placed(photos, tmp_path / "scene")
+    assert made.share >= 0.9
+    assert made.off(true) < _OFF
+    kept, share = [], []
+    for camera in made.cameras:
+        stem = Path(camera.name).stem
+        found = read_rgb(tmp_path / "scene" / "foreground" / f"{stem}.png")[..., 0] > 0
+        size = found.shape[::-1]
+        truth = np.asarray(Image.open(masks / f"{stem}.png").resize(size)) > 127
+        kept.append((found & truth).sum() / truth.sum())
+        share.append(found.mean())
+    assert np.mean(kept) > 0.95
+    assert np.mean(share) < 0.5
 
 
 @pytest.mark.capture

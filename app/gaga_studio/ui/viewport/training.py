@@ -60,9 +60,9 @@ def draw_fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionP
     plan = draw_setting(plan, "place_minutes", config.place_minutes or 0.0, tip)
     tip = "Which one, by its number of photos, when the photos show several"
     plan = draw_setting(plan, "scene", config.scene, tip)
-    tip = "The object turned in front of a fixed camera: the background is left out"
+    tip = "The object turned in front of a fixed camera, where that is not found without asking"
     plan = draw_setting(plan, "turntable", config.turntable, tip)
-    tip = "A folder with NAME.png for each photo, black where the background is"
+    tip = "A folder with NAME.png for each photo, black = background; empty: it is looked for"
     return draw_setting(plan, "foreground", config.foreground or "", tip)
 
 
