@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 from scipy.optimize import linear_sum_assignment
 
 from gaga_core.arrays import DoubleArray, IntArray, LongArray
@@ -41,6 +42,7 @@ class ChangeConfig:
     thin: float = 0.25  # ... or by that much of the thing's own size, if that is less
     finest: float = 0.005  # of the depth: a trained surface is not known better
     color: float = 0.25  # mean difference of channels, from which it is another thing
+    views: int = 3  # that see a splat's place: one or two may be wrong at its edge
     seen: float = 0.2  # share of a group's splats that must be seen
     gone: float = 0.6  # share of these that must be gone
     partly: float = 0.2  # ... of what stands where another thing stood, if it came from elsewhere
@@ -174,7 +176,7 @@ def _gone(
         differs = np.abs(frame.image[v, u] - side.colors[inside]).mean(axis=1) > config.color
         there[inside] += same & ~differs
         away[inside] += (surface & (off > near)) | (same & differs)
-    seen, gone = there + away > 0, away > there
+    seen, gone = there + away >= config.views, away > there
     n_seen = np.bincount(of[seen], minlength=len(groups))
     share = np.bincount(of[seen & gone], minlength=len(groups)) / np.maximum(n_seen, 1)
     is_known = (n_all >= config.fewest) & (n_seen >= config.seen * n_all)
@@ -215,7 +217,9 @@ class _Thing:
             _LEVELS,
             1,
         )
-        hues = np.bincount(cells, minlength=_LEVELS**3) / len(rows)
+        counts = np.bincount(cells, minlength=_LEVELS**3) / len(rows)
+        # Blurred: trained colors are not those of another training to the digit.
+        hues = gaussian_filter(counts.reshape([_LEVELS] * 3), _BLUR, mode="nearest").ravel()
         name = group_name(side.capture.scene, group)
         extents, size = 0.5 * np.log(np.maximum(spread, 1e-12)), scale * _size(side.means[rows])
         return _Thing(group, share, name, size, centre, extents, hues)
@@ -223,6 +227,7 @@ class _Thing:
 
 _CORE = 0.9  # share of a group's splats that its place and shape are measured of
 _LEVELS = 5  # of each channel, of which colors are counted
+_BLUR = 0.7  # levels, standard deviation
 
 
 def _pairs(went: Sequence[_Thing], came: Sequence[_Thing], config: ChangeConfig) -> dict[int, int]:
