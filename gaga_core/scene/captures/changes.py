@@ -33,7 +33,7 @@ Kind = Literal["came", "went", "moved"]
 
 @dataclass(frozen=True)
 class ChangeConfig:
-    """What counts as a change. Chosen on the demo with three objects moved, drawn and trained; nowhere else yet."""
+    """What counts as a change. Chosen on the demo with three objects moved, drawn and trained."""
 
     side: int = 320  # pixels of a view that is looked into
     opaque: float = 0.3  # opacity from which a splat is a part of a surface
