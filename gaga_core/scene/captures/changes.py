@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 from scipy.optimize import linear_sum_assignment
 
 from gaga_core.arrays import DoubleArray, IntArray, LongArray
@@ -32,7 +33,7 @@ Kind = Literal["came", "went", "moved"]
 
 @dataclass(frozen=True)
 class ChangeConfig:
-    """What counts as a change. Chosen on the demo with three objects moved and on ycb_table."""
+    """What counts as a change. Chosen on the demo with three objects moved, drawn and trained."""
 
     side: int = 320  # pixels of a view that is looked into
     opaque: float = 0.3  # opacity from which a splat is a part of a surface
@@ -41,7 +42,9 @@ class ChangeConfig:
     thin: float = 0.25  # ... or by that much of the thing's own size, if that is less
     finest: float = 0.005  # of the depth: a trained surface is not known better
     color: float = 0.25  # mean difference of channels, from which it is another thing
+    views: int = 3  # that see a splat's place: one or two may be wrong at its edge
     seen: float = 0.2  # share of a group's splats that must be seen
+    free: float = 0.33  # share of the looks at its place that nothing in front of it may hide
     gone: float = 0.6  # share of these that must be gone
     partly: float = 0.2  # ... of what stands where another thing stood, if it came from elsewhere
     least_move: float = 0.5  # of its own size: what moved less is the same thing, seen otherwise
@@ -156,7 +159,7 @@ def _gone(
     """Groups of ``side`` of which the views of ``other`` see a part not to be there, and how large
     that is, as a share of what they see."""
     points = turned(side.means, other_from_side[:3, :3]) + other_from_side[:3, 3]
-    there, away = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
+    looks, there, away = np.zeros((3, len(points)), np.int64)
     groups, of = np.unique(side.labels, return_inverse=True)
     n_all, scale = np.bincount(of), scale_of(other_from_side)
     size = np.array([_size(side.means[of == i]) for i in range(len(groups))]) * scale
@@ -172,12 +175,15 @@ def _gone(
         near = np.clip(near, config.finest, config.depth)
         same = surface & (np.abs(off) <= near)
         differs = np.abs(frame.image[v, u] - side.colors[inside]).mean(axis=1) > config.color
+        looks[inside] += 1
         there[inside] += same & ~differs
         away[inside] += (surface & (off > near)) | (same & differs)
-    seen, gone = there + away > 0, away > there
+    seen, gone = there + away >= config.views, away > there
     n_seen = np.bincount(of[seen], minlength=len(groups))
     share = np.bincount(of[seen & gone], minlength=len(groups)) / np.maximum(n_seen, 1)
     is_known = (n_all >= config.fewest) & (n_seen >= config.seen * n_all)
+    n_looks, n_free = np.bincount(of, weights=looks), np.bincount(of, weights=there + away)
+    is_known &= n_free >= config.free * n_looks
     found = zip(groups[is_known].tolist(), share[is_known].tolist(), strict=True)
     return [
         (g, part) for g, part in found if part >= config.partly and g not in side.capture.behind
@@ -215,7 +221,9 @@ class _Thing:
             _LEVELS,
             1,
         )
-        hues = np.bincount(cells, minlength=_LEVELS**3) / len(rows)
+        counts = np.bincount(cells, minlength=_LEVELS**3) / len(rows)
+        # Blurred: trained colors are not those of another training to the digit.
+        hues = gaussian_filter(counts.reshape([_LEVELS] * 3), _BLUR, mode="nearest").ravel()
         name = group_name(side.capture.scene, group)
         extents, size = 0.5 * np.log(np.maximum(spread, 1e-12)), scale * _size(side.means[rows])
         return _Thing(group, share, name, size, centre, extents, hues)
@@ -223,6 +231,7 @@ class _Thing:
 
 _CORE = 0.9  # share of a group's splats that its place and shape are measured of
 _LEVELS = 5  # of each channel, of which colors are counted
+_BLUR = 0.7  # levels, standard deviation
 
 
 def _pairs(went: Sequence[_Thing], came: Sequence[_Thing], config: ChangeConfig) -> dict[int, int]:

@@ -138,6 +138,8 @@ def test_while_a_job_runs_what_needs_one_says_so(session: Session) -> None:
 _NEEDS_MORE = {
     "view.lod",  # more than two million splats
     "view.build_lod",
+    "scene.add_apply",
+    "scene.changes",
     "object.make",
     *(f"camera.bookmark_{key}" for key in range(1, 10)),
     "camera.play",

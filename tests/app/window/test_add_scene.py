@@ -1,0 +1,44 @@
+"""Add a scene through the menu, the window's dialog, the Inspector and the list of changes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaga_studio.features import add_scene
+from tests.app.window.driver import Driver, drive
+from tests.core.scene.captures.scenes import any_similarity, write_furnished
+
+pytestmark = pytest.mark.window
+
+
+@pytest.mark.slow
+def test_a_second_scene_by_the_menu(display: str, tmp_path: Path) -> None:
+    first, second = write_furnished(tmp_path, any_similarity(np.random.default_rng(9)))
+
+    def walk(d: Driver) -> None:
+        session = d.session
+        n = len(session.need().scene)
+        before = d.pixels()
+        d.menu("File/Add a scene…")
+        dialog = d.studio.ui.files.dialog
+        assert dialog is not None
+        dialog._text = str(second)
+        d.frames(2)
+        d.click("###File dialog/Add")
+        d.settle()
+        found = add_scene.shown(session)
+        assert found is not None
+        assert (d.pixels() != before).any()
+        d.click("Inspector/###Apply")
+        d.settle()
+        assert add_scene.shown(session) is None
+        assert len(session.need().scene) > n
+        d.menu("Object/What changed…")
+        d.click("**/###Change 0")
+        d.settle()
+        change, groups = add_scene.changes(session).found[0]
+        assert change.kind == "came"
+        assert session.selected_groups() == groups
+
+    drive(walk, path=first)
