@@ -7,7 +7,7 @@ is cancelled or fails leaves the scene folder as it was.
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +63,7 @@ def associate_scene(
     cameras = select_views(folder, "train")
     known = [camera.name for camera in folder.cameras]
     mask_set = mask_folder(mask_path, [camera.name for camera in cameras], known)
+    config = with_silhouettes(config, folder, mask_set)
     if gaussians is None:
         gaussians = yield from read_model(folder)
     start = time.perf_counter()
@@ -107,6 +108,16 @@ def _write_pseudo_labels(
         groups = associated_labels(labels, association.mask_groups[camera.name])
         write_labels(folder / f"{view_key(camera.name)}.png", groups)
         yield Progress("Write label maps", i + 1, len(views), camera.name)
+
+
+def with_silhouettes(
+    config: AssociateConfig, folder: SceneFolder, masks: MaskSet
+) -> AssociateConfig:
+    """The same; where the background was left out and no model made the masks, those of the
+    coarsest level are silhouettes of objects."""
+    if not (masks.are_regions and config.hierarchy is not None and folder.foreground):
+        return config
+    return replace(config, hierarchy=replace(config.hierarchy, silhouettes=True))
 
 
 def saved_preset(folder: SceneFolder) -> Preset:

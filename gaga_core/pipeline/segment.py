@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from scipy.ndimage import label as connected
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
@@ -285,6 +286,9 @@ class _Done:
         return f" · about {left / 60:.0f} min left" if left >= 90 else f" · about {left:.0f} s left"
 
 
+_HALF = 127  # level above which a mask of the foreground shows the object
+
+
 class _PhotoError(GagaError):
     """A photo that is missing or damaged: its view goes without masks."""
 
@@ -312,7 +316,19 @@ def _label_maps(
         labels, *further = yield from provider.label_maps(Picture(image, depth))
     else:
         labels = yield from provider.label_map(Picture(image, depth))
+    mask = folder.foreground.get(camera.name)
+    if mask is not None and isinstance(provider, RegionsProvider):
+        labels, *further = _before_background(mask, (labels, *further))
     return resize_labels(labels, width, height), further
+
+
+def _before_background(mask: Path, maps: Sequence[IntArray]) -> list[IntArray]:
+    """Regions without those of the background that training left out; at the coarsest level of
+    detail they are the silhouettes of the objects before it."""
+    height, width = maps[0].shape
+    kept = resize_labels((read_rgb(mask)[..., 0] > _HALF).astype(np.int32), width, height)
+    found = [np.where(kept > 0, labels, 0) for labels in maps]
+    return [found[0], connected(kept)[0].astype(np.int32), *found[2:]]
 
 
 def _keys(
@@ -334,9 +350,12 @@ def _keys(
     except OSError as error:
         raise _PhotoError(explain_os_error(error, path)) from error
     seen: list[object] = []
+    mask = folder.foreground.get(camera.name)
+    if mask is not None and isinstance(provider, RegionsProvider):
+        seen = [hashlib.sha256(mask.read_bytes()).hexdigest()]
     if cues.model_id:
         pose = [camera.K.tolist(), camera.cam_from_world.tolist(), camera.width, camera.height]
-        seen = [cues.model_id, pose]
+        seen += [cues.model_id, pose]
     parts = (photo, provider.fingerprint(), config.longest_side, seen)
     first = fingerprint_of(_VERSION, *parts)
     if isinstance(provider, ModelProvider):

@@ -353,7 +353,8 @@ def cuts(
     Background is what is worth less than ``least``, and nodes (n,) that are rest however they look.
     Finer levels have more and more of it as objects; the last one has pieces of leaves.
     """
-    n, leaves, worth = len(tree.parent), tree.leaves(), np.maximum(objectness, 0) ** _POWER
+    objectness = np.maximum(objectness, 0)
+    n, leaves, worth = len(tree.parent), tree.leaves(), objectness**_POWER
     levels = np.empty((len(PRICES), tree.n_leaves), np.int64)
     for node_of, price in zip(levels, PRICES, strict=True):
         for k in best_cut(tree, worth - price):
@@ -408,6 +409,7 @@ class HierarchyConfig:
     surfels: int = 60_000  # most samples of the surfaces; time grows with them
     background: bool = True  # gather what is no object in one group
     detail: float | None = None  # level to choose, 0 coarse .. 1 fine; None = objects
+    silhouettes: bool = False  # regions at the coarsest level are outlines of whole objects
 
     def __post_init__(self) -> None:
         if self.surfels < LEAST_SURFELS:
@@ -459,7 +461,10 @@ def objects_stage(
     yield Progress(STAGE, 2, _STEPS, "borders")
     tree = grown(seen)
     yield Progress(STAGE, 3, _STEPS, "objects")
-    objectness = learned().objects(node_features(seen, tree, views, n_splats))
+    features = node_features(seen, tree, views, n_splats)
+    objectness = learned().objects(features)
+    if config.silhouettes:
+        objectness = _by_silhouettes(tree, objectness, features[:, _OF_SILHOUETTES])
     is_rest = tree.leaves() @ np.bincount(tree.leaf, n_splats, tree.n_leaves) < _LEAST_SPLATS
     least = OBJECT if config.background else -np.inf
     clusters, behind, sure = cuts(tree, objectness, is_rest, least)
@@ -476,6 +481,22 @@ def objects_stage(
     labels[:, rows] = found.labels[:, : len(rows)]
     of_samples = found.labels[found.chosen, len(rows) :]
     return FoundObjects(replace(found, labels=labels), confidence, surfels.regions, of_samples)
+
+
+_OF_SILHOUETTES = 5  # feature of a node: how it fits the regions of the coarsest level
+
+
+def _by_silhouettes(tree: Tree, objectness: DoubleArray, fit: DoubleArray) -> DoubleArray:
+    """The objectness (n,) where regions may be outlines of whole objects, which nodes fit (n,).
+
+    How well one fits a node, or what that is a part of, is the chance that it is one. Then how well
+    the node itself fits is its IoU with an object, however much a part looks like one.
+    """
+    chance = fit.copy()
+    for k in range(len(fit) - 1, -1, -1):
+        if tree.parent[k] >= 0:
+            chance[k] = max(chance[k], chance[tree.parent[k]])
+    return (1 - chance) * objectness + chance * fit
 
 
 def _is_outvoted(groups: LongArray, distance: DoubleArray) -> BoolArray:

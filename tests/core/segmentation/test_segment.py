@@ -80,6 +80,29 @@ def test_maps_of_the_train_views_are_written(folder: SceneFolder) -> None:
     assert open_scene_folder(folder.root).mask_folders == {"quarters": report.folder}
 
 
+def test_regions_are_of_what_is_before_the_background(folder: SceneFolder) -> None:
+    """The coarsest level is the silhouettes; a new mask makes the regions of its view again."""
+    masks = folder.root / "foreground"
+    masks.mkdir()
+    mask = np.zeros((120, 160, 3), np.uint8)
+    mask[30:90, 20:60] = mask[40:80, 100:140] = 255
+    for camera in folder.cameras:
+        write_rgb(masks / f"{Path(camera.name).stem}.png", mask)
+    provider = RegionsProvider(RegionsConfig(width=160))
+    report = run_stage(segment_scene(folder, provider))
+    inside = mask[..., 0] > 0
+    for name in folder.train:
+        path = report.folder / f"{Path(name).stem}.png"
+        coarsest, *finer = read_further_labels(path)
+        for labels in (read_labels(path), *finer):
+            assert np.array_equal(labels > 0, inside)
+        assert np.unique(coarsest[30:90, 20:60]).tolist() == [1]
+        assert np.unique(coarsest[40:80, 100:140]).tolist() == [2]
+    assert run_stage(segment_scene(folder, provider)).kept == folder.train
+    write_rgb(masks / f"{Path(folder.train[0]).stem}.png", mask[:, ::-1])
+    assert run_stage(segment_scene(folder, provider)).made == folder.train[:1]
+
+
 def test_a_second_run_makes_only_what_is_missing(folder: SceneFolder) -> None:
     run_stage(segment_scene(folder, Quarters()))
     again = Quarters()

@@ -17,6 +17,7 @@ from gaga_core.identity.lift import Mode as LiftMode
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.io.folder.scene_folder import SceneFolder, select_views
 from gaga_core.masks import MaskSet
+from gaga_core.pipeline.associate import with_silhouettes
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
@@ -193,6 +194,7 @@ def associate_project_stage(
         raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
     cameras = select_views(project.folder, "train")
     gaussians = stages.file_gaussians(project.scene)
+    config = with_silhouettes(config, project.folder, masks)
 
     return stages.prepared(
         "Associate masks",
