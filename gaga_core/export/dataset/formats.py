@@ -23,6 +23,7 @@ from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.json_file import read_json
 from gaga_core.io.masks.coco import decode_rle
+from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.progress import Progress, Stage
 
 DATASET_FILE = "dataset.json"
@@ -353,7 +354,7 @@ def _bop_picture(
         "cam_R_w2c": world[:3, :3].ravel().tolist(),
         "cam_t_w2c": (_MM * world[:3, 3]).tolist(),
     }
-    depth = np.asarray(Image.open(root / record.file("depth")))
+    depth = read_labels(root / record.file("depth"))  # 16-bit, as label maps are
     poses, facts = list[dict[str, object]](), list[dict[str, object]]()
     for k, one in enumerate(record.objects):
         pose = np.array(one.cam_from_object).reshape(4, 4)

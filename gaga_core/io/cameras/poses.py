@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.errors import GagaError
+from gaga_core.io.arrays_file import read_array
 from gaga_core.io.cameras.cameras_json import read_cameras_json
 from gaga_core.io.cameras.colmap import has_colmap, read_colmap
 from gaga_core.io.cameras.given import (
@@ -65,12 +66,9 @@ def read_llff(path: Path, photos: Photos) -> GivenPoses:
 
     Columns are down, right, backwards, place, and height, width, focal length in pixels.
     """
-    try:
-        with open_file(path) as file:
-            rows = np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError, MemoryError) as error:
-        raise GagaError(f"{path} is damaged ({error}). Copy it again.") from error
-    if rows.ndim != 2 or rows.shape[1] != _LLFF or not np.isfinite(rows[:, :15]).all():
+    rows = read_array(path, "Copy it again.")
+    is_table = rows.ndim == 2 and rows.shape[1] == _LLFF and rows.dtype.kind in "iuf"
+    if not is_table or not np.isfinite(rows[:, :15]).all():
         raise GagaError(f"{path}: expected {_LLFF} numbers for each photo. Copy it again.")
     names = sorted(photos.paths)
     if len(names) != len(rows):
