@@ -138,7 +138,7 @@ class AlignCommand:
         if self.json:
             return out.result(found.to_json() | written, as_json=True)
         out.line(found.alignment.sentence())
-        for line in found.lines():
+        for line in found.lines() if self.config.changes else ():
             out.line(line)
         return out.result(written, as_json=False)
 

@@ -14,22 +14,23 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, refuse_links
 from gaga_core.io.folder.scene_folder import find_model, is_scene_folder, open_scene_folder
+from gaga_core.io.images import write_rgb
 from gaga_core.io.splats.splat_files import model_fingerprint
 from gaga_core.io.splats.spz import OURS
 from gaga_core.pipeline.search import describe_project
 from gaga_core.pipeline.settings import AlignConfig
 from gaga_core.placing.photos import FEWEST
-from gaga_core.progress import Stage
+from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
-from gaga_core.scene.bake import bake
+from gaga_core.scene.bake import bake, bake_stage
 from gaga_core.scene.captures.alignment import Alignment, Capture, NotAlignedError
 from gaga_core.scene.captures.by_photos import align_by_photos_stage
-from gaga_core.scene.captures.by_surfaces import drawn_stage
 from gaga_core.scene.captures.changes import Change, find_changes_stage
 from gaga_core.scene.edits import Edit, append, recolor, transform
 from gaga_core.scene.edits.values import together
 from gaga_core.scene.objects import group_name
+from gaga_core.scene.orientation import guess_up, views_around
 from gaga_core.scene.project import Project, meant_in, open_path_stage
 from gaga_core.scene.scene import Revision, Scene
 from gaga_core.scene.selection.algebra import world_means
@@ -110,7 +111,7 @@ def align_stage(
             for i, capture in enumerate(shown):
                 if capture.scene is None:
                     raise NotAlignedError(f"{capture.name} has neither photos on disk nor splats.")
-                shown[i] = yield from drawn_stage(capture, workspace / f"drawn-{i}", engine)
+                shown[i] = yield from _drawn_stage(capture, workspace / f"drawn-{i}", engine)
         matching = workspace / "matching"
         found = yield from align_by_photos_stage(
             shown[0], shown[1], matching, threads=config.threads, seed=config.seed
@@ -124,6 +125,40 @@ def align_stage(
         engine = engine or choose()
         changes = yield from find_changes_stage(first, second, found.world, engine)
     return Aligned(first.name, second.name, found, changes)
+
+
+# --- By the splats alone: each scene is drawn from where its photos were taken, or from all around
+# where no cameras are known, and the pictures are matched as photos are. Features of drawn surfaces
+# have a scale of their own, which features of bare geometry lack: two scans rarely have the same
+# units.
+
+
+_DRAW = "Draw the surfaces"
+_SIDE = 640  # pixels of a picture
+_MOST = 24  # pictures of a capture
+_RINGS = ((-35.0, 6), (5.0, 9), (40.0, 9))  # elevation in degrees, views around
+_FIELD, _ROOM = np.radians(50.0), 0.8  # field of view, and how far it is filled
+
+
+def _drawn_stage(capture: Capture, folder: Path, rasterizer: Rasterizer) -> Stage[Capture]:
+    """``capture`` with drawn pictures in ``folder`` instead of photos."""
+    assert capture.scene is not None
+    gaussians = yield from bake_stage(capture.scene)
+    views = capture.cameras
+    if views:
+        chosen = np.linspace(0, len(views) - 1, min(len(views), _MOST)).round().astype(int)
+        views = tuple(views[i].at_most(_SIDE) for i in chosen)
+    else:
+        box, up = robust_box(gaussians.means, 0.98), guess_up(gaussians)
+        views = views_around(box, up, _RINGS, side=_SIDE, field=_FIELD, room=_ROOM)
+    folder.mkdir(parents=True)
+    named = [replace(view, name=f"{i:03d}.png") for i, view in enumerate(views)]
+    for i, view in enumerate(named):
+        yield Progress(_DRAW, i, len(named))
+        write_rgb(folder / view.name, rasterizer.render(gaussians, view).image)
+    return replace(
+        capture, cameras=tuple(named), photos={view.name: folder / view.name for view in named}
+    )
 
 
 def _n_photos(capture: Capture) -> int:
@@ -170,7 +205,7 @@ def addition_of(scene: Scene, second: Project, world: DoubleArray) -> Addition:
     return Addition(edit, groups, shown)
 
 
-def beside(first: Scene, second: Scene) -> DoubleArray:
+def middle_of_first(first: Scene, second: Scene) -> DoubleArray:
     """Where a scene that could not be aligned is put (4, 4), to be moved by hand: around the middle
     of the first one, as large as that."""
     boxes = [robust_box(world_means(scene), 0.9) for scene in (first, second)]

@@ -54,7 +54,7 @@ class ReconstructConfig:
         "refine", "Poses next to the photos"
     )
     """Poses of another program that lie next to the photos. keep: use them as they are. refine:
-    adjust them, if that is better. scale: place the photos anew; take over scale and vertical."""
+    adjust them, if that is better. scale: place the photos again, use only scale and vertical."""
     poses_from: str | None = setting(None, "File of the poses")
     """File or folder of poses; default: what lies next to the photos."""
     scene: int = setting(1, "Scene", least=1, most=9)

@@ -85,7 +85,7 @@ def start(session: Session, path: Path) -> None:
             aligned = yield from after_warm_up(work)
             world = aligned.alignment.world
         except NotAlignedError as error:
-            world, why = align.beside(project.scene, second.scene), str(error)
+            world, why = align.middle_of_first(project.scene, second.scene), str(error)
         return Found(capture.name, align.addition_of(project.scene, second, world), aligned, why)
 
     check = watch(session, document, _CHANGED)

@@ -140,7 +140,7 @@ class JobRunner:
 
     @property
     def preparing(self) -> Job | None:
-        """What is prepared in parallel, quiet jobs and all others beside it."""
+        """What is prepared in parallel to all other jobs."""
         return self._preparing.describe() if self._preparing is not None else None
 
     def prepare(self, title: str, stage: Stage[object]) -> None:

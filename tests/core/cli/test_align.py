@@ -5,10 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from gaga_core.io.splats.splat_files import read_splats
+from gaga_core.io.files import assets
+from gaga_core.io.splats.splat_files import read_splats, write_splats
+from gaga_core.scene.bake import bake
 from gaga_core.scene.captures.alignment import difference
+from gaga_core.scene.edits import transform
 from gaga_core.scene.frame import inverse
+from gaga_core.scene.scene import Scene
 from tests.core.cli.calls import Capture, answer, refusal
 from tests.core.scene.captures.scenes import any_similarity, write_furnished, write_scene
 
@@ -53,6 +58,27 @@ def test_what_moved_is_listed_and_both_are_written(tmp_path: Path, capsys: Captu
     back = inverse(world)
     expected = b.means @ back[:3, :3].T + back[:3, 3]
     np.testing.assert_allclose(both.means[len(a) :], expected, atol=0.03)
+
+
+def test_lone_files_are_aligned_by_their_surfaces(tmp_path: Path, capsys: Capture) -> None:
+    """The demo's splats, and the same turned about the vertical; nobody asked what changed."""
+    files, world = (tmp_path / "a.ply", tmp_path / "b.ply"), np.eye(4)
+    world[:3, :3] = 1.7 * Rotation.from_euler("z", 35, degrees=True).as_matrix()
+    world[:3, 3] = 0.5, -1, 2
+    scene = Scene.of(read_splats(assets() / "demo" / "point_cloud.sog"))
+    write_splats(files[0], bake(scene))
+    edit = transform(scene, np.arange(len(scene)), world[:3])
+    assert edit is not None
+    edit.apply(scene)
+    write_splats(files[1], bake(scene))
+    said = answer(capsys, "align", *map(str, files), "--no-changes")
+    found = said["alignment"]
+    assert isinstance(found, dict)
+    turn, scale = difference(inverse(world), np.array(found["first_from_second"]))
+    assert np.degrees(turn) < 0.5
+    assert scale < 0.005
+    assert (found["by"], said["changes"]) == ("surfaces", None)
+    assert Path(str(said["file"])) == tmp_path / "a-align-b.json"
 
 
 def test_scenes_of_other_places_are_refused_in_words(tmp_path: Path, capsys: Capture) -> None:

@@ -32,7 +32,12 @@ if TYPE_CHECKING:
 _POSES = (
     ("refine", "", "Refine", "Adjust the poses next to the photos, if that is better"),
     ("keep", "", "Use as they are", "The scene has exactly the poses that were given"),
-    ("scale", "", "Only scale", "Place the photos anew; take over scale and the vertical"),
+    (
+        "scale",
+        "",
+        "Only scale",
+        "Place the photos again; only scale and vertical are used",
+    ),
     ("ignore", "", "Ignore", "As if there were no poses"),
 )
 NAMES = 10.5  # width of the names of fields, ems
