@@ -215,6 +215,8 @@ def _candidates(place: Path, *, is_own: bool = True) -> list[tuple[Path, PoseFor
     files = [p for p in files[:_MOST_FILES] if p.is_file()]
     paths = [*files, *(place / name for name in _FOLDERS if (place / name).is_dir())]
     paths += [place] if is_own else []
+    if (place / "gaga" / "report.json").is_file():  # a scene folder: an earlier run wrote its own
+        paths = [path for path in paths if path.name != "cameras.json"]
     found = [(path, form) for path in paths if (form := format_of(path)) is not None]
     blender = [path for path, _ in found if path.name.startswith("transforms_")]
     calibrated = {form.name for _, form in found}

@@ -69,6 +69,16 @@ def test_one_sentence_names_the_files_of_what_is_wrong(tmp_path: Path) -> None:
         find_poses(folder)
 
 
+def test_what_an_earlier_run_wrote_is_no_given_pose(tmp_path: Path) -> None:
+    """Who removes a wrong placement wants another one."""
+    folder = photos(tmp_path / "images")
+    FORMS["3DGS"][0](tmp_path, cameras())
+    assert find_poses(folder) is not None
+    (tmp_path / "gaga").mkdir()
+    (tmp_path / "gaga" / "report.json").write_text("{}")
+    assert find_poses(folder) is None
+
+
 def test_two_files_that_agree_are_no_question(tmp_path: Path) -> None:
     folder = photos(tmp_path / "images")
     FORMS["instant-ngp"][0](tmp_path, cameras())
