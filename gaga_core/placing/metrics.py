@@ -23,8 +23,8 @@ PAIRS = {  # photos A that were matched in Q pairs
 _FILE = PAIRS | {
     "names": replace(TEXT, shape=("V",)),
     "poses": Column(np.float64, ("V", 3, 4)),
-    "focal": Column(np.float64, ("V", 2)),
-    "sizes": replace(_ROWS, shape=("V", 2)),
+    "focal": Column(np.float64, ("V", 2), low=0.001, high=1e9),  # pixels, ratios are taken
+    "sizes": replace(_ROWS, shape=("V", 2), low=1),
     "points": Column(np.float64, ("P", 3)),
     "track_lengths": replace(_ROWS, shape=("P",)),
     "seen_points": replace(_ROWS, shape=("O",), below="P"),

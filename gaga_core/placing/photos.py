@@ -394,7 +394,7 @@ def _prepared(path: Path, picture: UInt8Array, target: Path, longest_side: int) 
     if times == 1 and _is_plain(path):
         shutil.copyfile(path, target)
         return Photo(target.name, str(path), width, height)
-    width, height = round(width * times), round(height * times)
+    width, height = max(round(width * times), 1), max(round(height * times), 1)
     image = Image.fromarray(picture)
     if times < 1:
         image = image.resize((width, height), Image.Resampling.LANCZOS)

@@ -737,8 +737,10 @@ def _colors_of(content: object) -> dict[int, RGB]:
     colors: dict[int, RGB] = {}
     for group, rgb in content.items() if isinstance(content, dict) else ():
         if str(group).isdecimal() and len(group) <= 10 and isinstance(rgb, list) and len(rgb) == 3:
-            with suppress(TypeError, ValueError):
-                colors[int(group)] = (float(rgb[0]), float(rgb[1]), float(rgb[2]))
+            with suppress(TypeError, ValueError, OverflowError):
+                color = (float(rgb[0]), float(rgb[1]), float(rgb[2]))
+                if all(0 <= channel <= 1 for channel in color):
+                    colors[int(group)] = color
     return colors
 
 

@@ -105,6 +105,7 @@ _WRONG = (
     float("nan"), float("inf"), -float("inf"), 1e300, 3.4e38, -1e300, -5, -1, 1 << 30,
     (1 << 31) - 1, -(1 << 31), 1 << 31, (1 << 63) - 1, 0, 1e-310,
 )  # fmt: skip
+_MOST_TEXT = 10_000_000  # letters of an array: the worker has to make it
 _TEXTS = ("", "../../x", "/etc/passwd", "a" * 100_000, "\x1b[31m\u202e\r\n", "\ud800", "\0", "-1")
 
 
@@ -158,10 +159,8 @@ def _other_shape(array: Any, rng: random.Random, _: Path) -> Any:
 
 def _other_values(array: Any, rng: random.Random, _: Path) -> Any:
     if array.dtype.kind in "US":
-        return np.full(
-            array.shape,
-            rng.choice(_TEXTS).encode() if array.dtype.kind == "S" else rng.choice(_TEXTS),
-        )
+        text = rng.choice(_TEXTS)[: max(_MOST_TEXT // max(array.size, 1), 1)]
+        return np.full(array.shape, text.encode() if array.dtype.kind == "S" else text)
     if array.dtype.kind not in "fiub":
         return array
     value, array = rng.choice(_WRONG), np.array(array)

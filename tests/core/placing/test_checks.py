@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.errors import GagaError
 from gaga_core.geometry import look_at
 from gaga_core.placing import checks
 from gaga_core.placing.checks import (
@@ -41,6 +42,19 @@ def verdicts(facts: SfmFacts, priors: dict[str, float] | None = None) -> dict[st
         assert "{" not in verdict.text
         assert len(verdict.text) < 300
     return found
+
+
+@pytest.mark.parametrize("array", ["focal", "sizes"])
+@pytest.mark.parametrize("value", [0, -1])
+def test_lenses_and_photos_that_cannot_be_are_refused(
+    array: str, value: int, placed_room: PlacedRoom, tmp_path: Path
+) -> None:
+    with np.load(placed_room.workspace / "facts.npz") as stored:
+        whole = dict(stored)
+    whole[array][0, 1] = value
+    np.savez(tmp_path / "facts.npz", **whole)
+    with pytest.raises(GagaError, match=f"{array}: {value}"):
+        SfmFacts.load(tmp_path / "facts.npz")
 
 
 def errors(facts: SfmFacts, priors: dict[str, float] | None = None) -> set[str]:

@@ -74,6 +74,15 @@ def test_arrays_of_a_scene_that_cannot_be_are_refused(saved: Path) -> None:
     assert accepted < 4 * len(whole)
 
 
+def test_what_is_no_color_is_left_out(saved: Path) -> None:
+    file = saved / "project.json"
+    content = json.loads(file.read_text())
+    for wrong_channel in (10**400, 1e300, -1, 2, "x", None):
+        colors = {"1": [0, 0.5, wrong_channel], "2": [0, 0.5, 1]}
+        file.write_text(json.dumps(content | {"colors": colors}))
+        assert opened(saved).scene.colors == {2: (0, 0.5, 1)}
+
+
 def places(value: object, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
     """The way to every value in a document."""
     yield way
