@@ -86,6 +86,8 @@ def sharpness(picture: UInt8Array) -> float:
     Divided by the variance of the brightness itself, so that a dark photo is not a blurred one.
     """
     gray: FloatArray = picture.mean(axis=2, dtype=np.float32)
+    if min(gray.shape) < 3:  # one row more on each side of the Laplacian
+        return 0.0
     inner = gray[1:-1, 1:-1] * 4
     laplacian = inner - gray[:-2, 1:-1] - gray[2:, 1:-1] - gray[1:-1, :-2] - gray[1:-1, 2:]
     return float(laplacian.var() / max(float(gray.var()), 1.0))

@@ -156,7 +156,7 @@ def test_sizes_and_focal_lengths_make_cameras(folder: Path, tmp_path: Path) -> N
 
 
 def test_a_photo_of_a_few_rows_keeps_one(folder: Path, tmp_path: Path) -> None:
-    Image.new("RGB", (19_200, 64)).save(folder / "line.png")
+    noise(32, 19_200, 64).save(folder / "line.png")
     found = prepared(folder, tmp_path / "out", longest_side=96)
     line = next(photo for photo in found.photos if Path(photo.source).name == "line.png")
     assert (line.width, line.height) == (96, 1)
