@@ -307,9 +307,10 @@ def _on_plane(camera: Camera, chart: Chart) -> tuple[DoubleArray, BoolArray]:
 _RIM_SPLAT = 0.8  # spacings: largest deviation of a seen splat that is made again
 _THING = 3.0  # sizes of the object: what is larger is no object that stands on the surface
 _BASE = 3.0  # cells: what is finer is texture
-# Chosen on the demo's teapot: a factor of a shadow from which on a cell next to the hole is made
-# again, and how many cells from the hole.
-_DEEP, _DEEP_CELLS = 1.2, 8
+# On layers, chosen on the demo's teapot: largest deviation of a seen splat that is made again,
+# spacings; a factor of a shadow from which on a cell next to the hole is made again, and how many
+# cells from the hole; cells between splats of one layer.
+_LAYER_SPLAT, _DEEP, _DEEP_CELLS, _BETWEEN = 1.6, 1.2, 8, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,13 +369,17 @@ class Work:
                 if shadow.is_cast:
                     self.gain = self._lit_by(chart, shadow)
                 continue
-            if chart.plane.is_layered:
-                chart = _with_dark_rim(chart, shadow)
-            # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
-            small = self.gaussians.scales.max(axis=1) < _RIM_SPLAT * chart.plane.spacing
             local = chart.plane.local(self.points)
             row, column, inside = chart.cells(local)
             low = np.abs(local[:, 2]) < max(chart.step, 4 * chart.plane.thickness)
+            largest = _RIM_SPLAT
+            if chart.plane.is_layered:
+                largest, unseen = _LAYER_SPLAT, np.zeros(chart.shape, np.bool_)
+                on_it = hidden & inside & low
+                unseen[row[on_it], column[on_it]] = True
+                chart = with_rim(chart, shadow.factors, unseen)
+            # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
+            small = self.gaussians.scales.max(axis=1) < largest * chart.plane.spacing
             under = inside & low & chart.hole[row, column]
             goes = ((hidden | (small & ~self.is_object)) & under) | within
             n_filled += yield from self._fill_chart(chart, goes & ~self.locked, shadow)
@@ -436,16 +441,18 @@ class Work:
         return np.maximum(self.gain, near)
 
 
-def _with_dark_rim(chart: Chart, shadow: _Shadow) -> Chart:
-    """The chart whose hole has the cells next to it that its shadow makes too dark to brighten.
+def with_rim(chart: Chart, factors: DoubleArray, unseen: BoolArray) -> Chart:
+    """The chart whose hole has the cells next to it that cannot stay as they are.
 
-    What touched the object is nearly black: brightened, it shows noise in the object's color.
+    What touched the object is nearly black: made brighter by ``factors`` (H, W, 3), it shows noise
+    in the object's color. And where splats lie on top that no photo showed, ``unseen`` (H, W), the
+    known ones are a layer under the surface.
     """
-    deep = chart.known & (shadow.factors @ LUMA > _DEEP)
-    deep &= ndimage.binary_dilation(chart.hole, iterations=_DEEP_CELLS)
-    rim = ndimage.binary_dilation(deep, mask=chart.known) & ndimage.binary_dilation(
-        chart.hole, iterations=_DEEP_CELLS + 1
-    )
+    near = ndimage.binary_dilation(chart.hole, iterations=_DEEP_CELLS)
+    deep = near & (factors @ LUMA > _DEEP)
+    layered = ndimage.binary_closing(unseen | chart.hole, iterations=_BETWEEN) & chart.known
+    layered = ndimage.binary_dilation(chart.hole, iterations=-1, mask=layered | chart.hole)
+    rim = ndimage.binary_dilation((deep | layered) & chart.known, mask=chart.known)
     return replace(chart, hole=chart.hole | rim, known=chart.known & ~rim, again=chart.again | rim)
 
 

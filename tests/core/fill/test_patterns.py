@@ -9,6 +9,7 @@ from scipy import ndimage
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.fill import chart as texture
 from gaga_core.fill.chart import STYLES, Chart, continued_color
+from gaga_core.fill.fill import with_rim
 from gaga_core.fill.shadows import foot_cells, gains, shadow_of, splat_gains, taken_cells
 from gaga_core.fill.surfaces import Plane
 
@@ -92,6 +93,20 @@ def test_a_shadow_over_a_cloth_and_its_table_is_found_by_its_outline() -> None:
             true = disc(14, column=SIDE / 2 + 14) & ~shaded.hole
             assert (cast.mask & true).sum() > 0.8 * true.sum()
             assert cast.depth == pytest.approx(-np.log(depth), abs=0.15)
+
+
+def test_what_no_photo_showed_next_to_a_hole_in_layers_is_made_again() -> None:
+    bare, ones = chart(cloth_on_a_table()), np.ones((SIDE, SIDE, 3))
+    around = disc(14) & bare.known & (np.random.default_rng(0).random((SIDE, SIDE)) < 0.8)
+    far = np.zeros((SIDE, SIDE), np.bool_)
+    far[2:5, 2:5] = True
+    found = with_rim(bare, ones, around | far)
+    assert found.hole[around].all()
+    assert not (far & found.hole).any()
+    assert not (found.hole & found.known).any()
+    assert (found.again == found.hole & bare.known).all()
+    same = with_rim(bare, ones, np.zeros((SIDE, SIDE), np.bool_))
+    assert (same.hole == bare.hole).all()
 
 
 def test_a_hole_with_no_room_for_a_piece_around_it_is_filled_smoothly() -> None:
