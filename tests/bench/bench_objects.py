@@ -10,7 +10,7 @@ Scenes that are not on this machine are left out (GAGA_TEST_DATA).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -39,6 +39,7 @@ _BARS = {
 _WIDTHS = (480, 560)  # pixels
 _SHARES = (1.0, 0.7)  # of the train views
 _ROOM_SEED = 0
+_FEW = (9, 12, 15)  # photos
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,25 @@ def figures() -> list[Figure]:
         ):
             found.append(Figure(f"objects: {name}, {kind}", value, "", bar))
             found.append(Figure(f"objects: {name}, {kind}, worst", worst, ""))
+        if name in ("demo", "room"):
+            listed, recall = np.mean([_of_few(scene, n) for n in _FEW], axis=0)
+            found += [
+                Figure(
+                    f"objects: {name}, 9 to 15 photos, groups a true object", listed, "", "<= 1.5"
+                ),
+                Figure(f"objects: {name}, 9 to 15 photos, recall", recall, ""),
+            ]
     return found
+
+
+def _of_few(scene: _Set | Painted, n: int) -> tuple[float, float]:
+    """Listed groups for each true object, and recall, from ``n`` of the train views."""
+    chosen = np.linspace(0, len(scene.train) - 1, n).round().astype(int)
+    few = replace(scene, train=tuple(scene.train[k] for k in chosen))
+    association = _associated(few, few.train, _regions(few, _WIDTHS[0]))
+    score = held_out_score(scene.gaussians, association.labels, scene.test, scene.truth)
+    n_true = len(np.setdiff1d(np.concatenate([*map(np.unique, scene.truth.values())]), [0]))
+    return (len(np.setdiff1d(association.labels, [0])) - 1) / n_true, score.recall  # background
 
 
 def _scores(scene: _Set | Painted, width: int) -> Iterator[tuple[float, float, float, float]]:

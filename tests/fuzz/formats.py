@@ -133,7 +133,7 @@ def _other_dtype(array: Any, rng: random.Random, outside: Path) -> Any:
     try:
         with np.errstate(all="ignore"):
             return array.astype(dtype)
-    except (ValueError, TypeError):  # no such cast: as many of the other kind
+    except (ValueError, TypeError, OverflowError):  # no such cast: as many of the other kind
         return np.zeros(array.shape, dtype)
 
 
