@@ -35,6 +35,7 @@ from gaga_studio.system import paths, window
 from gaga_studio.system.paths import start_log
 from gaga_studio.system.window import Hooks, Panel, Window, WindowOptions
 from gaga_studio.ui.chrome import command_buttons, menu, status, toasts, toolbar
+from gaga_studio.ui.chrome.menu import MenuState
 from gaga_studio.ui.chrome.status import status_text
 from gaga_studio.ui.chrome.toasts import ToastState
 from gaga_studio.ui.dialogs import (
@@ -108,6 +109,7 @@ class UiState:
     reduce: ReducePlan = field(default_factory=ReducePlan)
     dataset: DatasetPlan = field(default_factory=DatasetPlan)
     film: FilmChoices = field(default_factory=FilmChoices)
+    menu: MenuState = field(default_factory=MenuState)
     plan: PlanSheet = field(default_factory=PlanSheet)
     toasts: ToastState = field(default_factory=ToastState)
 
@@ -334,7 +336,9 @@ class Studio:
             style=theme.apply_style,
             before_frame=self._before_frame,
             keys=guarded("Keys", self._keys),
-            menu=guarded("Menu", lambda: menu.draw(session, self.window.reset_layout)),
+            menu=guarded(
+                "Menu", lambda: menu.draw(session, self.ui.menu, self.window.reset_layout)
+            ),
             tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, self.ui.area)),
             status=guarded("Status bar", self._status),
             overlay=self._overlay,

@@ -219,7 +219,9 @@ def _endless(when_ended: Callable[[], object] = lambda: None) -> Stage[None]:
         when_ended()
 
 
-def test_escape_closes_an_open_menu_and_nothing_else(display: str, balls: Path) -> None:
+def test_escape_closes_what_is_on_top_and_a_click_opens_another_menu(
+    display: str, balls: Path
+) -> None:
     any_popup = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
 
     def is_open(d: Driver) -> bool:
@@ -231,6 +233,28 @@ def test_escape_closes_an_open_menu_and_nothing_else(display: str, balls: Path) 
         assert n > 0
         d.menu("Edit")
         assert is_open(d)
+        d.keys(KEY.escape)
+        assert not is_open(d)
+        assert len(d.session.selected_indices()) == n
+        d.engine.mouse_move("//##MainMenuBar/##MenuBar/Edit")
+        d.engine.mouse_click(0)
+        d.frames(4)
+        d.engine.mouse_move("//##MainMenuBar/##MenuBar/View")
+        d.engine.mouse_click(0)
+        d.frames(4)
+        assert is_open(d), "a click on another title opens that menu"
+        assert d.exists("**/###Depth")
+        d.engine.mouse_click(0)
+        d.frames(4)
+        assert not is_open(d), "a further click closes it"
+        d.menu("Edit/###Preferences…")
+        d.engine.set_ref(d.engine.window_info("//Preferences/Rows").window)
+        d.engine.item_click("##Theme")
+        d.frames(4)
+        assert d.exists("**/###Theme light")
+        d.keys(KEY.escape)
+        assert not d.exists("**/###Theme light")
+        assert is_open(d), "Escape closed the list, not the sheet"
         d.keys(KEY.escape)
         assert not is_open(d)
         assert len(d.session.selected_indices()) == n
@@ -696,7 +720,7 @@ def _palette(d: Driver, shown: list[str]) -> None:
     """Those of submenus are here, too."""
     d.on_main(lambda: commands.run("help.palette", d.session))
     d.frames(3)
-    d.engine.set_ref(d.engine.window_info("//$FOCUSED/Found").window.id_)
+    d.engine.set_ref(d.engine.window_info("//$FOCUSED/Found").window)
     for command in _disabled(d, commands.COMMANDS)[::_EACH]:
         shown.clear()
         d.engine.mouse_move(f"###{command.id}")

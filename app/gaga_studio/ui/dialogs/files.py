@@ -151,8 +151,7 @@ def _draw_own(dialog: FileDialog) -> None:
     _entries(dialog)
     _answer_row(dialog)
     _enter_accepts(dialog)
-    if imgui.is_key_pressed(imgui.Key.escape) or dialog.is_done:
-        dialog.is_done = True
+    if dialog.is_done:
         imgui.close_current_popup()
     imgui.end_popup()
 
