@@ -269,11 +269,14 @@ def clear_path(session: Session) -> None:
 
 
 def make_turntable(session: Session, seconds: float = TURN_SECONDS) -> None:
-    """Replace the path by a circle around the pivot, and play it."""
-    _keep_path(session, turntable(session.rig.shot(), session.rig.up, seconds))
+    """Replace the path by a circle around the pivot, in a room between its photos."""
+    places = np.array([camera.position for camera in session.cameras]).reshape(-1, 3)
+    seen_from = places if len(places) else None
+    path = turntable(session.rig.shot(), session.rig.up, seconds, seen_from=seen_from)
+    _keep_path(session, path)
     session.view.playback.chosen = 0
     session.view.playback.at = 0.0
-    session.view.playback.is_playing = True
+    session.view.playback.is_playing = False
 
 
 @notifies
