@@ -23,6 +23,7 @@ from gaga_studio.features import camera as camera_path_actions
 from gaga_studio.features.cleanup import ReducePlan
 from gaga_studio.features.commands import new_session
 from gaga_studio.features.dataset import DatasetPlan
+from gaga_studio.features.files import drop
 from gaga_studio.features.find import memory_bank as bank
 from gaga_studio.features.find.search import find_here
 from gaga_studio.gpu.context import attach
@@ -496,7 +497,7 @@ class Studio:
 
     def _dropped(self, dropped: list[Path]) -> None:
         if dropped:
-            self._guard.call("Open", lambda: self.session.open(dropped[0]))
+            self._guard.call("Open", lambda: drop(self.session, dropped))
 
     def _may_close(self) -> bool:
         session = self.session
