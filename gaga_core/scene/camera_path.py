@@ -23,7 +23,6 @@ from gaga_core.geometry import matrices_to_quats, quats_to_matrices
 from gaga_core.io.files import atomic_write
 from gaga_core.io.json_file import explain_json_error, read_json
 from gaga_core.scene.frame import scale_of
-from gaga_core.scene.orientation import upright_basis
 
 _TURNTABLE_KEYS = 16  # the curve stays within 0.06 % of the circle
 _PIECES = 64  # of a segment, when its length is measured
@@ -214,6 +213,7 @@ def turntable(
     *,
     clockwise: bool = False,
     seen_from: DoubleArray | None = None,  # (P, 3) world
+    basis: DoubleArray | None = None,  # (3, 3) of `upright_basis(up)`, goes with ``seen_from``
 ) -> CameraPath:
     """A closed circle of ``seconds`` around what ``shot`` looks at, about the axis ``up`` (3,).
 
@@ -224,7 +224,8 @@ def turntable(
     axis = np.asarray(up, np.float64) / np.linalg.norm(up)
     eye = np.array(shot.eye)
     pivot = eye + shot.distance * shot.turn[2]
-    box = None if seen_from is None else _box_around(eye, seen_from @ upright_basis(axis).T, axis)
+    basis = np.eye(3) if basis is None else basis
+    box = None if seen_from is None else _box_around(basis @ eye, seen_from @ basis.T)
     keys = []
     for k in range(_TURNTABLE_KEYS):
         half = (-1 if clockwise else 1) * 2 * np.pi * k / _TURNTABLE_KEYS / 2
@@ -232,7 +233,7 @@ def turntable(
         at = _three(pivot + turn @ (eye - pivot))
         turned = replace(shot, eye=at, quat=_quat_of(shot.turn @ turn.T))
         if box is not None:
-            turned = _kept_in(turned, box, pivot, axis)
+            turned = _kept_in(turned, box, pivot, basis)
         keys.append(Keyframe(turned, seconds / _TURNTABLE_KEYS))
     return CameraPath(tuple(keys), is_closed=True)
 
@@ -240,19 +241,21 @@ def turntable(
 _NEAREST = 0.1  # of its distance: how near a turntable in a room may come to what it looks at
 
 
-def _box_around(eye: DoubleArray, places: DoubleArray, axis: DoubleArray) -> DoubleArray | None:
-    """Box (2, 2), low and high, of ``places`` (P, 3) seen along ``axis``; None: ``eye`` is out."""
+def _box_around(eye: DoubleArray, places: DoubleArray) -> DoubleArray | None:
+    """Box (2, 2), low and high, of ``places`` (P, 3) from above; None: ``eye`` (3,) is out of it.
+
+    Both in the upright frame.
+    """
     low_high = np.stack([places[:, :2].min(axis=0), places[:, :2].max(axis=0)])
-    at = (upright_basis(axis) @ eye)[:2]
+    at = eye[:2]
     # The first photo itself is often on the edge.
     edge = 1e-3 * max(float(np.ptp(low_high, axis=0).max()), 1e-9)
     is_inside = (at >= low_high[0] - edge).all() and (at <= low_high[1] + edge).all()
     return low_high if is_inside else None
 
 
-def _kept_in(shot: Shot, box: DoubleArray, pivot: DoubleArray, axis: DoubleArray) -> Shot:
+def _kept_in(shot: Shot, box: DoubleArray, pivot: DoubleArray, basis: DoubleArray) -> Shot:
     """``shot`` from the nearest place of ``box`` (2, 2), looking at ``pivot`` (3,), upright."""
-    basis = upright_basis(axis)
     place = basis @ np.array(shot.eye)
     kept = place.copy()
     kept[:2] = np.clip(place[:2], box[0], box[1])
@@ -261,7 +264,7 @@ def _kept_in(shot: Shot, box: DoubleArray, pivot: DoubleArray, axis: DoubleArray
     if np.allclose(kept, place) or distance < _NEAREST * shot.distance:
         return shot if np.allclose(kept, place) else replace(shot, eye=_three(eye))
     forward = (pivot - eye) / distance
-    right = np.cross(forward, axis)
+    right = np.cross(forward, basis[2])
     if np.linalg.norm(right) < 1e-6:  # straight down
         return replace(shot, eye=_three(eye), distance=distance)
     right /= np.linalg.norm(right)

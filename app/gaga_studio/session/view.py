@@ -300,6 +300,7 @@ class TrainingPreview:
     scene: Scene | None = None  # nothing in it can be edited
     update: "TrainUpdate | None" = None
     placement: "PlacementReport | None" = None
+    is_stopped: bool = False  # it was cancelled: what there is can be looked at and kept
     _shown: Gaussians | None = field(default=None, repr=False)
 
     def take(self, live: TrainingUpdate) -> bool:

@@ -382,6 +382,13 @@ _ASKED = {
         (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES),
         needs_scene=False,
     ),
+    Request.OBJECT_MASKS: _Asked(
+        "Choose the folder of masks of the object",
+        PathKind.OPEN_FOLDER,
+        reconstruction.choose_masks,
+        action="Use",
+        needs_scene=False,
+    ),
     Request.INPAINTING_MODEL: _Asked(
         "Choose an inpainting model",
         PathKind.OPEN_FILE,
