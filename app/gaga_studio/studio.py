@@ -17,6 +17,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.export.export import MeshForm
 from gaga_core.io.files import explain_os_error
+from gaga_core.io.images import write_rgb
 from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_studio.features import add_scene, autosave, cleanup, fill, level_of_detail, split_view
 from gaga_studio.features import camera as camera_path_actions
@@ -58,7 +59,7 @@ from gaga_studio.ui.dialogs.film_and_picture import FilmChoices
 from gaga_studio.ui.dialogs.masks import MaskDialog
 from gaga_studio.ui.dialogs.preferences import DraggedPreferences
 from gaga_studio.ui.dialogs.sheets import PaletteState
-from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit import textures, theme
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.panels import (
     camera_path,
@@ -271,6 +272,7 @@ def _put_back(stacks: imgui.internal.ErrorRecoveryState) -> None:
 _LOG = logging.getLogger(__name__)
 _REST_RATE = 2.0  # frames a second while nothing happens
 _PART_S = 0.04  # of a picture that the processor draws, in one frame
+_PICTURE_SIDE = 320  # pixels: about the longest side of a picture in the recent list
 _JOB_RATE = 12.0  # while a job runs: its progress moves, and the job needs the processor
 
 
@@ -306,6 +308,7 @@ class Studio:
         self._has_focus = True
         self._document: object = None
         self._masks: object = None
+        self._pictured: object = None  # the document whose picture is in the recent list
         self._named: tuple[int, ...] | None = None  # state whose names have their glyphs
         self.never_idle = False  # tests want every frame at once
         self.picture = ViewportPanel(self._render, self._render_left, window.physical_keys)
@@ -411,6 +414,7 @@ class Studio:
             self.session.look_at_files()
         if self.session.render_requests is not None:
             self.session.render_requests.serve(self._paint)
+        self._keep_picture()
         if self.session.document is not self._document:
             self._document = self.session.document
             self.ui.forget_scene()
@@ -428,6 +432,28 @@ class Studio:
         self.window.set_title(f"{title} - gaga-studio" if title else "gaga-studio")
         if self.session.should_quit:
             self.window.close()
+
+    def _keep_picture(self) -> None:
+        """Keep what is first seen of a scene as its picture in the recent list."""
+        session, viewport = self.session, self.viewport
+        document, recent = session.document, session.settings.recent
+        if document is None or document is self._pictured or viewport is None or not recent:
+            return
+        if not self.is_settled or not viewport.texture or document is not self._document:
+            return
+        self._pictured, project = document, document.project
+        root = project.folder.root if project.folder is not None else None
+        places = (project.path, root, project.model_path)
+        if not any(place is not None and str(place.resolve()) == recent[0] for place in places):
+            return  # the demo is not in the list
+        file, pixels = paths.picture_of(recent[0]), viewport.read_pixels()
+        step = max(max(pixels.shape[:2]) // _PICTURE_SIDE, 1)
+        try:
+            write_rgb(file, pixels[::step, ::step])
+        except GagaError as error:  # the list shows a sign instead
+            _LOG.warning("recent: %s", error)
+        if self.images is not None:
+            self.images.drop(f"photo {file} {textures.THUMBNAIL}")
 
     def _letters(self) -> None:
         """Have glyphs for the names that are shown."""

@@ -31,6 +31,7 @@ from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
+from gaga_studio.system import paths
 from gaga_studio.ui.chrome import menu, toolbar
 from gaga_studio.ui.dialogs import files, sheets
 from gaga_studio.ui.kit import widgets
@@ -83,6 +84,7 @@ def test_nothing_open_offers_four_ways(display: str, balls: Path, tmp_path: Path
         d.keys(KEY.mod_ctrl, KEY.w)
         assert d.session.document is None
         assert d.exists("Viewport/Try the demo")
+        assert paths.picture_of(str(balls)).is_file(), "its picture is in the list"
         d.click("Viewport/###Recent 0")
         d.settle()
         assert d.session.title == "balls"
