@@ -17,12 +17,14 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.export.export import MeshForm
 from gaga_core.io.files import explain_os_error
+from gaga_core.io.images import write_rgb
 from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_studio.features import add_scene, autosave, cleanup, fill, level_of_detail, split_view
 from gaga_studio.features import camera as camera_path_actions
 from gaga_studio.features.cleanup import ReducePlan
 from gaga_studio.features.commands import new_session
 from gaga_studio.features.dataset import DatasetPlan
+from gaga_studio.features.files import drop
 from gaga_studio.features.find import memory_bank as bank
 from gaga_studio.features.find.search import find_here
 from gaga_studio.gpu.context import attach
@@ -35,6 +37,7 @@ from gaga_studio.system import paths, window
 from gaga_studio.system.paths import start_log
 from gaga_studio.system.window import Hooks, Panel, Window, WindowOptions
 from gaga_studio.ui.chrome import command_buttons, menu, status, toasts, toolbar
+from gaga_studio.ui.chrome.menu import MenuState
 from gaga_studio.ui.chrome.status import status_text
 from gaga_studio.ui.chrome.toasts import ToastState
 from gaga_studio.ui.dialogs import (
@@ -56,7 +59,7 @@ from gaga_studio.ui.dialogs.film_and_picture import FilmChoices
 from gaga_studio.ui.dialogs.masks import MaskDialog
 from gaga_studio.ui.dialogs.preferences import DraggedPreferences
 from gaga_studio.ui.dialogs.sheets import PaletteState
-from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit import textures, theme
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.panels import (
     camera_path,
@@ -108,6 +111,7 @@ class UiState:
     reduce: ReducePlan = field(default_factory=ReducePlan)
     dataset: DatasetPlan = field(default_factory=DatasetPlan)
     film: FilmChoices = field(default_factory=FilmChoices)
+    menu: MenuState = field(default_factory=MenuState)
     plan: PlanSheet = field(default_factory=PlanSheet)
     toasts: ToastState = field(default_factory=ToastState)
 
@@ -268,6 +272,7 @@ def _put_back(stacks: imgui.internal.ErrorRecoveryState) -> None:
 _LOG = logging.getLogger(__name__)
 _REST_RATE = 2.0  # frames a second while nothing happens
 _PART_S = 0.04  # of a picture that the processor draws, in one frame
+_PICTURE_SIDE = 320  # pixels: about the longest side of a picture in the recent list
 _JOB_RATE = 12.0  # while a job runs: its progress moves, and the job needs the processor
 
 
@@ -303,6 +308,7 @@ class Studio:
         self._has_focus = True
         self._document: object = None
         self._masks: object = None
+        self._pictured: object = None  # the document whose picture is in the recent list
         self._named: tuple[int, ...] | None = None  # state whose names have their glyphs
         self.never_idle = False  # tests want every frame at once
         self.picture = ViewportPanel(self._render, self._render_left, window.physical_keys)
@@ -334,7 +340,9 @@ class Studio:
             style=theme.apply_style,
             before_frame=self._before_frame,
             keys=guarded("Keys", self._keys),
-            menu=guarded("Menu", lambda: menu.draw(session, self.window.reset_layout)),
+            menu=guarded(
+                "Menu", lambda: menu.draw(session, self.ui.menu, self.window.reset_layout)
+            ),
             tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, self.ui.area)),
             status=guarded("Status bar", self._status),
             overlay=self._overlay,
@@ -406,6 +414,7 @@ class Studio:
             self.session.look_at_files()
         if self.session.render_requests is not None:
             self.session.render_requests.serve(self._paint)
+        self._keep_picture()
         if self.session.document is not self._document:
             self._document = self.session.document
             self.ui.forget_scene()
@@ -423,6 +432,28 @@ class Studio:
         self.window.set_title(f"{title} - gaga-studio" if title else "gaga-studio")
         if self.session.should_quit:
             self.window.close()
+
+    def _keep_picture(self) -> None:
+        """Keep what is first seen of a scene as its picture in the recent list."""
+        session, viewport = self.session, self.viewport
+        document, recent = session.document, session.settings.recent
+        if document is None or document is self._pictured or viewport is None or not recent:
+            return
+        if not self.is_settled or not viewport.texture or document is not self._document:
+            return
+        self._pictured, project = document, document.project
+        root = project.folder.root if project.folder is not None else None
+        places = (project.path, root, project.model_path)
+        if not any(place is not None and str(place.resolve()) == recent[0] for place in places):
+            return  # the demo is not in the list
+        file, pixels = paths.picture_of(recent[0]), viewport.read_pixels()
+        step = max(max(pixels.shape[:2]) // _PICTURE_SIDE, 1)
+        try:
+            write_rgb(file, pixels[::step, ::step])
+        except GagaError as error:  # the list shows a sign instead
+            _LOG.warning("recent: %s", error)
+        if self.images is not None:
+            self.images.drop(f"photo {file} {textures.THUMBNAIL}")
 
     def _letters(self) -> None:
         """Have glyphs for the names that are shown."""
@@ -492,7 +523,7 @@ class Studio:
 
     def _dropped(self, dropped: list[Path]) -> None:
         if dropped:
-            self._guard.call("Open", lambda: self.session.open(dropped[0]))
+            self._guard.call("Open", lambda: drop(self.session, dropped))
 
     def _may_close(self) -> bool:
         session = self.session

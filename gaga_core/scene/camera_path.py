@@ -207,24 +207,69 @@ class CameraPath:
 
 
 def turntable(
-    shot: Shot, up: DoubleArray, seconds: float = 8.0, *, clockwise: bool = False
+    shot: Shot,
+    up: DoubleArray,
+    seconds: float = 8.0,
+    *,
+    clockwise: bool = False,
+    seen_from: DoubleArray | None = None,  # (P, 3) world
+    basis: DoubleArray | None = None,  # (3, 3) of `upright_basis(up)`, goes with ``seen_from``
 ) -> CameraPath:
     """A closed circle of ``seconds`` around what ``shot`` looks at, about the axis ``up`` (3,).
 
     Height, distance and tilt stay those of the shot; seen from above the camera goes against the
-    clock unless ``clockwise``.
+    clock unless ``clockwise``. A shot from between the places ``seen_from`` of the photos keeps to
+    the upright box around them: in a room, a circle would lead through the walls.
     """
     axis = np.asarray(up, np.float64) / np.linalg.norm(up)
     eye = np.array(shot.eye)
     pivot = eye + shot.distance * shot.turn[2]
+    basis = np.eye(3) if basis is None else basis
+    box = None if seen_from is None else _box_around(basis @ eye, seen_from @ basis.T)
     keys = []
     for k in range(_TURNTABLE_KEYS):
         half = (-1 if clockwise else 1) * 2 * np.pi * k / _TURNTABLE_KEYS / 2
         turn = quats_to_matrices(np.array([[math.cos(half), *(math.sin(half) * axis)]]))[0]
         at = _three(pivot + turn @ (eye - pivot))
         turned = replace(shot, eye=at, quat=_quat_of(shot.turn @ turn.T))
+        if box is not None:
+            turned = _kept_in(turned, box, pivot, basis)
         keys.append(Keyframe(turned, seconds / _TURNTABLE_KEYS))
     return CameraPath(tuple(keys), is_closed=True)
+
+
+_NEAREST = 0.1  # of its distance: how near a turntable in a room may come to what it looks at
+
+
+def _box_around(eye: DoubleArray, places: DoubleArray) -> DoubleArray | None:
+    """Box (2, 2), low and high, of ``places`` (P, 3) from above; None: ``eye`` (3,) is out of it.
+
+    Both in the upright frame.
+    """
+    low_high = np.stack([places[:, :2].min(axis=0), places[:, :2].max(axis=0)])
+    at = eye[:2]
+    # The first photo itself is often on the edge.
+    edge = 1e-3 * max(float(np.ptp(low_high, axis=0).max()), 1e-9)
+    is_inside = (at >= low_high[0] - edge).all() and (at <= low_high[1] + edge).all()
+    return low_high if is_inside else None
+
+
+def _kept_in(shot: Shot, box: DoubleArray, pivot: DoubleArray, basis: DoubleArray) -> Shot:
+    """``shot`` from the nearest place of ``box`` (2, 2), looking at ``pivot`` (3,), upright."""
+    place = basis @ np.array(shot.eye)
+    kept = place.copy()
+    kept[:2] = np.clip(place[:2], box[0], box[1])
+    eye = basis.T @ kept
+    distance = float(np.linalg.norm(pivot - eye))
+    if np.allclose(kept, place) or distance < _NEAREST * shot.distance:
+        return shot if np.allclose(kept, place) else replace(shot, eye=_three(eye))
+    forward = (pivot - eye) / distance
+    right = np.cross(forward, basis[2])
+    if np.linalg.norm(right) < 1e-6:  # straight down
+        return replace(shot, eye=_three(eye), distance=distance)
+    right /= np.linalg.norm(right)
+    turn = np.stack([right, np.cross(forward, right), forward])
+    return replace(shot, eye=_three(eye), quat=_quat_of(turn), distance=distance)
 
 
 # --- the curve

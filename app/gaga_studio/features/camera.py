@@ -18,6 +18,7 @@ from gaga_core.scene.camera_path import (
     turntable,
 )
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.orientation import upright_basis
 from gaga_core.scene.selection.bounds import object_box, splat_box
 from gaga_studio.features.base import Command, ask, first_of, needs, no_photos, no_scene
 from gaga_studio.session.notices import Level, Request, notifies
@@ -269,11 +270,15 @@ def clear_path(session: Session) -> None:
 
 
 def make_turntable(session: Session, seconds: float = TURN_SECONDS) -> None:
-    """Replace the path by a circle around the pivot, and play it."""
-    _keep_path(session, turntable(session.rig.shot(), session.rig.up, seconds))
+    """Replace the path by a circle around the pivot, in a room between its photos."""
+    places = np.array([camera.position for camera in session.cameras]).reshape(-1, 3)
+    seen_from = places if len(places) else None
+    shot, up = session.rig.shot(), session.rig.up
+    path = turntable(shot, up, seconds, seen_from=seen_from, basis=upright_basis(up))
+    _keep_path(session, path)
     session.view.playback.chosen = 0
     session.view.playback.at = 0.0
-    session.view.playback.is_playing = True
+    session.view.playback.is_playing = False
 
 
 @notifies

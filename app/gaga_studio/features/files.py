@@ -5,16 +5,20 @@ Long work runs as a job; its result arrives as an edit or a notice.
 """
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from gaga_core.export.options import ExportOptions
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
+from gaga_core.io.images import IMAGE_SUFFIXES
+from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.scene import edits
 from gaga_core.scene.edits.values import read_added_stage
 from gaga_studio.features import level_of_detail
 from gaga_studio.features.base import Command, ask, busy, needs, no_scene, not_saveable
-from gaga_studio.session.notices import Level, Request, notifies
+from gaga_studio.session.notices import Level, Request, choose_one, notifies
 from gaga_studio.session.session import Session
 
 _AS_IS = ExportOptions()
@@ -32,9 +36,58 @@ def save_script(session: Session, path: Path) -> bool:
     return True
 
 
+@dataclass
+class Dropped:
+    """Files whose splats are added as soon as the first of them is open."""
+
+    rest: tuple[Path, ...] = ()
+
+
+def drop(session: Session, dropped: Sequence[Path]) -> None:
+    """Open what was dropped into the window: a scene, a film, photos, or files of splats.
+
+    Photos stand for their folder. Splats become one scene; where one is open, the answer to a
+    question says whether they are added to it.
+    """
+    is_splats = [path.is_file() and path.suffix.lower() in READ_SUFFIXES for path in dropped]
+    splats = tuple(path for path, is_one in zip(dropped, is_splats, strict=True) if is_one)
+    first = dropped[0]
+    session.feature(Dropped).rest = ()
+    if first.is_file() and first.suffix.lower() in IMAGE_SUFFIXES:
+        session.open(first.parent)
+        return
+    if not splats:
+        session.open(first)
+        return
+
+    def open_them() -> None:
+        session.open(splats[0])
+        session.feature(Dropped).rest = splats[1:]
+
+    def add_them() -> None:
+        add_splats(session, *splats)
+
+    if session.document is None:
+        open_them()
+        return
+    what = splats[0].name if len(splats) == 1 else f"{len(splats)} files"
+    session.pending_question = choose_one(
+        f"Add the splats of {what} to {session.document.name}, or open them instead?",
+        {"Add": add_them, "Open": open_them},
+    )
+
+
+def opened(session: Session) -> None:
+    """Add what was dropped together with the file that is open now."""
+    dropped = session.feature(Dropped)
+    rest, dropped.rest = dropped.rest, ()
+    if rest:
+        add_splats(session, *rest)
+
+
 @notifies
-def add_splats(session: Session, path: Path) -> None:
-    """Add the splats of another file to the open scene, selected, as one edit."""
+def add_splats(session: Session, path: Path, *more: Path) -> None:
+    """Add the splats of other files to the open scene, selected, each as one edit."""
     document = session.document
     if document is None:
         return
@@ -54,6 +107,9 @@ def add_splats(session: Session, path: Path) -> None:
                 f"{path.name} was trained in another mode (classic or antialiased) "
                 "than this scene, so its fine parts may look thinner or thicker here.",
             )
+        if more:
+            add_splats(session, *more)
+            return
         level_of_detail.offer(session)
 
     session.jobs.start(f"Add {path.name}", read_added_stage(path), on_done=done)

@@ -91,6 +91,48 @@ def title(session: Session) -> str:
     return f"Train splats on {what}" if found.is_placed else f"Make splats from {what}"
 
 
+class PhotoFiles:
+    """The files of the photos that are open without splats."""
+
+    def __init__(self) -> None:
+        self.of: PhotoFind | None = None
+        self.files: tuple[Path, ...] = ()
+
+
+def photo_files(session: Session) -> tuple[Path, ...]:
+    """Return the files of the photos that are open; none of a video, and where there are splats."""
+    from gaga_core.placing.photos import list_photos
+
+    kept, found = session.feature(PhotoFiles), session.photos
+    if kept.of is not found:
+        kept.of, kept.files = found, ()
+        if found is not None and not found.is_video:
+            folders = (found.photos, found.scene / "images", found.scene)
+            listed = (list_photos(path) for path in folders if path is not None and path.is_dir())
+            kept.files = next((files for files in listed if files), ())
+    return kept.files
+
+
+class ChosenMasks:
+    """The folder of masks of the object that was chosen for the sheet."""
+
+    def __init__(self) -> None:
+        self.folder = ""
+
+
+def choose_masks(session: Session, folder: Path) -> None:
+    """Use the masks of this folder, and go back to the sheet."""
+    session.feature(ChosenMasks).folder = str(folder)
+    session.request = Request.MAKE_SPLATS
+
+
+def take_chosen_masks(session: Session) -> str:
+    """Return the folder that was chosen since the last call; "" for none."""
+    chosen = session.feature(ChosenMasks)
+    folder, chosen.folder = chosen.folder, ""
+    return folder
+
+
 def found_text(found: "PhotoFind") -> str:
     """Return what was found, in a sentence."""
     if found.going_on is not None:
@@ -137,11 +179,32 @@ def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
 
     def end() -> None:
         if session.training is training:
-            session.training = None
+            training.is_stopped = training.scene is not None
+            session.training = training if training.is_stopped else None
             _look_again(session, plan.scene)
 
     if session.jobs.start(title(session), _stage(found, plan, estimate), progress, done, end):
         session.training = training
+
+
+def leave_stopped(session: Session) -> None:
+    """Go back to the photos; the training can still be continued."""
+    session.training = None
+
+
+@notifies
+def keep_stopped(session: Session) -> None:
+    """Write the splats of a cancelled training as those of the scene folder, and open it."""
+    training, found = session.training, session.photos
+    if training is None or training.scene is None or found is None:
+        return
+    from gaga_core.io.cameras.cameras_json import write_cameras_json
+    from gaga_core.io.splats.ply import write_ply
+
+    write_cameras_json(found.scene / "cameras.json", training.cameras)
+    write_ply(found.scene / "point_cloud.ply", training.scene.gaussians)
+    session.training = None
+    session.open(found.scene)
 
 
 def _ask(session: Session, plan: ReconstructionPlan, finding: str) -> None:

@@ -264,6 +264,8 @@ def forget_named(session: Session, name: str) -> bool:
 
 # --- regions of the picture
 
+# Of the splats in the middle of a stroke: fewer are of what shows through, or of an edge.
+_LEAST_SEEN = 0.02
 _LONGEST = 480  # longest side, pixels, of the depth picture
 
 _worker = ThreadPoolExecutor(1, thread_name_prefix="surface")
@@ -273,9 +275,17 @@ class Region:
     """One gesture's view of the scene: from the press to the release."""
 
     def __init__(
-        self, session: Session, place: ViewportPoint, *, surface_only: bool = False
+        self,
+        session: Session,
+        place: ViewportPoint,
+        *,
+        surface_only: bool = False,
+        paints: bool = False,
     ) -> None:
-        """``surface_only``: single splats of the visible surface, whatever the options say."""
+        """``surface_only``: single splats of the visible surface, whatever the options say.
+
+        ``paints``: of whole objects those whose visible surface it goes over, see `chosen`.
+        """
         document = session.need()
         self._document = document
         self._camera = session.rig.camera(place.width, place.height)
@@ -285,7 +295,8 @@ class Region:
         self._depth: Future[FloatArray] | None = None
         self._through: Screen | None = None
         self._surface: Screen | None = None
-        if surface_only or session.view.visible_only:
+        self._paints = paints and self._whole
+        if surface_only or self._paints or session.view.visible_only:
             self._depth = _worker.submit(_median_depth, self._scene, self._camera)
         self.how: How = place.how
 
@@ -309,13 +320,23 @@ class Region:
         """Splats (K,) that ``mask`` (H, W) covers."""
         return self._screen().inside(mask)
 
-    def chosen(self, mask: BoolArray) -> tuple[IntArray, str]:
-        """What ``mask`` (H, W) selects (K,), and the title of that edit."""
-        splats = self._screen().inside(mask)
+    def chosen(self, mask: BoolArray, middle: BoolArray | None = None) -> tuple[IntArray, str]:
+        """What ``mask`` (H, W) selects (K,), and the title of that edit.
+
+        Where it paints objects these are the ones that are seen in the ``middle`` of the stroke.
+        """
         verb = "Deselect" if self.how == "remove" else "Select"
-        if not self._whole:
-            return splats, f"{verb} {len(splats):,} splats"
-        groups = algebra.groups_inside(self._scene, splats)
+        if self._paints and middle is not None:
+            splats = self._screen().inside(middle)
+            splats = splats if len(splats) else self._screen().inside(mask)
+            seen = np.bincount(self._scene.labels[splats])
+            groups = algebra.rows_of(seen >= max(_LEAST_SEEN * int(seen.sum()), 1))
+            groups = groups[groups > 0]
+        else:
+            splats = self._screen().inside(mask)
+            if not self._whole:
+                return splats, f"{verb} {len(splats):,} splats"
+            groups = algebra.groups_inside(self._scene, splats)
         rows = group_indices(self._scene, groups)
         if len(groups) == 1:
             return rows, f"{verb} {self._document.name_of(int(groups[0]))}"
@@ -325,8 +346,8 @@ class Region:
         # Imported when first asked for: numba is a good part of the launch time.
         from gaga_core.scene.selection.by_screen import screen
 
-        # Of an object all splats count, seen or not.
-        if self._depth is None or self._whole:
+        # Of an object all splats count, seen or not, but under a brush.
+        if self._depth is None or (self._whole and not self._paints):
             self._through = self._through or screen(self._scene, self._camera)
             return self._through
         self._surface = self._surface or screen(self._scene, self._camera, self._depth.result())

@@ -168,6 +168,8 @@ def why_not(session: Session, side: Side) -> str:
         return session.no_groups_text
     if side is Side.BEFORE and not _contents(document.history):
         return "Nothing has been edited yet."
+    if side is Side.VERSION and session.view.version not in document.history.state_ids:
+        return "Right-click an entry of the History, then Compare."
     if side is Side.PRESET and (document.scene.bank is None or len(session.masks) == 0):
         return "There are no masks and groups to compare. Use Find objects first."
     return ""
@@ -198,6 +200,9 @@ def left_drawn(
     if side is Side.BEFORE:
         scene = scene_before(session)
         return (scene, view, None) if scene is not None else None
+    if side is Side.VERSION:
+        scene = scene_of_version(session)
+        return (scene, view, None) if scene is not None else None
     if side is Side.PRESET:
         labels = other_labels(session)
         found = (document.scene, replace(view, mode=Mode.GROUPS), labels)
@@ -214,19 +219,40 @@ def scene_before(session: Session) -> Scene | None:
     if document is None:
         return None
     history = document.history
-    key = (history.state_id, history.cursor)
-    return document.read.once("before", key, lambda: _undone(history.base, history))
-
-
-def _undone(scene: Scene, history: History) -> Scene | None:
-    """A copy of the scene with its last edit undone; columns that it did not change are shared."""
     contents = _contents(history)
     if not contents:
         return None
-    trial = replace(scene, revision=Revision())
+    key = (history.state_id, history.cursor)
+    return document.read.once("before", key, lambda: _scene_at(history, contents[-1]))
+
+
+def compare_version(session: Session, cursor: int) -> None:
+    """Show the scene with ``cursor`` entries of the history done left of what is shown."""
+    session.view.version = session.need().history.state_ids[cursor]
+    session.view.compare = PhotoCompareMode.SWIPE
+    session.view.sides = (Side.VERSION, Side.PICTURE)
+
+
+def scene_of_version(session: Session) -> Scene | None:
+    """Return the scene in the state of the history that is compared; None when it is gone.
+
+    The same value as long as nothing is edited.
+    """
+    document, version = session.document, session.view.version
+    if document is None or version not in document.history.state_ids:
+        return None
+    history = document.history
+    at = history.state_ids.index(version)
+    key = (history.state_id, history.cursor, version)
+    return document.read.once("version", key, lambda: _scene_at(history, at))
+
+
+def _scene_at(history: History, cursor: int) -> Scene:
+    """A copy of the scene with ``cursor`` entries done; columns that are the same are shared."""
+    trial = replace(history.base, revision=Revision())
     copied = History(trial)
     copied.resume(history.record())
-    copied.go_to(contents[-1])
+    copied.go_to(cursor)
     return trial
 
 

@@ -131,6 +131,7 @@ class Request(Enum):
     OPEN_FOLDER = auto()
     OPEN_FILE = auto()
     OPEN_PHOTOS = auto()
+    OBJECT_MASKS = auto()
     ADD_SPLATS = auto()
     ADD_SCENE = auto()
     IMPORT_MASK_FOLDER = auto()

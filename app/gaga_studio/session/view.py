@@ -114,6 +114,7 @@ class Side(StrEnum):
     TRUTH = "truth"  # the true maps of the scene folder
     ERRORS = "errors"  # where the groups differ from the truth
     BEFORE = "before"  # the picture before the last edit
+    VERSION = "version"  # the picture as an entry of the history left it
     PRESET = "preset"  # the groups of the other preset
 
 
@@ -163,6 +164,7 @@ class ViewState:
     local_axes: bool = False  # handles stand along the object's own axes, else the world's
     pivot: Point | None = None  # what turns and scales are about; None: middle
     compare: PhotoCompareMode = PhotoCompareMode.OFF
+    version: int = -1  # state of the history that is compared; -1: none was chosen
     swipe: float = 0.5  # share of the width that is left of the line
     sides: tuple[Side, Side] = (Side.PHOTO, Side.PICTURE)  # of the line
     holds_photo: bool = False  # the photo lies over the picture while the keys are held
@@ -298,6 +300,7 @@ class TrainingPreview:
     scene: Scene | None = None  # nothing in it can be edited
     update: "TrainUpdate | None" = None
     placement: "PlacementReport | None" = None
+    is_stopped: bool = False  # it was cancelled: what there is can be looked at and kept
     _shown: Gaussians | None = field(default=None, repr=False)
 
     def take(self, live: TrainingUpdate) -> bool:

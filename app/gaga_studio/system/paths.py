@@ -1,5 +1,6 @@
 """Paths on disk: settings, demo scene, log; and showing a file in the file manager."""
 
+import hashlib
 import logging
 import os
 import re
@@ -27,6 +28,12 @@ def home() -> Path:
 def demo_scene() -> Path:
     """Where the demo scene is copied to on first use."""
     return home() / "demo"
+
+
+def picture_of(opened: str) -> Path:
+    """Where the small picture of what was open lately is kept; ``opened``: its path."""
+    name = hashlib.sha256(opened.encode("utf-8", "surrogateescape")).hexdigest()[:16]
+    return home() / "recent" / f"{name}.jpg"
 
 
 def exports() -> Path:

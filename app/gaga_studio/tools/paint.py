@@ -26,6 +26,7 @@ from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, ViewportPoint, region_hint
 
 _SHARE = 0.5  # of the time that the preview of a stroke may take at most
+_MIDDLE = 0.35  # of the brush's radius: objects that only its rim touches are not meant
 _APART = 0.5  # brush radii between two points of a clone stroke
 
 
@@ -113,15 +114,13 @@ class _Brush:
 class _SurfaceBrush(_Brush):
     """Acts on the splats of the visible surface that it goes over."""
 
-    surface_only = True
-
     def __init__(self) -> None:
         super().__init__()
         self._region: Region | None = None
         self._mask: BoolArray = np.zeros((0, 0), np.bool_)
 
     def _begin(self, session: Session, place: ViewportPoint) -> bool:
-        self._region = Region(session, place, surface_only=self.surface_only)
+        self._region = Region(session, place, surface_only=True)
         self._mask = np.zeros(self._region.shape, np.bool_)
         return True
 
@@ -140,10 +139,14 @@ class _SurfaceBrush(_Brush):
 
 
 class BrushTool(_SurfaceBrush):
-    """Paint over what is to be selected, as the options of a region say."""
+    """Paint over what is to be selected: objects that are seen there, or splats as options say."""
 
     name = ToolName.BRUSH
-    is_content = surface_only = False
+    is_content = False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._middle = self._mask
 
     def hint(self, session: Session) -> str:
         """What a drag does now."""
@@ -151,12 +154,20 @@ class BrushTool(_SurfaceBrush):
 
     def _begin(self, session: Session, place: ViewportPoint) -> bool:
         self._how = place.how
-        return super()._begin(session, place)
+        self._region = Region(session, place, paints=True)
+        self._mask, self._middle = np.zeros((2, *self._region.shape), np.bool_)
+        return True
+
+    def _go(self, session: Session, place: ViewportPoint) -> None:
+        super()._go(session, place)
+        by_screen.stroke(self._middle, self._last, (place.u, place.v), _MIDDLE * self._radius)
 
     def _edit(self, scene: Scene) -> Edit | None:
         if self._region is None:
             return None
-        chosen, title = self._region.chosen(self._mask)
+        chosen, title = self._region.chosen(self._mask, self._middle)
+        if len(chosen) == 0 and self._how == "set":
+            return None  # a stroke next to everything keeps what was selected
         return edits.select(scene, chosen, self._how, title)
 
 

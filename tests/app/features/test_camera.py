@@ -264,8 +264,10 @@ def test_the_preview_plays_to_the_end_and_begins_again(walked: Session) -> None:
 
 
 def test_a_turntable_plays_round_and_round(session: Session) -> None:
+    session.rig.zoom(-3)  # out of what the photos surround
     pivot, distance = session.rig.pivot, session.rig.pose.distance
     camera_path.make_turntable(session, 4.0)
+    camera_path.toggle_playing(session)
     for _ in range(30):
         camera_path.tick(session, 0.3)
         assert np.linalg.norm(session.rig.eye - pivot) == pytest.approx(distance, rel=1e-3)

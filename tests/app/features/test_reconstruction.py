@@ -113,6 +113,9 @@ def test_splats_are_shown_while_they_train_and_a_cancelled_training_goes_on(
         assert not run(name, session)
     session.jobs.cancel()
     assert session.jobs.wait(300)
+    assert training.is_stopped
+    assert session.shown is training.scene, "it can still be looked at"
+    reconstruction.leave_stopped(session)
     assert session.shown is None
     found = session.photos
     assert found is not None

@@ -223,6 +223,11 @@ def test_poses_next_to_photos_are_named_and_their_use_is_chosen(
         d.click("**/###Use as they are")
         assert chosen() == "keep"
         _capture(d, "poses")
+        d.click("**/###Choose masks")
+        d.answer_path(tmp_path)
+        d.frames(4)
+        assert d.studio.ui.plan.plan is not None
+        assert d.studio.ui.plan.plan.config.foreground == str(tmp_path), "back in the sheet"
 
     drive(walk, path=tmp_path / "shots", settings=Settings(first_steps_done=True))
 
@@ -237,6 +242,10 @@ def test_photos_become_splats_before_the_eyes(display: str, tmp_path: Path) -> N
         assert session.photos is not None
         assert d.exists("**/###Make splats")
         _capture(d, "photos")
+        images = d.studio.images
+        assert images is not None
+        d.focus("Views")
+        d.until(lambda: len(images._textures) > 1, "the photos are there as pictures")
         d.click("**/###Settings…")
         _capture(d, "simple sheet")
         assert not d.exists("**/##Iterations"), "the rest is under More"
@@ -272,5 +281,17 @@ def test_photos_become_splats_before_the_eyes(display: str, tmp_path: Path) -> N
         assert session.photos is not None
         assert session.photos.iteration > 0
         _capture(d, "stopped")
+        assert session.shown is not None, "they can still be looked at"
+        n_shown = len(session.shown)
+        d.click("**/###Back to the photos")
+        assert session.shown is None
+        assert d.exists("**/###Make splats")
+        session.training = training
+        d.frames(3)
+        d.click("**/###Keep these splats")
+        d.settle()
+        assert session.document is not None
+        assert abs(len(d.scene) - n_shown) <= 1
+        assert len(session.cameras) == 6
 
     drive(walk, path=scene, size=(1000, 640))

@@ -31,6 +31,7 @@ from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
+from gaga_studio.system import paths
 from gaga_studio.ui.chrome import menu, toolbar
 from gaga_studio.ui.dialogs import files, sheets
 from gaga_studio.ui.kit import widgets
@@ -83,6 +84,7 @@ def test_nothing_open_offers_four_ways(display: str, balls: Path, tmp_path: Path
         d.keys(KEY.mod_ctrl, KEY.w)
         assert d.session.document is None
         assert d.exists("Viewport/Try the demo")
+        assert paths.picture_of(str(balls)).is_file(), "its picture is in the list"
         d.click("Viewport/###Recent 0")
         d.settle()
         assert d.session.title == "balls"
@@ -219,7 +221,9 @@ def _endless(when_ended: Callable[[], object] = lambda: None) -> Stage[None]:
         when_ended()
 
 
-def test_escape_closes_an_open_menu_and_nothing_else(display: str, balls: Path) -> None:
+def test_escape_closes_what_is_on_top_and_a_click_opens_another_menu(
+    display: str, balls: Path
+) -> None:
     any_popup = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
 
     def is_open(d: Driver) -> bool:
@@ -231,6 +235,28 @@ def test_escape_closes_an_open_menu_and_nothing_else(display: str, balls: Path) 
         assert n > 0
         d.menu("Edit")
         assert is_open(d)
+        d.keys(KEY.escape)
+        assert not is_open(d)
+        assert len(d.session.selected_indices()) == n
+        d.engine.mouse_move("//##MainMenuBar/##MenuBar/Edit")
+        d.engine.mouse_click(0)
+        d.frames(4)
+        d.engine.mouse_move("//##MainMenuBar/##MenuBar/View")
+        d.engine.mouse_click(0)
+        d.frames(4)
+        assert is_open(d), "a click on another title opens that menu"
+        assert d.exists("**/###Depth")
+        d.engine.mouse_click(0)
+        d.frames(4)
+        assert not is_open(d), "a further click closes it"
+        d.menu("Edit/###Preferences…")
+        d.engine.set_ref(d.engine.window_info("//Preferences/Rows").window)
+        d.engine.item_click("##Theme")
+        d.frames(4)
+        assert d.exists("**/###Theme light")
+        d.keys(KEY.escape)
+        assert not d.exists("**/###Theme light")
+        assert is_open(d), "Escape closed the list, not the sheet"
         d.keys(KEY.escape)
         assert not is_open(d)
         assert len(d.session.selected_indices()) == n
@@ -696,7 +722,7 @@ def _palette(d: Driver, shown: list[str]) -> None:
     """Those of submenus are here, too."""
     d.on_main(lambda: commands.run("help.palette", d.session))
     d.frames(3)
-    d.engine.set_ref(d.engine.window_info("//$FOCUSED/Found").window.id_)
+    d.engine.set_ref(d.engine.window_info("//$FOCUSED/Found").window)
     for command in _disabled(d, commands.COMMANDS)[::_EACH]:
         shown.clear()
         d.engine.mouse_move(f"###{command.id}")

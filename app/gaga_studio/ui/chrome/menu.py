@@ -1,6 +1,7 @@
 """The menu bar, from the table of commands."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from imgui_bundle import imgui
@@ -55,10 +56,27 @@ _LINE_BEFORE = {
 IN_SUBMENUS = {*RECALL, *SET, *command_buttons.SPLITS}
 
 
-def draw(session: Session, reset_layout: Callable[[], None]) -> None:
+@dataclass
+class MenuState:
+    """Which menu was open in the frame before."""
+
+    opened: str = ""
+    by_hover: bool = False  # it opened as the mouse came from another one
+
+
+def draw(session: Session, state: MenuState, reset_layout: Callable[[], None]) -> None:
     """Menus, and at the right end the name of what is open."""
+    before, state.opened = state.opened, ""
     for title, menu in MENUS.items():
-        if imgui.begin_menu(title):
+        is_open = imgui.begin_menu(title)
+        is_clicked = imgui.is_item_hovered() and imgui.is_mouse_clicked(imgui.MouseButton_.left)
+        if not is_open and title == before and state.by_hover and is_clicked:
+            # The toolkit opened it under a mouse that came to click it, and the click closed it.
+            imgui.open_popup(title)
+            state.opened, state.by_hover = title, False
+        if is_open:
+            state.by_hover = bool(before) and (state.by_hover or title != before)
+            state.opened = title
             for command in menu:
                 if command.id in _LINE_BEFORE:
                     imgui.separator()
@@ -69,7 +87,6 @@ def draw(session: Session, reset_layout: Callable[[], None]) -> None:
                 imgui.separator()
                 if imgui.menu_item_simple(f"{icons.RESET}  Put panels back###Put panels back"):
                     reset_layout()
-            widgets.escape_closes()
             imgui.end_menu()
     _title(session)
 

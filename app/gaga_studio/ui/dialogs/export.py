@@ -226,9 +226,7 @@ def opens(
 
 def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
     """The whole sheet; ``files`` asks for another place."""
-    is_back = sheet.waits is not None and files.dialog is None
-    # The Escape that ended the choice of a place is not the sheet's.
-    if is_back and not imgui.is_key_pressed(imgui.Key.escape):
+    if sheet.waits is not None and files.dialog is None:
         sheet.waits = None
         imgui.open_popup(SHEET)
     if not begin_modal(SHEET, em(38), is_possible=session.document is not None):

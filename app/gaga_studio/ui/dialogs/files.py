@@ -151,8 +151,7 @@ def _draw_own(dialog: FileDialog) -> None:
     _entries(dialog)
     _answer_row(dialog)
     _enter_accepts(dialog)
-    if imgui.is_key_pressed(imgui.Key.escape) or dialog.is_done:
-        dialog.is_done = True
+    if dialog.is_done:
         imgui.close_current_popup()
     imgui.end_popup()
 
@@ -381,6 +380,13 @@ _ASKED = {
         PathKind.OPEN_FILE,
         reconstruction.open_photos,
         (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES),
+        needs_scene=False,
+    ),
+    Request.OBJECT_MASKS: _Asked(
+        "Choose the folder of masks of the object",
+        PathKind.OPEN_FOLDER,
+        reconstruction.choose_masks,
+        action="Use",
         needs_scene=False,
     ),
     Request.INPAINTING_MODEL: _Asked(

@@ -10,7 +10,7 @@ from gaga_studio.features import commands
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import RANGES, Settings, hex_color, is_known
 from gaga_studio.ui.kit import widgets
-from gaga_studio.ui.kit.modal import begin_modal, body_height, close_row
+from gaga_studio.ui.kit.modal import QUESTION, begin_modal, body_height, close_row
 from gaga_studio.ui.kit.theme import em
 
 _THEMES = {"dark": "Dark", "light": "Light"}
@@ -204,6 +204,8 @@ class Shortcuts:
         io = imgui.get_io()
         had_popup, self._had_popup = self._had_popup, imgui.is_popup_open("", _ANY_POPUP)
         if self._had_popup:
+            if imgui.is_key_pressed(imgui.Key.escape, False):
+                _close_top()
             return
         if self._after_text and not io.want_text_input:
             command_id, self._after_text = self._after_text, ""
@@ -240,3 +242,14 @@ class Shortcuts:
         if command is not None and not is_its_own:
             self._after_text = command.id
             imgui.internal.clear_active_id()
+
+
+def _close_top() -> None:
+    """Close what is open on top: a menu with its submenus, or a drop-down before its sheet."""
+    is_submenu = imgui.WindowFlags_.child_menu
+    opened = [popup.window for popup in imgui.get_current_context().open_popup_stack]
+    top = len(opened) - 1
+    while top > 0 and (window := opened[top]) is not None and window.flags & is_submenu:
+        top -= 1
+    if (window := opened[top]) is None or window.name != QUESTION:
+        imgui.internal.close_popup_to_level(top, True)

@@ -11,7 +11,7 @@ from gaga_studio.features.commands import COMMANDS, MENUS
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.modal import begin_modal, close_row
+from gaga_studio.ui.kit.modal import QUESTION, begin_modal, close_row
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -58,7 +58,7 @@ def draw(session: Session, palette: PaletteState) -> None:
 
 def _question(session: Session) -> None:
     question = session.pending_question
-    name = "Question"
+    name = QUESTION
     if question is not None and not imgui.is_popup_open(name):
         imgui.open_popup(name)
     if not begin_modal(name, em(28), is_possible=question is not None) or question is None:
@@ -104,7 +104,6 @@ def _palette(session: Session, state: PaletteState) -> None:
     changed, state.text = imgui.input_text_with_hint(
         "##Command", f"{icons.SEARCH}  Type what you want to do", state.text
     )
-    widgets.escape_closes()
     found = matching(state.text)
     if changed:
         state.at = 0

@@ -12,11 +12,12 @@ _MODAL = (
     | imgui.WindowFlags_.always_auto_resize
     | imgui.WindowFlags_.no_move
 )
+QUESTION = "Question"  # the sheet that Escape answers instead of closing it
 HIGH = 0.92  # of the window's height: the highest sheet
 
 
 def begin_modal(name: str, width: float, *, dims: bool = True, is_possible: bool = True) -> bool:
-    """A sheet in the middle of the window, ``width`` wide where there is room; Escape closes it.
+    """A sheet in the middle of the window, ``width`` wide where there is room.
 
     The window behind it is dimmed, but not where it is what the sheet changes. A sheet that is no
     longer ``is_possible`` closes itself.
@@ -37,8 +38,6 @@ def begin_modal(name: str, width: float, *, dims: bool = True, is_possible: bool
         imgui.close_current_popup()
         imgui.end_popup()
         return False
-    if is_open and name != "Question":
-        widgets.escape_closes()
     return is_open
 
 

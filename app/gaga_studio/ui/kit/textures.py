@@ -108,8 +108,11 @@ Texture = tuple[int, int, int] | None  # OpenGL name, width, height; None while 
 def photo(session: Session, view: str, side: int = THUMBNAIL) -> Texture:
     """The photo of a view; None while it loads and when there is none."""
     path = photo_path(session, view)
-    if path is None:
-        return None
+    return None if path is None else photo_file(session, path, side)
+
+
+def photo_file(session: Session, path: Path, side: int = THUMBNAIL) -> Texture:
+    """The photo in a file; None while it loads."""
     return _texture(session, f"photo {path} {side}", partial(read_rgb, path, side))
 
 

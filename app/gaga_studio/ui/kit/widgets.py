@@ -378,13 +378,9 @@ def floating_card(name: str, draw: Callable[[], object]) -> None:
 
 
 def popup(name: str, draw: Callable[[], object], *, of_item: bool = False) -> None:
-    """What ``draw`` shows while a popup is open; ``of_item``: the menu of the item drawn last.
-
-    Escape closes it.
-    """
+    """What ``draw`` shows while a popup is open; ``of_item``: the menu of the item drawn last."""
     if imgui.begin_popup_context_item(name) if of_item else imgui.begin_popup(name):
         draw()
-        escape_closes()
         imgui.end_popup()
 
 
@@ -392,12 +388,6 @@ def enter_pressed() -> bool:
     """Whether Enter, of the letters or of the numbers, went down in this frame."""
     keys = (imgui.Key.enter, imgui.Key.keypad_enter)
     return any(imgui.is_key_pressed(key, False) for key in keys)
-
-
-def escape_closes() -> None:
-    """Inside a popup: Escape closes it (without keyboard navigation nothing else does)."""
-    if imgui.is_key_pressed(imgui.Key.escape, False):
-        imgui.close_current_popup()
 
 
 def empty_state(icon: str, title: str, detail: str) -> None:

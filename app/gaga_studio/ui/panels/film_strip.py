@@ -8,6 +8,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.camera import Camera
 from gaga_studio.features import camera as navigation
+from gaga_studio.features import reconstruction
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, textures, theme, widgets
@@ -28,9 +29,7 @@ def draw(session: Session, state: FilmStripState) -> None:
     if document is None or not session.cameras:
         what = "This file comes without photos." if document is not None else ""
         if session.photos is not None and document is None:
-            n = session.photos.n_photos
-            text = "1 photo" if n == 1 else f"{n:,} photos"
-            widgets.empty_state(icons.IMAGES, text, "They are shown here when there are splats.")
+            _photos(session)
         else:
             widgets.empty_state(icons.IMAGES, "No photos", what)
         return
@@ -42,6 +41,34 @@ def draw(session: Session, state: FilmStripState) -> None:
     flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
     if imgui.begin_child("Strip", ImVec2(0, height), imgui.ChildFlags_.none, flags):
         _strip(session, document, state)
+    imgui.end_child()
+
+
+def _photos(session: Session) -> None:
+    """Photos that have no splats yet: only what is visible is drawn and loaded."""
+    files, io = reconstruction.photo_files(session), imgui.get_io()
+    width, height = session.photos.size if session.photos is not None else (4, 3)
+    aspect = width / height
+    if not files:
+        widgets.empty_state(icons.IMAGES, "A film", "Its pictures are here when they are chosen.")
+        return
+    flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+    room = ImVec2(0, imgui.get_content_region_avail().y)
+    if imgui.begin_child("Photos", room, imgui.ChildFlags_.none, flags):
+        if io.mouse_wheel and imgui.is_window_hovered():
+            imgui.set_scroll_x(imgui.get_scroll_x() - io.mouse_wheel * em(7))
+        bar = imgui.get_style().scrollbar_size
+        high = max(imgui.get_window_height() - bar, em(2))
+        step = high * aspect + em(0.5)
+        start, left = imgui.get_cursor_pos(), imgui.get_scroll_x()
+        first = max(int(left / step), 0)
+        last = min(int((left + imgui.get_window_width()) / step) + 1, len(files))
+        for at in range(first, last):
+            imgui.set_cursor_pos(ImVec2(start.x + at * step, start.y))
+            textures.place(textures.photo_file(session, files[at]), high * aspect, aspect)
+            widgets.tooltip(files[at].name)
+        imgui.set_cursor_pos(ImVec2(start.x + len(files) * step - em(0.5), start.y))
+        imgui.dummy(ImVec2(1, 1))
     imgui.end_child()
 
 

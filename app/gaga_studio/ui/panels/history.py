@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.edits.history import HistoryEntry
+from gaga_studio.features import split_view
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 
@@ -32,7 +33,7 @@ def draw(session: Session, state: HistoryState) -> None:
         imgui.end_child()
         _total(history.nbytes, history.budget)
         return
-    clicked = _line(0, "As opened", "", history.cursor == 0, True)
+    clicked = _line(session, 0, "As opened", "", history.cursor == 0, True)
     target = 0 if clicked else None
     for first, last in _runs(entries):
         if last - first and first not in state.unfolded:
@@ -41,7 +42,8 @@ def draw(session: Session, state: HistoryState) -> None:
             continue
         for position in range(first, last + 1):
             entry, is_here = entries[position - 1], position == history.cursor
-            if _line(position, entry.title, _size(entry.nbytes), is_here, entry.done):
+            size = _size(entry.nbytes)
+            if _line(session, position, entry.title, size, is_here, entry.done):
                 target = position
     if state.seen != history.cursor:
         state.seen = history.cursor
@@ -83,15 +85,24 @@ def _total(used: int, budget: int) -> None:
     )
 
 
-def _line(position: int, title: str, size: str, is_here: bool, done: bool) -> bool:
-    """One entry, its bytes in its tooltip; whether it was clicked."""
+def _line(
+    session: Session, position: int, title: str, size: str, is_here: bool, done: bool
+) -> bool:
+    """One entry, its bytes in its tooltip, *Compare* in its menu; whether it was clicked."""
+
+    def menu() -> None:
+        if imgui.menu_item_simple(f"{icons.SPLIT}  Compare with what is shown###Compare"):
+            split_view.compare_version(session, position)
+
     imgui.push_id(position)
     color = theme.TEXT if done else theme.FAINT
     shown = widgets.elided(title, imgui.get_content_region_avail().x)
     with theme.text_color(color):
         clicked, _ = imgui.selectable(f"{shown}###{title}", is_here)
     where = "You are here" if is_here else "Go back to here" if done else "Do again up to here"
-    widgets.tooltip(f"{where}{f', {size}' if size else ''}")
+    widgets.tooltip(f"{where}{f', {size}' if size else ''}. Right-click to compare")
+    if not is_here:
+        widgets.popup("Entry", menu, of_item=True)
     imgui.pop_id()
     return clicked
 

@@ -27,6 +27,7 @@ _NAMES = {
     Side.TRUTH: "Truth",
     Side.ERRORS: "Errors",
     Side.BEFORE: "Before the last edit",
+    Side.VERSION: "Chosen version",
     Side.PRESET: "Other preset",
 }
 _NO_MAP = "There is no true map of this photo that can be read"

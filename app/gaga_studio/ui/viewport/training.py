@@ -13,12 +13,12 @@ from gaga_core.settings import setting_of
 from gaga_studio.features import commands, reconstruction
 from gaga_studio.features.find import association
 from gaga_studio.features.reconstruction import ReconstructionPlan
-from gaga_studio.session.notices import Level
+from gaga_studio.session.notices import Level, Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, smoothed
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.chrome.status import duration
-from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.modal import answer, begin_modal
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
@@ -46,7 +46,9 @@ _FAINT, _STRONG = 0.10, 0.75  # opacity of a weak and of a strong link
 _MANY = 150.0  # matches of a strong link
 
 
-def draw_fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
+def draw_fields(
+    session: Session, plan: ReconstructionPlan, found: "PhotoFind"
+) -> ReconstructionPlan:
     """Draw the settings of the placement; return the plan with what was changed."""
     config = plan.config
     if not found.is_video:
@@ -63,12 +65,19 @@ def draw_fields(plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionP
         plan = draw_setting(plan, "video_fps", rate, tip, form="%.1f")
     tip = "For all attempts to place the photos; 0: as the quality says"
     plan = draw_setting(plan, "place_minutes", config.place_minutes or 0.0, tip)
-    tip = "Which one, by its number of photos, when the photos show several"
-    plan = draw_setting(plan, "scene", config.scene, tip)
+    if config.scene > 1:  # else nothing has said that the photos show several
+        tip = "Which one, by its number of photos, when the photos show several"
+        plan = draw_setting(plan, "scene", config.scene, tip)
     tip = "The object turned in front of a fixed camera, where that is not found without asking"
     plan = draw_setting(plan, "turntable", config.turntable, tip)
     tip = "A folder with NAME.png for each photo, black = background; empty: it is looked for"
-    return draw_setting(plan, "foreground", config.foreground or "", tip)
+    right = imgui.calc_text_size("Choose…").x + 3 * imgui.get_style().frame_padding.x
+    plan = draw_setting(plan, "foreground", config.foreground or "", tip, right=right)
+    imgui.same_line()
+    if widgets.button("Choose masks", Face("Choose…"), hint="Choose the folder"):
+        session.request = Request.OBJECT_MASKS
+        imgui.close_current_popup()
+    return plan
 
 
 def draw_setting(
@@ -79,6 +88,7 @@ def draw_setting(
     *,
     steps: tuple[int, int] = (1, 100),
     form: str = "%.0f",
+    right: float = 0.0,  # pixels that are left free next to it
 ) -> ReconstructionPlan:
     """Draw the field ``name`` of the settings by its description; return the plan."""
     about = setting_of(plan.config, name)
@@ -87,11 +97,12 @@ def draw_setting(
         widgets.under_fields(em(NAMES))
         changed, value = widgets.checkbox(about.label, shown)
     else:
-        widgets.field_name(about.label, em(NAMES))
+        widgets.field_name(about.label, em(NAMES), right)
     if isinstance(shown, str):
         changed, text = imgui.input_text(f"##{about.label}", shown)
         value = text.strip()
     elif isinstance(shown, float):
+        form = form if shown else "automatic"
         changed, number = imgui.input_float(f"##{about.label}", shown, 0, 0, form)
         value = about.clamped(number)
     elif not isinstance(shown, bool):
@@ -214,7 +225,7 @@ def draw_live(session: Session, corner: ImVec2, size: ImVec2) -> None:
 def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     update, job = training.update, session.jobs.running
     with theme.face(strong=True):
-        widgets.line(f"Training {training.name}")
+        widgets.line(f"{'Stopped' if training.is_stopped else 'Training'}: {training.name}")
     if update is None:
         widgets.dim(job.message if job is not None else "", wrap=True)
     if training.placement is not None and not small:
@@ -225,6 +236,8 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     widgets.dim(text, wrap=True)
     if job is not None and job.eta_s is not None:
         widgets.dim(f"{duration(job.eta_s)} left")
+    if training.is_stopped:
+        _what_now(session)
     if small:
         return
     imgui.dummy(ImVec2(0, em(0.1)))
@@ -234,6 +247,22 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     measured = [(float(m.iteration), m.psnr) for m in update.measured]
     last = f"{measured[-1][1]:.1f} dB" if measured else "not measured yet"
     chart("Held-out PSNR", last, measured, training.iterations, theme.GOOD)
+
+
+def _what_now(session: Session) -> None:
+    """What can be done with the splats of a training that was cancelled."""
+    width = imgui.get_content_region_avail().x
+    command_buttons.command_button(
+        session,
+        "file.make_splats",
+        "Continue",
+        Face("Continue training", width=width, primary=True),
+    )
+    hint = "Save the splats as they are into the scene folder, and open it"
+    if widgets.button("Keep these splats", Face(width=width), hint=hint):
+        reconstruction.keep_stopped(session)
+    if widgets.button("Back to the photos", Face(width=width)):
+        reconstruction.leave_stopped(session)
 
 
 def chart(
@@ -284,9 +313,13 @@ def sheet(session: Session, held: PlanSheet) -> None:
         return
     if held.plan is None or held.photos is not found:
         held.plan, held.photos = reconstruction.plan_of(found), found
+    masks = reconstruction.take_chosen_masks(session)
+    if masks:
+        held.plan = reconstruction.plan_with(held.plan, "foreground", masks)
     with theme.face(strong=True, scale=1.2):
         imgui.text_unformatted(reconstruction.title(session))
     widgets.dim(reconstruction.found_text(found), wrap=True)
+    _photo_row(session, found)
     imgui.dummy(ImVec2(0, em(0.2)))
     try:
         plan = _fields(session, held.plan, found)
@@ -297,6 +330,18 @@ def sheet(session: Session, held: PlanSheet) -> None:
     imgui.dummy(ImVec2(0, em(0.3)))
     _sheet_end(session, found, plan)
     imgui.end_popup()
+
+
+def _photo_row(session: Session, found: "PhotoFind") -> None:
+    """The first photos as pictures, as many as fit into a line."""
+    aspect = found.size[0] / found.size[1]
+    width, gap = em(3.2) * aspect, imgui.get_style().item_spacing.x
+    n = max(int((imgui.get_content_region_avail().x + gap) / (width + gap)), 1)
+    for at, path in enumerate(reconstruction.photo_files(session)[:n]):
+        if at:
+            imgui.same_line()
+        textures.place(textures.photo_file(session, path), width, aspect)
+        widgets.tooltip(path.name)
 
 
 def _fields(session: Session, plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
@@ -316,7 +361,7 @@ def _fields(session: Session, plan: ReconstructionPlan, found: "PhotoFind") -> R
     plan = draw_setting(plan, "max_side", settings.longest_side, steps=(80, 320))
     plan = draw_setting(plan, "iterations", settings.iterations, steps=(500, 5000))
     if not found.is_placed:
-        plan = draw_fields(plan, found)
+        plan = draw_fields(session, plan, found)
     tip = "Those of split.json where there is one. Without, all photos are trained on."
     plan = draw_setting(plan, "hold_out", plan.config.hold_out, tip)
     tip = "Splats that also look right from nearer and from farther away (mip mode)"

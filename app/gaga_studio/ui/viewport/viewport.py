@@ -12,13 +12,14 @@ from gaga_studio.features import measure as align_ground
 from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import CentreColors, Mode, ToolName
+from gaga_studio.system import paths
 from gaga_studio.system.key_queue import events_of
 from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
 from gaga_studio.tools.move import FollowTransform
 from gaga_studio.ui.chrome import command_buttons, toolbar
-from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
@@ -144,6 +145,7 @@ _CHOICES = (
     ("file.demo", icons.DEMO, "Try the demo", "A furnished room, ready to edit"),
 )
 _MOST_RECENT = 5
+_TILE = 7.2, 3.8  # width and height of the picture of a recent scene, em
 _CARD_EDGE = 12.0  # of a card that no text comes near, both sides together, pixels at 96 dpi
 
 
@@ -155,7 +157,6 @@ def _draw_welcome(session: Session, steps_height: float) -> None:
     if session.jobs.running is not None:
         _opening(session, room)
         return
-    recent = session.settings.recent[:_MOST_RECENT] if room.y > em(24) else ()
     n = len(_CHOICES)
     card = ImVec2(min(em(14.5), (room.x - em(5)) / n), em(8.6))
     widest = max(imgui.calc_text_size(text).x for choice in _CHOICES for text in choice[2:])
@@ -163,7 +164,9 @@ def _draw_welcome(session: Session, steps_height: float) -> None:
     if not is_wide:
         card = ImVec2(min(room.x - em(3), em(24)), em(3.5))
     height = card.y + em(3.6) if is_wide else n * card.y + em(4.2)
-    height += (len(recent) + 2) * imgui.get_text_line_height_with_spacing() if recent else em(2)
+    rows = em(_TILE[1] + 1.5 + 2)
+    recent = session.settings.recent[:_MOST_RECENT] if room.y > height + rows else ()
+    height += rows if recent else em(2)
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + max((room.y - height) * 0.45, em(0.5)))
     with theme.face(strong=True, scale=1.35):
         widgets.wrapped("Open a scene to begin", theme.TEXT)
@@ -230,20 +233,46 @@ def _text_centred(
 
 
 def _recent(session: Session, recent: tuple[str, ...], left: float, width: float) -> None:
+    """What was open lately, as pictures in a row."""
     imgui.dummy(ImVec2(0, em(0.4)))
     imgui.set_cursor_screen_pos(ImVec2(left, imgui.get_cursor_screen_pos().y))
     with theme.face(strong=True), theme.text_color(theme.DIM):
         imgui.text_unformatted("Recent")
-    for position, name in enumerate(recent):
-        path = Path(name)
-        imgui.set_cursor_screen_pos(ImVec2(left, imgui.get_cursor_screen_pos().y))
+    gap, top = em(0.8), imgui.get_cursor_screen_pos().y
+    n = max(int((width + gap) / (em(_TILE[0]) + gap)), 1)
+    for position, name in enumerate(recent[:n]):
+        at = ImVec2(left + position * (em(_TILE[0]) + gap), top)
+        imgui.set_cursor_screen_pos(at)
+        _tile(session, name, position, at)
+
+
+def _tile(session: Session, name: str, position: int, at: ImVec2) -> None:
+    """The picture of a scene, or a sign where there is none, with its name below."""
+    path, size = Path(name), ImVec2(em(_TILE[0]), em(_TILE[1]))
+    if imgui.invisible_button(f"###Recent {position}", ImVec2(size.x, size.y + em(1.5))):
+        session.open(path)
+    is_hot = imgui.is_item_hovered()
+    widgets.tooltip(name)
+    file = paths.picture_of(name)
+    texture = textures.photo_file(session, file) if file.is_file() else None
+    drawing, high = imgui.get_window_draw_list(), ImVec2(at.x + size.x, at.y + size.y)
+    drawing.add_rect_filled(at, high, theme.u32(theme.RAISED), em(0.3))
+    if texture is not None:
+        # The middle of the picture in the shape of the tile.
+        share = texture[1] / texture[2] / (size.x / size.y)
+        u, v = max(1 - 1 / share, 0) / 2, max(1 - share, 0) / 2
+        picture = imgui.ImTextureRef(texture[0])
+        drawing.add_image_rounded(
+            picture, at, high, ImVec2(u, v), ImVec2(1 - u, 1 - v), 0xFFFFFFFF, em(0.3)
+        )
+    else:
         icon = icons.FILE_PLAIN if path.suffix else icons.FOLDER_PLAIN
-        shown = widgets.elided(f"{path.name}   {path.parent}", width - em(3))
-        label = f"{icon}  {shown}###Recent {position}"
-        clicked, _ = imgui.selectable(label, False, 0, ImVec2(width, 0))
-        if clicked:
-            session.open(path)
-        widgets.tooltip(name)
+        middle = ImVec2(at.x + (size.x - em(1)) / 2, at.y + (size.y - em(1)) / 2)
+        drawing.add_text(middle, theme.u32(theme.DIM), icon)
+    edge = theme.ACCENT if is_hot else theme.LINE_STRONG
+    drawing.add_rect(at, high, theme.u32(edge), em(0.3), theme.scaled(1))
+    shown = widgets.elided(path.name, size.x)
+    drawing.add_text(ImVec2(at.x, high.y + em(0.2)), theme.u32(theme.TEXT), shown)
 
 
 def _opening(session: Session, room: ImVec2) -> None:

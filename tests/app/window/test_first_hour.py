@@ -1,0 +1,120 @@
+"""What an hour of use found: strokes, the turntable, comparing versions, files that are dropped."""
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from imgui_bundle import ImVec2, glfw_utils
+
+from gaga_core.scene.objects import group_indices
+from gaga_core.scene.scene import State
+from gaga_core.scene.selection.algebra import world_means
+from gaga_studio.features.camera import path_of
+from gaga_studio.session.view import Side, ToolName
+from tests.app.window.driver import KEY, Driver, drive
+
+pytestmark = pytest.mark.window
+
+
+def _drop(d: Driver, *paths: Path) -> None:
+    """As the desktop tells GLFW of it."""
+    dropped = d.studio.window._callbacks_of_glfw[0]
+    handle = glfw_utils.glfw_window_hello_imgui()
+    d.on_main(lambda: dropped(handle, [str(path) for path in paths]))  # type: ignore[operator]
+    d.settle()
+
+
+def _stroke(d: Driver, places: Sequence[tuple[float, float]]) -> None:
+    d.move_to(*places[0])
+    d.engine.mouse_down(0)
+    left, top = d.corner
+    for u, v in places[1:]:
+        d.engine.mouse_move_to_pos(ImVec2(left + u, top + v))
+    d.engine.mouse_up(0)
+    d.settle()
+
+
+def test_an_object_is_painted_the_scene_turned_compared_and_added_to(
+    display: str, grouped_copy: Path, tmp_path: Path
+) -> None:
+    other = Path(shutil.copy(grouped_copy / "point_cloud.ply", tmp_path / "other.ply"))
+
+    def walk(d: Driver) -> None:
+        _a_stroke_takes_the_object_that_is_seen(d)
+        _the_turntable_waits_and_stays_between_the_photos(d)
+        _two_versions_are_compared(d)
+        _splats_are_dropped_onto_a_scene(d, other)
+
+    drive(walk, path=grouped_copy)
+
+
+def _a_stroke_takes_the_object_that_is_seen(d: Driver) -> None:
+    d.session.tool = ToolName.BRUSH
+    camera = d.session.rig.camera(*d.size)
+    table, means = d.session.objects(), world_means(d.scene)
+    middles = {int(g): means[group_indices(d.scene, [int(g)])].mean(axis=0) for g in table.ids}
+    depth = {g: float(camera.project(at[None])[1][0]) for g, at in middles.items()}
+    nearest = min((g for g in depth if table.counts[table.row(g)] < 400), key=depth.__getitem__)
+    u, v = d.project(middles[nearest])
+    d.session.view.brush_radius = 6.0  # less than half of the object
+    _stroke(d, [(u - 4, v), (u, v), (u + 4, v)])
+    assert d.session.selected_groups() == (nearest,)
+    n = d.history.cursor
+    _stroke(d, [(3, 3), (9, 3)])
+    assert d.session.selected_groups() == (nearest,), "a stroke over nothing keeps it"
+    assert d.history.cursor == n
+    d.keys(KEY.escape)
+
+
+def _the_turntable_waits_and_stays_between_the_photos(d: Driver) -> None:
+    pose = d.session.rig.pose
+    d.menu("Camera/###Turntable")
+    assert not d.session.view.playback.is_playing
+    assert d.session.rig.pose == pose
+    eyes = np.array([key.shot.eye for key in path_of(d.session).keyframes])
+    places = np.array([camera.position for camera in d.session.cameras])
+    assert len(eyes) == 16
+    assert (eyes[:, :2] >= places[:, :2].min(axis=0) - 1e-2).all()
+    assert (eyes[:, :2] <= places[:, :2].max(axis=0) + 1e-2).all()
+
+
+def _two_versions_are_compared(d: Driver) -> None:
+    d.keys(KEY.delete)
+    n_deleted = int(d.scene.has(State.DELETED).sum())
+    assert n_deleted > 0
+    d.resize(1280, 720)
+    d.focus("History")
+    after = d.pixels()
+    entries = d.engine.window_info("//History/Entries").window
+    d.engine.set_ref(entries)
+    d.engine.item_click("**/###As opened", 1)
+    d.frames(4)
+    d.click("$FOCUSED/###Compare")
+    assert d.session.view.sides == (Side.VERSION, Side.PICTURE)
+    assert int(d.scene.has(State.DELETED).sum()) == n_deleted, "nothing was undone"
+    with d.looking():
+        left = d.studio.left
+        assert left is not None
+        before = d.on_main(left.read_pixels).astype(int)
+    assert (np.abs(before - after).max(axis=2) > 40).sum() > 100, "it is there on the left"
+    d.keys(KEY.mod_ctrl, KEY.z)
+
+
+def _splats_are_dropped_onto_a_scene(d: Driver, other: Path) -> None:
+    n, title = len(d.scene), d.session.title
+    _drop(d, other, other)
+    d.click("Question/###Add")
+    d.until(lambda: len(d.scene) == 3 * n, "both are added")
+    d.keys(KEY.mod_ctrl, KEY.z)
+    d.keys(KEY.mod_ctrl, KEY.z)
+    assert d.session.title.startswith(title.rstrip("* "))
+    _drop(d, other)
+    d.click("Question/###Open")
+    d.settle()
+    if d.session.pending_question is not None:
+        d.click("Question/###Discard")
+        d.settle()
+    assert d.session.document is not None
+    assert d.session.document.name == "other.ply"
