@@ -304,6 +304,7 @@ class Studio:
         self._document: object = None
         self._masks: object = None
         self._named: tuple[int, ...] | None = None  # state whose names have their glyphs
+        self._has_new_letters = False  # what was drawn before is drawn again, at once
         self.never_idle = False  # tests want every frame at once
         self.picture = ViewportPanel(self._render, self._render_left, window.physical_keys)
         remembered = WindowOptions(settings_file=paths.home() / "window.ini")
@@ -428,11 +429,12 @@ class Studio:
         """Have glyphs for the names that are shown."""
         scene = self.session.scene
         now = () if scene is None else (scene.revision.names, id(scene))
+        names: tuple[str, ...] = ()
         if now != self._named:
             self._named = now
             names = () if scene is None else tuple(scene.names.values())
-            shown = (*names, self.session.title, *self.session.settings.recent)
-            theme.load_letters((*shown, *(camera.name for camera in self.session.cameras)))
+            names = (*names, *(camera.name for camera in self.session.cameras))
+        self._has_new_letters = theme.load_letters((*names, self.session.title))
 
     def _overlay(self) -> None:
         """After the panels: dialogs, sheets, notices."""
@@ -616,7 +618,7 @@ class Studio:
 
     def _frame_rate(self) -> float:
         """Wanted frames a second at rest; 0 while something on the screen moves."""
-        if self.never_idle or self._is_moving():
+        if self.never_idle or self._is_moving() or self._has_new_letters:
             return 0.0
         if self.session.jobs.running is not None or self.ui.toasts.are_passing:
             return _JOB_RATE

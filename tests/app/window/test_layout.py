@@ -336,6 +336,7 @@ def test_snags_of_an_hour_of_use(display: str, grouped_copy: Path, tmp_path: Pat
         _playback(d)
         _letters(d)
         _notices(d, tmp_path / "notice.png")
+        _letters_of_a_folder(d, tmp_path)
         _file_dialog(d, tmp_path)
 
     drive(walk, path=grouped_copy, size=(1280, 720))
@@ -425,6 +426,25 @@ def _letters(d: Driver) -> None:
     assert all(font.is_glyph_in_font(ord(letter)) for letter in visual("شاي"))
 
 
+def _letters_of_a_folder(d: Driver, folder: Path) -> None:
+    """What has no glyph is drawn as its code, never as "?", wherever it is drawn."""
+    names = ("杯子", "k\U000130ae")
+    for name in names:
+        (folder / name).mkdir()
+    dialog = FileDialog("Choose a folder", PathKind.OPEN_FOLDER, folder)
+    d.on_main(lambda: d.studio.ui.files.ask(dialog, lambda _: None))
+    d.frames(3)
+    font = theme._Loaded.regular
+    assert font is not None
+    for name in names:
+        assert all(font.is_glyph_in_font(ord(letter)) for letter in visual(name)), name
+        assert visual(name) == "".join(
+            letter if font.is_glyph_in_font(ord(letter)) else f"[{ord(letter):X}]"
+            for letter in name
+        )
+    d.keys(KEY.escape)
+
+
 def _playback(d: Driver) -> None:
     d.session.view.playback.is_playing = True
     d.studio._escape()
@@ -444,6 +464,8 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     ask()
     d.keys(KEY.enter)
     assert taken == [folder]
+    _the_path_field_completes(d, folder, ask)
+    taken[1:] = []
     ask()
     d.keys(KEY.escape)
     assert d.studio.ui.files.dialog is None
@@ -457,6 +479,23 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     d.click("$FOCUSED/Places")
     d.click("$FOCUSED/###place 0")
     assert dialog.folder == Path.home().resolve()
+    d.keys(KEY.escape)
+
+
+def _the_path_field_completes(d: Driver, folder: Path, ask: Callable[[], FileDialog]) -> None:
+    """It has the keys from the start; Tab writes what all that fit have in common."""
+    for name in ("mugs", "mugs and pans/deep", "Vase"):
+        (folder / name).mkdir(parents=True)
+    dialog = ask()
+    for typed, wanted in (("mu", "mugs"), (" ", "mugs and pans/"), ("d", "mugs and pans/deep/")):
+        d.engine.key_chars(typed)
+        d.keys(KEY.tab)
+        assert dialog._text == wanted
+    d.keys(KEY.enter)
+    assert d.studio.ui.files.dialog is None
+    dialog = ask()
+    lefts = [d.engine.item_info(f"//$FOCUSED/###{n}").rect_full.min.x for n in ("Open", "Cancel")]
+    assert lefts == sorted(lefts), "as in every other sheet"
     d.keys(KEY.escape)
 
 

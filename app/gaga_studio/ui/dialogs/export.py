@@ -17,7 +17,7 @@ from gaga_studio.features.export import ExportPlan, ExportSummary, What
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.dialogs.files import FileDialog, FilePicker, PathKind
-from gaga_studio.ui.kit import widgets
+from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.modal import answer, begin_modal, body_height
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face, T
@@ -305,7 +305,7 @@ def _place(sheet: ExportSheet, files: FilePicker) -> None:
     label = "Choose…"
     room = imgui.calc_text_size(label).x + em(2)
     widgets.field_name("Folder" if is_folder else "File", em(NAMES), right=room)
-    changed, sheet.path = imgui.input_text("##Path", sheet.path)
+    changed, sheet.path = imgui.input_text("##Path", theme.noted(sheet.path))
     widgets.tooltip(sheet.path)
     if changed:
         _follow_name(sheet)

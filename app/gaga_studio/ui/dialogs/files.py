@@ -4,6 +4,7 @@ Both are asked in the same way (``FileDialog``) and answer through ``draw``, so 
 window does not know which of the two was on the screen.
 """
 
+import os
 import shutil
 import sys
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from gaga_studio.features.find import masks
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.modal import answers
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -64,6 +66,7 @@ class FileDialog:
     _listed: Path | None = None
     _new_name: str = ""  # of a folder to make
     _had_keyboard: bool = False  # a field, in the frame before
+    _wants_keyboard: bool = True  # the path field, at the next frame
     _native: native.open_file | native.save_file | native.select_folder | None = None
 
 
@@ -267,20 +270,54 @@ def _answer_row(dialog: FileDialog) -> None:
     if dialog.message:
         widgets.text(widgets.elided(dialog.message, em(40)), theme.WARN)
     imgui.set_next_item_width(-1)
-    hint = "Folder or path" if dialog.kind in _FOLDERS else "File name or path"
-    flags = imgui.InputTextFlags_.enter_returns_true
-    entered, dialog._text = imgui.input_text_with_hint("##Path", hint, dialog._text, flags)
+    hint = "Folder or path; Tab completes" if dialog.kind in _FOLDERS else "File name or path"
+    if dialog._wants_keyboard:
+        imgui.set_keyboard_focus_here()
+        dialog._wants_keyboard = False
+    flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
+    flags |= imgui.InputTextFlags_.callback_completion
+
+    def complete(data: imgui.InputTextCallbackData) -> int:
+        typed = str(data.buf)
+        text = completed(dialog.folder, typed, dialog.suffixes, dialog.kind in _FOLDERS)
+        if text != typed:
+            data.delete_chars(0, data.buf_text_len)
+            data.insert_chars(0, text)
+        return 0
+
+    entered, dialog._text = imgui.input_text_with_hint(
+        "##Path", hint, theme.noted(dialog._text), flags, complete
+    )
     if entered:
         _accept(dialog)
-    width = em(7)
-    room = imgui.get_content_region_avail().x
-    spacing = imgui.get_style().item_spacing.x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - 2 * width - spacing)
-    if widgets.button("Cancel", Face(width=width)):
-        dialog.is_done = True
-    imgui.same_line()
-    if widgets.button(dialog.action, Face(width=width, primary=True)):
+        dialog._wants_keyboard = True  # what was not taken is typed again
+    accepts, cancels = answers(dialog.action, Face(width=em(7), primary=True))
+    if accepts:
         _accept(dialog)
+    elif cancels:
+        dialog.is_done = True
+
+
+def completed(folder: Path, text: str, suffixes: tuple[str, ...], only_folders: bool) -> str:
+    """``text`` with what all paths that begin with it have in common; a whole folder ends in "/".
+
+    Letters match in either case where none match as they are typed.
+    """
+    place, begin = (text[: text.rfind("/") + 1], text[text.rfind("/") + 1 :])
+    try:
+        here = list((folder / Path(place or ".").expanduser()).iterdir())
+    except (OSError, RuntimeError):  # not there, or the home of nobody
+        return text
+    names = [
+        f"{p.name}/" if p.is_dir() else p.name
+        for p in here
+        if (p.is_dir() or (not only_folders and (not suffixes or p.suffix.lower() in suffixes)))
+        and p.name.startswith(".") == begin.startswith(".")
+    ]
+    fitting = [name for name in names if name.startswith(begin)]
+    low = begin.casefold()
+    fitting = fitting or [name for name in names if name.casefold().startswith(low)]
+    return place + os.path.commonprefix(fitting) if fitting else text
 
 
 def _accept(dialog: FileDialog) -> None:
@@ -327,7 +364,7 @@ def _finish(dialog: FileDialog, path: Path) -> None:
 
 
 def _enter(dialog: FileDialog, folder: Path) -> None:
-    dialog.folder = folder.resolve()
+    dialog.folder, dialog._wants_keyboard = folder.resolve(), True
     dialog._text = dialog.name if dialog.kind is not PathKind.OPEN_FOLDER else ""
     dialog.message = ""
 

@@ -232,7 +232,7 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
     try:
         kind = masks.settings_family(entry)
     except GagaError as error:
-        imgui.text_wrapped(str(error))
+        imgui.text_wrapped(theme.plain(str(error)))
         return
     if masks.has_profile(entry):
         was = settings.profile == "paper"

@@ -210,7 +210,7 @@ def _name_field(session: Session, state: BookmarkState, index: int, width: float
         state.has_keyboard = True
     flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
     with theme.text_color(theme.TEXT):
-        entered, state.text = imgui.input_text("##Name", state.text, flags)
+        entered, state.text = imgui.input_text("##Name", theme.noted(state.text), flags)
     if entered or imgui.is_item_deactivated():
         if entered or not imgui.is_key_pressed(imgui.Key.escape):
             camera.rename_bookmark(session, index, state.text)

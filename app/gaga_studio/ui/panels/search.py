@@ -176,7 +176,7 @@ def _box(
     imgui.set_next_item_width(-room)
     hint = f"{icons.SEARCH}  {_HINT}"
     flags = imgui.InputTextFlags_.escape_clears_all | imgui.InputTextFlags_.auto_select_all
-    changed, text = imgui.input_text_with_hint("##Find", hint, search.text, flags)
+    changed, text = imgui.input_text_with_hint("##Find", hint, theme.noted(search.text), flags)
     is_active, has_ended = imgui.is_item_active(), imgui.is_item_deactivated()
     if not is_active:
         widgets.tooltip(

@@ -144,7 +144,7 @@ def _around(session: Session) -> "tuple[np.ndarray, np.ndarray]":
 def _kept(session: Session, held: SelectBy) -> None:
     widgets.heading("Named selections")
     imgui.set_next_item_width(-em(4))
-    _, held.name = imgui.input_text_with_hint("##Name to keep", "Name", held.name)
+    _, held.name = imgui.input_text_with_hint("##Name to keep", "Name", theme.noted(held.name))
     imgui.same_line()
     nothing = "" if len(session.selected_indices()) else "Nothing is selected."
     why_not = nothing or ("" if held.name.strip() else "Type a name first.")

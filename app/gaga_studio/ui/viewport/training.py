@@ -89,7 +89,7 @@ def draw_setting(
     else:
         widgets.field_name(about.label, em(NAMES))
     if isinstance(shown, str):
-        changed, text = imgui.input_text(f"##{about.label}", shown)
+        changed, text = imgui.input_text(f"##{about.label}", theme.noted(shown))
         value = text.strip()
     elif isinstance(shown, float):
         changed, number = imgui.input_float(f"##{about.label}", shown, 0, 0, form)
@@ -285,7 +285,7 @@ def sheet(session: Session, held: PlanSheet) -> None:
     if held.plan is None or held.photos is not found:
         held.plan, held.photos = reconstruction.plan_of(found), found
     with theme.face(strong=True, scale=1.2):
-        imgui.text_unformatted(reconstruction.title(session))
+        imgui.text_unformatted(theme.plain(reconstruction.title(session)))
     widgets.dim(reconstruction.found_text(found), wrap=True)
     imgui.dummy(ImVec2(0, em(0.2)))
     try:
@@ -325,7 +325,7 @@ def _fields(session: Session, plan: ReconstructionPlan, found: "PhotoFind") -> R
     plan = draw_setting(plan, "exposure", plan.config.exposure, tip)
     if found.photos is not None:
         widgets.field_name("Scene folder", em(NAMES))
-        changed, text = imgui.input_text("##Scene folder", str(plan.scene))
+        changed, text = imgui.input_text("##Scene folder", theme.noted(str(plan.scene)))
         if changed and text.strip():
             plan = replace(plan, scene=Path(text.strip()).expanduser())
     return plan
