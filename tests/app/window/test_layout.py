@@ -512,6 +512,10 @@ def test_parts_of_the_window(display: str, grouped_copy: Path, tmp_path: Path) -
         _the_camera_path_shows_its_keyframes(d)
         _sheets_that_theme_the_window_do_not_dim_it(d)
         _no_specks_where_panels_end(d, tmp_path)
+        _nothing_covers_what_opened_it(d)
+        _numbers_of_sliders_are_free(d)
+        _the_list_shows_what_is_chosen(d, tmp_path)
+        _the_search_keeps_the_keys(d)
 
     drive(walk, path=grouped_copy, size=(1280, 720))
 
@@ -598,6 +602,80 @@ def _sheets_that_theme_the_window_do_not_dim_it(d: Driver) -> None:
             lefts = {d.engine.item_info(f"//**/{name}").rect_full.min.x for name in boxes}
             assert len(lefts) == 1, "boxes stand below each other"
         d.keys(KEY.escape)
+
+
+def _overlap(d: Driver, window: str, item: str) -> bool:
+    over = d.engine.get_window_by_ref(window)
+    assert over is not None, window
+    a, b = over.rect(), d.engine.item_info(f"//{item}").rect_full
+    return bool(min(a.max.x, b.max.x) > max(a.min.x, b.min.x) + 1) and bool(
+        min(a.max.y, b.max.y) > max(a.min.y, b.min.y) + 1
+    )
+
+
+def _nothing_covers_what_opened_it(d: Driver) -> None:
+    """Tooltips and lists stand under or above their buttons."""
+    style = imgui.get_style()
+    before = style.hover_delay_short, style.hover_stationary_delay
+    style.hover_delay_short = style.hover_stationary_delay = 0.0
+    for item in ("**/###Undo", "Objects/###Filter", "Objects/**/object 2/###Shown"):
+        d.engine.mouse_move(f"//{item}")
+        assert _tooltip(d)
+        assert not _overlap(d, "//##Tooltip_00", item), item
+    style.hover_delay_short, style.hover_stationary_delay = before
+    for item in ("Objects/###Filter", "Objects/###More ways to find"):
+        d.click(item)
+        popup = d.engine.window_info("//$FOCUSED").window
+        assert not _overlap(d, f"//{popup.name}", item), item
+        d.keys(KEY.escape)
+
+
+def _numbers_of_sliders_are_free(d: Driver) -> None:
+    """The number of a slider stands next to it: its knob covers none."""
+    drawn: dict[str, float] = {}
+    draw = imgui.text_unformatted
+
+    def watched(text: str) -> None:
+        drawn[text] = imgui.get_cursor_screen_pos().x
+        draw(text)
+
+    d.on_main(partial(commands.run, "file.dataset", d.session))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(imgui, "text_unformatted", watched)
+        d.frames(4)
+    share = round(100 * d.studio.ui.dataset.config.moved)
+    slider = d.engine.item_info("//$FOCUSED/##Objects elsewhere").rect_full
+    assert drawn[f"{share} %"] >= slider.max.x
+    d.keys(KEY.escape)
+
+
+def _the_list_shows_what_is_chosen(d: Driver, folder: Path) -> None:
+    """A selected row is one under the mouse, too; the title of the sorted column is whole."""
+    d.focus("Objects")
+    d.select(2)
+    d.click("Objects/**/Splats")
+    title = d.engine.item_info("//Objects/**/Splats").rect_full
+    arrow = 0.65 * imgui.get_font_size() + imgui.get_style().frame_padding.x
+    assert title.max.x - title.min.x >= imgui.calc_text_size("Splats").x + arrow
+    row = d.engine.item_info("//Objects/**/object 2/##row").rect_clipped
+    blue = []
+    for item in ("Objects/**/object 2/##row", "**/###Undo"):
+        d.engine.mouse_move(f"//{item}")
+        d.frames(2)
+        d.capture_now(folder / "row.png")
+        with Image.open(folder / "row.png") as image:
+            at = round(row.max.x) - 3, round(row.min.y) + 4
+            red, _, b = image.convert("RGB").getpixel(at)  # type: ignore[misc]
+        blue.append(b - red)
+    assert blue[0] >= blue[1] > 20, blue
+
+
+def _the_search_keeps_the_keys(d: Driver) -> None:
+    """Enter selects what was found; the next word is typed at once."""
+    box = "Objects/##Find"
+    d.type_into(box, "object")
+    assert d.engine.item_info(f"//{box}").id_ == imgui.internal.get_active_id()
+    d.keys(KEY.escape)
 
 
 def _no_specks_where_panels_end(d: Driver, folder: Path) -> None:

@@ -169,12 +169,12 @@ def _path_row(dialog: FileDialog) -> None:
     imgui.same_line()
     if widgets.icon_button("Places", icons.BOOKMARK, hint="Folders that are used often"):
         imgui.open_popup("Places")
-    widgets.popup("Places", lambda: _places(dialog))
+    widgets.popup("Places", lambda: _places(dialog), of_button=True)
     imgui.same_line()
     if widgets.icon_button("New folder", icons.FOLDER, hint="Make a folder here"):
         dialog._new_name = "New folder"
         imgui.open_popup("New folder")
-    widgets.popup("New folder", lambda: _new_folder(dialog))
+    widgets.popup("New folder", lambda: _new_folder(dialog), of_button=True)
     imgui.same_line()
     shown = widgets.elided(str(dialog.folder), imgui.get_content_region_avail().x)
     imgui.align_text_to_frame_padding()
@@ -251,9 +251,10 @@ def _entry(dialog: FileDialog, entry: Path) -> None:
     icon = icons.FOLDER_PLAIN if is_folder else icons.FILE_PLAIN
     flags = imgui.SelectableFlags_.allow_double_click | imgui.SelectableFlags_.no_auto_close_popups
     is_chosen = dialog._text == entry.name
-    clicked, _ = imgui.selectable(
-        f"{icon}  {theme.visual(entry.name)}###{entry.name}", is_chosen, flags
-    )
+    with widgets.lit_while_hovered(is_chosen):
+        clicked, _ = imgui.selectable(
+            f"{icon}  {theme.visual(entry.name)}###{entry.name}", is_chosen, flags
+        )
     if not clicked:
         return
     is_double = imgui.is_mouse_double_clicked(imgui.MouseButton_.left)
@@ -317,7 +318,7 @@ def completed(folder: Path, text: str, suffixes: tuple[str, ...], only_folders: 
     fitting = [name for name in names if name.startswith(begin)]
     low = begin.casefold()
     fitting = fitting or [name for name in names if name.casefold().startswith(low)]
-    return place + os.path.commonprefix(fitting) if fitting else text
+    return place + os.path.commonprefix(fitting) if fitting else text  # noqa: RUF071  letters
 
 
 def _accept(dialog: FileDialog) -> None:

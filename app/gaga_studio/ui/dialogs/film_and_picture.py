@@ -112,9 +112,9 @@ def _film(session: Session, choices: FilmChoices) -> bool:
         _left(session, choices)
     _size(choices)
     widgets.field_name("Pictures a second", em(_NAMES))
-    _, choices.fps = imgui.slider_float("##Pictures a second", choices.fps, 5, 60, "%.0f")
+    _, choices.fps = widgets.slider("##Pictures a second", choices.fps, 5.0, 60.0, "%.0f")
     widgets.field_name("Quality", em(_NAMES))
-    _, choices.quality = imgui.slider_int("##Quality", choices.quality, 1, 100)
+    _, choices.quality = widgets.slider("##Quality", choices.quality, 1, 100, "%d")
     seconds, n = _length(session, choices)
     widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
     return _ends(FILM)
@@ -156,7 +156,7 @@ def _photos(session: Session, choices: FilmChoices) -> None:
         choices.views = "all"
     choices.views = widgets.choice("Photos", parts, choices.views, em(_NAMES), lacking)
     widgets.field_name("Seconds each", em(_NAMES))
-    _, choices.seconds = imgui.slider_float("##Seconds each", choices.seconds, 0.2, 10, "%.1f")
+    _, choices.seconds = widgets.slider("##Seconds each", choices.seconds, 0.2, 10.0, "%.1f")
     _sweeps(choices)
 
 

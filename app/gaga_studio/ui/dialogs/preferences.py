@@ -127,7 +127,7 @@ def _slider(
     low, high = RANGES[name]
     value = dragged.values.get(name, float(getattr(settings, name)))
     widgets.field_name(label, em(_NAMES))
-    changed, value = imgui.slider_float(f"##{label}", value, low, high, shown, flags)
+    changed, value = widgets.slider(f"##{label}", value, low, high, shown, flags)
     if changed:
         dragged.values[name] = value
     if imgui.is_item_deactivated_after_edit() and name in dragged.values:

@@ -59,7 +59,7 @@ def _scrub(session: Session, path: CameraPath) -> None:
     imgui.same_line()
     width = em(5.5)
     imgui.set_next_item_width(imgui.get_content_region_avail().x - width - em(0.6))
-    changed, at = imgui.slider_float("##Time", playback.at, 0.0, max(path.seconds, 1e-3), "%.2f s")
+    changed, at = widgets.slider("##Time", playback.at, 0.0, max(path.seconds, 1e-3), "%.2f s")
     if changed:
         playback.is_playing = False
         camera.scrub(session, at)

@@ -184,9 +184,7 @@ def _grade(session: Session, sliders: GradeSliders) -> None:
         grade, changed = replace(grade, tint=(tint[0], tint[1], tint[2])), True
     for name, label, low, high, hint in _SLIDERS:
         widgets.field_name(label, em(_NAMES))
-        moved, value = imgui.slider_float(
-            f"##{label}", getattr(grade, name), low, high, "%.2f", imgui.SliderFlags_.always_clamp
-        )
+        moved, value = widgets.slider(f"##{label}", float(getattr(grade, name)), low, high)
         ended |= imgui.is_item_deactivated_after_edit()
         widgets.tooltip(hint)
         if moved:
@@ -372,7 +370,7 @@ def _confidence(session: Session, document: Document) -> None:
     _histogram(counts / max(int(counts.max()), 1), document.feature(Uncertain).threshold)
     imgui.set_next_item_width(-1)
     below = round(100 * document.feature(Uncertain).threshold)
-    changed, below = imgui.slider_int("##Uncertain below", below, 1, 100, "below %d %%")
+    changed, below = widgets.slider("##Uncertain below", below, 1, 100, "below %d %%")
     if changed:
         document.feature(Uncertain).threshold = below / 100
     widgets.tooltip("The share of the masks' votes that a splat's object needs to be certain")

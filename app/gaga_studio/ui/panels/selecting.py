@@ -105,7 +105,7 @@ def _by_color(session: Session, held: SelectBy) -> None:
     if widgets.button("Take", why_not=why_not, hint="The mean color of the selection"):
         held.color = selection.selected_color(session)
     widgets.field_name("Tolerance", em(_NAMES))
-    _, held.tolerance = imgui.slider_float("##Tolerance", held.tolerance, 0.01, 0.5, "%.2f")
+    _, held.tolerance = widgets.slider("##Tolerance", held.tolerance, 0.01, 0.5)
     how = _how_buttons("color")
     if how:
         selection.by_color(session, held.color, held.tolerance, how)
