@@ -25,6 +25,7 @@ from gaga_studio.features.commands import new_session
 from gaga_studio.features.dataset import DatasetPlan
 from gaga_studio.features.find import memory_bank as bank
 from gaga_studio.features.find.search import find_here
+from gaga_studio.features.view import background_of
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Pacing, Viewport
@@ -167,7 +168,6 @@ _POPUPS = {
     Request.OBJECT_MENU: command_buttons.OBJECT_POPUP,
     Request.SCENE_MENU: command_buttons.SCENE_POPUP,
     Request.MAKE_SPLATS: training.SHEET,
-    Request.SAVE_FILM: film_and_picture.FILM,
     Request.SAVE_PICTURE: film_and_picture.PICTURE,
     Request.MAKE_MASKS: masks.MAKE,
     Request.EXPORT_MASKS: masks.EXPORT,
@@ -184,6 +184,7 @@ def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
     return {
         **popups,
         **files.openers(ui.files),
+        Request.SAVE_FILM: film_and_picture.opens_film,
         Request.COMMAND_LIST: lambda _: sheets.open_commands(ui.palette),
         Request.EXPORT_SCENE: partial(exports, what="scene"),
         Request.EXPORT_SELECTED: partial(exports, what="selected"),
@@ -517,6 +518,7 @@ class Studio:
         view = self._pacing.view_for(session.view, self._motion(camera), n_splats)
         if cleanup.shown(session) is not None:
             view = replace(view, mode=Mode.COLOR)  # the preview has colors of its own
+        view = replace(view, background=background_of(session))
         self._view = view
         view = split_view.right_view(session, view)
         before, start = self.viewport.n_draws, time.perf_counter()

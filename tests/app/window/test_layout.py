@@ -13,9 +13,11 @@ import pytest
 from imgui_bundle import ImVec4, imgui
 from PIL import Image
 
+from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.features import camera, commands, objects
+from gaga_studio.features import camera, commands, objects, transform
 from gaga_studio.features.find import memory_bank
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
@@ -335,6 +337,9 @@ def test_snags_of_an_hour_of_use(display: str, grouped_copy: Path, tmp_path: Pat
         _tool_bar(d)
         _playback(d)
         _letters(d)
+        _what_is_hidden_comes_back(d)
+        _what_is_dark_is_seen(d)
+        _names_of_what_was_done(d)
         _notices(d, tmp_path / "notice.png")
         _letters_of_a_folder(d, tmp_path)
         _file_dialog(d, tmp_path)
@@ -357,6 +362,82 @@ def _isolation(d: Driver) -> None:
     assert objects.isolated(session)
     d.on_main(lambda: commands.run("object.isolate", session))
     assert not objects.isolated(session)
+
+
+def _what_is_hidden_comes_back(d: Driver) -> None:
+    d.keys(KEY.mod_ctrl, KEY.a)
+    d.keys(KEY.h)
+    assert objects.all_hidden(d.session)
+    assert not d.session.objects().n_hidden.sum() < len(d.scene)
+    d.click("Viewport/Show all")
+    assert not d.scene.has(State.HIDDEN).any()
+
+
+def _what_is_dark_is_seen(d: Driver) -> None:
+    """A black object that is shown alone on black has a gray background, until all is shown."""
+    d.select(2)
+    black = replace(d.session.settings, background="#000000")
+    d.on_main(partial(d.session.change_settings, black))
+    d.on_main(partial(transform.recolor, d.session, (0.0, 0.0, 0.0)))
+    d.keys(KEY.slash)
+    assert objects.isolated(d.session)
+    assert d.pixels()[-1, 0].tolist() == [128, 128, 128]
+    d.click("Viewport/Show all")
+    assert d.pixels()[-1, 0].max() < 128
+    d.on_main(partial(d.session.change_settings, replace(black, background="#1c1c1f")))
+
+
+def _names_of_what_was_done(d: Driver) -> None:
+    """The history, the list of commands and sheets say what they mean."""
+    d.select(3)
+    d.keys(KEY.f2)
+    d.engine.key_chars_replace_enter("mug")
+    d.frames()
+    assert re.fullmatch("Rename .+ to mug", d.history.undo_title)
+    for word, wanted in (("drop", "object.simulate"), ("scale", "tool.set_scale")):
+        d.keys(KEY.mod_ctrl, KEY.p)
+        d.engine.key_chars(word)
+        d.frames(3)
+        d.engine.set_ref(d.engine.window_info("//$FOCUSED/Found").window.id_)
+        assert d.engine.item_exists(f"###{wanted}"), word
+        d.keys(KEY.escape)
+    d.engine.set_ref("//##MainMenuBar")
+    d.engine.menu_action(imgui.test_engine.TestAction.hover, "View/###Color")
+    opened = d.engine.window_info("//$FOCUSED").window
+    assert opened.name.startswith("View"), opened.name
+    assert 300 < opened.content_size.y < 860, "it fits 900 pixels"
+    d.keys(KEY.escape)
+    for _ in range(2):
+        d.on_main(partial(camera.add_keyframe, d.session))
+    d.session.view.playback.is_playing = True
+    assert _said(d, "camera.film", "Writing takes about ")
+    assert not d.session.view.playback.is_playing, "it stops behind the sheet"
+    d.keys(KEY.escape)
+    d.on_main(lambda: d.session.edit(lambda scene: edits.set_scale(scene, 1.0, 2.0, np.zeros(3))))
+    d.on_main(partial(commands.run, "file.export_scene", d.session))
+    d.frames(3)
+    field = d.engine.item_info("//**/##Units")
+    assert field.id_
+    d.keys(KEY.escape)
+    assert _said(d, "edit.preferences", "Copy of huggingface.co")
+    d.keys(KEY.escape)
+
+
+def _said(d: Driver, command: str, words: str) -> bool:
+    """Whether the sheet of a command says ``words``."""
+    shown: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("text_unformatted", "text_wrapped"):
+            draw = getattr(imgui, name)
+            patch.setattr(imgui, name, partial(_noting, shown, draw))
+        d.on_main(partial(commands.run, command, d.session))
+        d.frames(4)
+    return any(words in text for text in shown)
+
+
+def _noting(shown: list[str], draw: Callable[[str], None], text: str) -> None:
+    shown.append(text)
+    draw(text)
 
 
 def _history(d: Driver) -> None:

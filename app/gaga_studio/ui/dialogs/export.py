@@ -64,7 +64,8 @@ def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool)
     ground = widgets.tick("Lowest point at height 0", options.ground, hint)
     options = replace(options, centre=centre, ground=ground)
     widgets.field_name("Units", em(NAMES))
-    form = "1 scene unit = %.4g in the file"
+    is_metric = session.need().scene.frame.is_metric
+    form = f"1 {'metre' if is_metric else 'scene unit'} = %.4g in the file"
     flags = imgui.SliderFlags_.always_clamp | imgui.SliderFlags_.logarithmic
     changed, scale = imgui.drag_float("##Units", options.scale, 0.01, 1e-4, 1e4, form, flags)
     widgets.tooltip("Drag, or double-click to type. A length of 2 here is twice this number there")

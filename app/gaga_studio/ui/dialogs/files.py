@@ -24,6 +24,7 @@ from gaga_studio.features import add_scene, camera, files, fill, reconstruction
 from gaga_studio.features.find import masks
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
+from gaga_studio.system import paths
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.modal import answers
 from gaga_studio.ui.kit.theme import em
@@ -493,13 +494,17 @@ def _ask(picker: FilePicker, asked: _Asked, session: Session) -> None:
 
 
 def start_folder(session: Session) -> Path:
-    """The folder of what is open, else of what was open last, else the user's own."""
-    places = []
+    """The folder of what is open, else of what was open last, else the user's own.
+
+    Never a hidden one of ours, where the demo is.
+    """
+    places: list[Path] = []
     if session.project is not None:
         folder = session.project.folder
         places.append(folder.root if folder is not None else session.project.model_path.parent)
     places += [Path(name).parent for name in session.settings.recent[:1]]
-    return next((place for place in places if place.is_dir()), Path.home())
+    seen = (place for place in places if not place.resolve().is_relative_to(paths.home().resolve()))
+    return next((place for place in seen if place.is_dir()), Path.home())
 
 
 def stem(session: Session) -> str:

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from imgui_bundle import ImVec2, ImVec4, hello_imgui, imgui
 
-from gaga_core.color import LUMA
+from gaga_core.color import luminance
 from gaga_core.errors import LONGEST_LINE, plain_text
 from gaga_core.io.files import assets
 from gaga_studio.system.fonts import fonts_with, foreign_letters
@@ -166,7 +166,7 @@ POPUP = _both("26282E", "FBFBFC", 0.99)
 FIELD = _both("2C2F36", "FFFFFF")  # ground of what is typed or dragged
 SLIDER_GRAB = _both("5B9DF5", "2F74D0", 0.38)  # values are read through it
 SLIDER_GRAB_HELD = _both("2F62AD", "8FB8F0")  # and over it while it is dragged
-DIMMED = _both("0C0D0F", "40444C", 0.6)  # laid over the window behind a sheet
+DIMMED = _both("0C0D0F", "40444C", 0.8)  # laid over the window behind a sheet
 
 _COLORS = {
     "text": TEXT,
@@ -413,14 +413,8 @@ def u32(color: ImVec4, alpha: float = 1.0) -> int:
 
 def rim(color: Sequence[float]) -> ImVec4 | None:
     """What a dot of ``color`` (3,) needs around it to be seen on a panel; None: nothing."""
-    low, high = sorted((_luminance(color), _luminance((PANEL.x, PANEL.y, PANEL.z))))
+    low, high = sorted((luminance(color), luminance((PANEL.x, PANEL.y, PANEL.z))))
     return DIM if (high + 0.05) / (low + 0.05) < _SEEN else None
-
-
-def _luminance(rgb: Sequence[float]) -> float:
-    """Relative luminance of sRGB (3,) (WCAG 2.2)."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in rgb]
-    return float(LUMA @ linear)
 
 
 @contextmanager

@@ -79,12 +79,15 @@ def draw_below(session: Session, document: Document, state: PlacementState) -> N
 def _position(session: Session, state: PlacementState, start: Pose, extent: float) -> None:
     shown = state.target or start
     axes = start.axes if session.view.local_axes else np.eye(3)
-    unit = "metres" if session.need().scene.frame.is_metric else "scene units"
+    is_metric = session.need().scene.frame.is_metric
+    unit = "metres" if is_metric else "scene units"
     row("Position", f"Centre of the selection, in {unit}")
     values = axes.T @ shown.centre
     for axis, letter in enumerate("XYZ"):
         now = float(values[axis]) if abs(values[axis]) >= _ZERO else 0.0  # never "-0.000"
-        changed, value = number(f"Position {letter}", now, extent * 0.005, "%.3f")
+        changed, value = number(
+            f"Position {letter}", now, extent * 0.005, "%.3f m" if is_metric else "%.3f"
+        )
         if changed:
             centre = shown.centre + axes[:, axis] * (value - float(values[axis]))
             state.target, state.verb = replace(shown, centre=centre), "Move"
