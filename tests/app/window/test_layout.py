@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from imgui_bundle import ImVec4, imgui
+from imgui_bundle import ImVec2, ImVec4, imgui
 from PIL import Image
 
 from gaga_core.scene import edits
@@ -68,6 +68,55 @@ def test_docks_keep_room_when_window_and_text_change(display: str, tmp_path: Pat
 
     settings = Settings(first_steps_done=True, ui_scale=1.5)
     drive(walk, size=(1300, 1000), settings=settings, layout_file=layout)
+
+
+def test_a_small_window_shows_the_picture_and_the_same_tabs(display: str, tmp_path: Path) -> None:
+    """At least 55 % of the width, whatever was there before; each scale keeps its layout."""
+
+    def share(d: Driver) -> float:
+        d.frames(20)
+        return float(
+            d.engine.get_window_by_ref("//Viewport").size.x / imgui.get_io().display_size.x
+        )
+
+    def scaled(d: Driver, scale: float) -> None:
+        d.on_main(
+            partial(d.session.change_settings, Settings(first_steps_done=True, ui_scale=scale))
+        )
+        d.frames(20)
+
+    def in_front(d: Driver, panel: str) -> bool:
+        window = d.engine.get_window_by_ref(f"//{panel}")
+        return bool(window.active and not window.hidden)
+
+    def walk(d: Driver) -> None:
+        d.frames(10)
+        d.focus("History")
+        d.focus("Objects")
+        d.focus("History")
+        for size in ((1050, 620), (800, 500)):
+            d.resize(*size)
+            assert share(d) >= 0.55, size
+            assert in_front(d, "History"), size
+        for scale in (2.0, 1.0):
+            scaled(d, scale)
+            assert share(d) >= 0.55, scale
+            assert in_front(d, "History"), scale
+        d.resize(1600, 1000)
+        d.frames(20)
+        wide = d.engine.get_window_by_ref("//Objects").size.x
+        node = d.engine.get_window_by_ref("//Objects").dock_node
+        edge = ImVec2(node.pos.x + node.size.x, node.pos.y + 200)
+        d.engine.mouse_move_to_pos(edge)
+        d.engine.mouse_drag_with_delta(ImVec2(90, 0))
+        d.frames(5)
+        arranged = d.engine.get_window_by_ref("//Objects").size.x
+        assert arranged > wide + 40, "a person makes the list wider"
+        scaled(d, 1.25)
+        scaled(d, 1.0)
+        assert abs(d.engine.get_window_by_ref("//Objects").size.x - arranged) < 4
+
+    drive(walk, size=(1600, 1000), layout_file=tmp_path / "window.ini")
 
 
 def test_a_remembered_layout_without_a_picture_is_put_right(display: str, tmp_path: Path) -> None:

@@ -151,6 +151,7 @@ def _draw_own(dialog: FileDialog) -> None:
     if not opened:
         dialog.is_done = True
         return
+    theme.dim_behind(True)
     _path_row(dialog)
     _entries(dialog)
     _answer_row(dialog)

@@ -42,7 +42,7 @@ def draw(session: Session, dragged: DraggedPreferences) -> None:
         return
     before = session.settings
     # The rows scroll where the window is low; the button to close stays visible.
-    imgui.begin_child("Rows", ImVec2(0, body_height(em(35))))
+    imgui.begin_child("Rows", ImVec2(0, body_height(em(38))))
     settings = _look(before, dragged)
     settings = _handling(settings, dragged)
     settings = _work(settings, dragged)

@@ -108,7 +108,7 @@ def _palette(session: Session, state: PaletteState) -> None:
     width = min(em(34), viewport.size.x * 0.94)
     top = ImVec2(viewport.get_center().x, viewport.pos.y + em(4))
     imgui.set_next_window_pos(top, imgui.Cond_.always, ImVec2(0.5, 0))
-    height = min(em(26), viewport.size.y * 0.8)
+    height = min(em(26), viewport.size.y - em(4.5))
     imgui.set_next_window_size(ImVec2(width, height))
     if not imgui.begin_popup(COMMANDS_SHEET):
         return
