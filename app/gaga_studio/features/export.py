@@ -163,8 +163,8 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
         degree = min(degree, options.sh_degree)
     n_splats = options.count(len(splats))
     n_listed = len(np.unique(scene.labels[splats])) if plan.form is SplatFormat.HTML else 0
-    if plan.form is SplatFormat.SPZ:
-        n_bytes = sampled_bytes(scene.gaussians, splats, n_splats, options)
+    if plan.form in (SplatFormat.SPZ, SplatFormat.SOG):
+        n_bytes = sampled_bytes(scene.gaussians, splats, n_splats, options, plan.form)
     else:
         n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree, n_listed)
     if n_splats < len(splats):

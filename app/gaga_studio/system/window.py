@@ -18,9 +18,9 @@ from gaga_core.errors import GagaError, plain_text
 from gaga_studio.system.key_queue import KeyQueue, correct_modifiers
 
 # --- Docking of the panels: a wide and a compact layout, sized for the text that they hold.
-# Docks keep their pixels when the window grows; text does not when its scale changes. So each
-# scale has layouts of its own, a compact one is made again where little is left of the picture, and a remembered layout in which there is no picture is
-# forgotten.
+# Docks keep their pixels when the window grows; text does not when its scale changes. So each scale
+# has layouts of its own, a compact one is made again where little is left of the picture, and a
+# remembered layout in which there is no picture is forgotten.
 
 Draw = Callable[[], None]
 Split = tuple[str, str, imgui.Dir, float]
