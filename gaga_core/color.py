@@ -1,5 +1,6 @@
 """Spherical harmonics of color, and the colors of groups and of depth."""
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -203,3 +204,9 @@ def _samples(degree: int) -> tuple[DoubleArray, DoubleArray]:
     ring = np.sqrt(1 - z * z)
     directions = np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
     return directions, np.linalg.pinv(sh_basis(directions, degree)).astype(np.float64)
+
+
+def luminance(rgb: AnyArray | Sequence[float]) -> float:
+    """Relative luminance of sRGB (3,), 0..1 (WCAG 2.2)."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in rgb]
+    return float(LUMA @ linear)

@@ -27,6 +27,7 @@ from gaga_studio.features.dataset import DatasetPlan
 from gaga_studio.features.files import drop
 from gaga_studio.features.find import memory_bank as bank
 from gaga_studio.features.find.search import find_here
+from gaga_studio.features.view import background_of
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Pacing, Viewport
@@ -171,7 +172,6 @@ _POPUPS = {
     Request.OBJECT_MENU: command_buttons.OBJECT_POPUP,
     Request.SCENE_MENU: command_buttons.SCENE_POPUP,
     Request.MAKE_SPLATS: training.SHEET,
-    Request.SAVE_FILM: film_and_picture.FILM,
     Request.SAVE_PICTURE: film_and_picture.PICTURE,
     Request.MAKE_MASKS: masks.MAKE,
     Request.EXPORT_MASKS: masks.EXPORT,
@@ -188,6 +188,7 @@ def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
     return {
         **popups,
         **files.openers(ui.files),
+        Request.SAVE_FILM: film_and_picture.opens_film,
         Request.COMMAND_LIST: lambda _: sheets.open_commands(ui.palette),
         Request.EXPORT_SCENE: partial(exports, what="scene"),
         Request.EXPORT_SELECTED: partial(exports, what="selected"),
@@ -310,6 +311,7 @@ class Studio:
         self._masks: object = None
         self._pictured: object = None  # the document whose picture is in the recent list
         self._named: tuple[int, ...] | None = None  # state whose names have their glyphs
+        self._has_new_letters = False  # what was drawn before is drawn again, at once
         self.never_idle = False  # tests want every frame at once
         self.picture = ViewportPanel(self._render, self._render_left, window.physical_keys)
         remembered = WindowOptions(settings_file=paths.home() / "window.ini")
@@ -459,11 +461,12 @@ class Studio:
         """Have glyphs for the names that are shown."""
         scene = self.session.scene
         now = () if scene is None else (scene.revision.names, id(scene))
+        names: tuple[str, ...] = ()
         if now != self._named:
             self._named = now
             names = () if scene is None else tuple(scene.names.values())
-            shown = (*names, self.session.title, *self.session.settings.recent)
-            theme.load_letters((*shown, *(camera.name for camera in self.session.cameras)))
+            names = (*names, *(camera.name for camera in self.session.cameras))
+        self._has_new_letters = theme.load_letters((*names, self.session.title))
 
     def _overlay(self) -> None:
         """After the panels: dialogs, sheets, notices."""
@@ -546,6 +549,7 @@ class Studio:
         view = self._pacing.view_for(session.view, self._motion(camera), n_splats)
         if cleanup.shown(session) is not None:
             view = replace(view, mode=Mode.COLOR)  # the preview has colors of its own
+        view = replace(view, background=background_of(session))
         self._view = view
         view = split_view.right_view(session, view)
         before, start = self.viewport.n_draws, time.perf_counter()
@@ -647,7 +651,7 @@ class Studio:
 
     def _frame_rate(self) -> float:
         """Wanted frames a second at rest; 0 while something on the screen moves."""
-        if self.never_idle or self._is_moving():
+        if self.never_idle or self._is_moving() or self._has_new_letters:
             return 0.0
         if self.session.jobs.running is not None or self.ui.toasts.are_passing:
             return _JOB_RATE

@@ -168,10 +168,11 @@ def result(values: Mapping[str, object], *, as_json: bool) -> int:
     return 0
 
 
-def object_names(objects: object) -> str:
+def object_names(objects: object, most: int = 0) -> str:
     """The names in a list of objects (`pipeline.describe.list_objects`), background last.
 
-    One that lies under another says so: "lid (under teapot)".
+    At most ``most`` of them and how many more there are; 0: all. One that lies under another says
+    so: "lid (under teapot)".
     """
     assert isinstance(objects, list)
     names = {entry["group"]: str(entry["name"]) for entry in objects}
@@ -180,6 +181,9 @@ def object_names(objects: object) -> str:
         str(entry["name"]) + (f" (under {names[above]})" if (above := entry["parent"]) else "")
         for entry in ordered
     ]
+    more = len(shown) - most if 0 < most < len(shown) else 0
+    if more:
+        shown = [*shown[:most], f"and {more:,} more (gaga info has all)"]
     return "; ".join(shown) or "none"
 
 

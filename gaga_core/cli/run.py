@@ -25,6 +25,9 @@ _PLACING = (
 )
 
 
+_MOST_NAMES = 12  # of objects in the last line
+
+
 @dataclass(frozen=True)
 class RunCommand:
     """From photos to objects: splats, masks, groups, encodings, pictures; all that are missing."""
@@ -125,7 +128,7 @@ class RunCommand:
             "scene": str(scene),
             "stages_run": list(done),
             "groups": None if entry is None else entry.groups_with_gaussians,
-            "objects": objects if self.json else out.object_names(objects),
+            "objects": objects if self.json else out.object_names(objects, _MOST_NAMES),
         }
         return out.result(values, as_json=self.json)
 

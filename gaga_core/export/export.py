@@ -53,6 +53,7 @@ _HEADER = 1500  # bytes before the splats of a file, about
 _SPZ = 0.75  # of its bytes are left when it is packed, about
 # Measured on scans and on random splats, which hardly shrink: bytes of the code books in meta.json,
 # of a splat, and of an SH coefficient in the palette.
+_SOG_LABEL = 1.5  # bytes of a splat's place in the palette of SH, measured
 _SOG_HEAD, _SOG, _SOG_SH = 11_000, 13.5, 0.7
 # The same of a web page, in base64, and of an object with its picture.
 _PAGE_HEAD, _PAGE, _PAGE_SH, _PAGE_OBJECT = 11_000, 19.0, 0.9, 2_600
@@ -372,8 +373,10 @@ def slug(name: str) -> str:
 _SAMPLE, _PIECE = 16_000, 500  # splats, 40 ms; of so many in a row, as neighbours are alike
 
 
-def sampled_bytes(gaussians: Gaussians, splats: IntArray, n: int, options: ExportOptions) -> int:
-    """About how large an .spz of ``n`` splats like ``splats`` (K,) is: some are written.
+def sampled_bytes(
+    gaussians: Gaussians, splats: IntArray, n: int, options: ExportOptions, form: SplatFormat
+) -> int:
+    """About how large an .spz or .sog of ``n`` splats like ``splats`` (K,) is: some are written.
 
     How well its numbers are packed depends on the scene: three times as well where most splats
     look the same from every side.
@@ -384,9 +387,19 @@ def sampled_bytes(gaussians: Gaussians, splats: IntArray, n: int, options: Expor
     some = np.concatenate(pieces[:: max(1, len(splats) // _SAMPLE)])
     placed = options.applied(gaussians.take(some), np.zeros(3))
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "sample.spz"
-        run_stage(write_splats_stage(path, placed, SplatFormat.SPZ))
-        return round(path.stat().st_size * n / len(some))
+
+        def size(what: Gaussians) -> int:
+            path = Path(folder) / f"sample{form.suffix}"
+            run_stage(write_splats_stage(path, what, form))
+            return path.stat().st_size
+
+        if form is SplatFormat.SPZ or placed.sh_degree == 0:
+            return round(size(placed) * n / len(some))
+        # The palette of SH has as many rows as there are splats, but no more than PALETTE.
+        plain = size(replace(placed, sh=placed.sh[:, :1]))
+        rows = size(placed) - plain - _SOG_LABEL * len(some)
+        shown = _SOG_LABEL * n + rows * min(n, PALETTE) / min(len(some), PALETTE)
+        return round(plain * n / len(some) + shown)
 
 
 def estimated_bytes(

@@ -38,8 +38,10 @@ def tint_affine(
 
 
 def mean_color(scene: Scene, indices: AnyArray) -> DoubleArray:
-    """Mean color (3,) of splats, weighted by opacity, as they are colored now (degree 0 of SH).
+    """Mean color (3,) of splats as they are colored now (degree 0 of SH).
 
+    Weighted by opacity and area, as much as is seen of each: many small dark splats inside an
+    object do not darken it.
     Mid grey when there are none.
     """
     splats = sorted_indices(indices, len(scene))
@@ -53,7 +55,9 @@ def mean_color(scene: Scene, indices: AnyArray) -> DoubleArray:
         affine, at = scene.placements.color[row], index == row
         rgb[at] = rgb[at] @ affine[:, :3].T + affine[:, 3]
     logits = scene.gaussians.logit_opacities[splats].astype(np.float64)
-    weights = 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
+    # The two longest axes of an ellipsoid span the largest picture of it.
+    logs = np.sort(scene.gaussians.log_scales[splats].astype(np.float64), axis=1)[:, 1:].sum(axis=1)
+    weights = np.exp(np.clip(logs - logs.max(), -60, 0)) / (1 + np.exp(-np.clip(logits, -30, 30)))
     return np.clip(np.average(rgb, axis=0, weights=weights), 0, 1)
 
 

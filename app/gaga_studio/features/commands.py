@@ -164,7 +164,7 @@ _ORDER = {
         camera.film""",
     "Tools": """tool.pick tool.object tool.rect tool.lasso tool.polygon tool.brush tool.sphere
         tool.erase tool.color tool.clone tool.move tool.rotate tool.scale tool.ground
-        tool.turn_upright tool.leave_upright tool.measure tool.origin_here tool.snap
+        tool.turn_upright tool.leave_upright tool.measure tool.set_scale tool.origin_here tool.snap
         tool.local_axes tool.set_pivot tool.pivot_here tool.reset_pivot tool.splats
         tool.visible_only tool.click_model tool.smaller_brush tool.larger_brush
         tool.remove_corner job.cancel""",

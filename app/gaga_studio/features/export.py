@@ -1,9 +1,11 @@
 """One export: what, in which form, how changed, where to; and what it will be like."""
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
@@ -161,8 +163,8 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
         degree = min(degree, options.sh_degree)
     n_splats = options.count(len(splats))
     n_listed = len(np.unique(scene.labels[splats])) if plan.form is SplatFormat.HTML else 0
-    if plan.form is SplatFormat.SPZ:
-        n_bytes = sampled_bytes(scene.gaussians, splats, n_splats, options)
+    if plan.form in (SplatFormat.SPZ, SplatFormat.SOG):
+        n_bytes = sampled_bytes(scene.gaussians, splats, n_splats, options, plan.form)
     else:
         n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree, n_listed)
     if n_splats < len(splats):
@@ -302,7 +304,8 @@ def export_stage(
         stage = export_objects_stage(scene, path, list(chosen) or None, form=form, options=options)
         manifest = yield from stage
         n_files, where = len(listed_files(manifest)), paths.shown(manifest.parent)
-        said = f"Exported objects to {where} ({n_files} files and {manifest.name})."
+        files = "1 file" if n_files == 1 else f"{n_files:,} files"
+        said = f"Exported objects to {where} ({files} and {manifest.name})."
         if missing := read_manifest(manifest).left_out:
             said += f" Left out, without a surface: {', '.join(missing)}."
         psnr, of = least_psnr(manifest), "the object that lost most"
@@ -319,6 +322,37 @@ def export_stage(
 
 
 # --- films and pictures
+
+# Of one picture of a film, on two cores, before one was written here: with and without a card.
+_PICTURE_S, _PICTURE_S_CARD = 0.35, 0.03  # seconds for a million pixels
+
+
+@dataclass
+class FilmRate:
+    """How long the pictures of the films of this document took."""
+
+    seconds: float = 0.0  # for a million pixels; 0 = none was written
+
+
+def film_seconds(session: Session, n_pictures: int, n_pixels: int) -> float:
+    """About how long a film of pictures of ``n_pixels`` takes, as the last one did."""
+    requests = session.render_requests
+    is_fast = requests is not None and requests.is_fast
+    rate = session.need().feature(FilmRate).seconds
+    return (rate or (_PICTURE_S_CARD if is_fast else _PICTURE_S)) * n_pictures * n_pixels / 1e6
+
+
+def _timed(session: Session, stage: Stage[Path], n_pixels: int) -> Stage[Path]:
+    """``stage`` of a film, whose time is kept for the next estimate."""
+    rate, start, n = session.need().feature(FilmRate), time.monotonic(), 1
+    while True:
+        try:
+            progress = next(stage)
+        except StopIteration as end:
+            rate.seconds = (time.monotonic() - start) / n / n_pixels * 1e6
+            return cast(Path, end.value)
+        n = max(n, progress.total)
+        yield progress
 
 
 WHATS: dict[Mode, FilmWhat] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}
@@ -352,6 +386,7 @@ def export_film(
         painter=painter,
         left=video.LeftSide(earlier, left),
     )
+    stage = _timed(session, stage, math.prod(config.video.size))
     has_kernels = painter is None or (config.split is not None and left is None)
     return session.jobs.start(
         f"Film {target.name}",
@@ -375,6 +410,7 @@ def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, v
     """Write a film through photos as a job: what is chosen of them left of a line."""
     names = photos_of(session, views)
     stage = photo_film_stage(session.need().settled(), target, config, names)
+    stage = _timed(session, stage, math.prod(config.video.size))
     return session.jobs.start(
         f"Film {target.name}",
         stages.prepared("Draw", lambda: stage),

@@ -198,6 +198,7 @@ def _tool(tool: ToolName, title: str, run: Callable[[Session], None]) -> Command
 
 COMMANDS: tuple[Command, ...] = (
     _tool(ToolName.MEASURE, "Measure lengths, angles and heights", begin),
+    Command("tool.set_scale", "Set scale by a known length", begin, enabled=no_scene),
     _tool(ToolName.GROUND, "Align to ground by three points", begin_ground),
     Command("tool.origin_here", "Set the origin here", set_origin_here, enabled=nothing_pointed),
 )

@@ -149,7 +149,9 @@ def unlock_all(session: Session) -> bool:
 @notifies
 def rename(session: Session, group: int, name: str) -> bool:
     """Name an object; an empty name gives it its number back."""
-    return session.edit(lambda scene: edits.rename(scene, group, name))
+    before = session.need().name_of(group)
+    title = f"Rename {before} to {name}" if name.strip() else f"Take the name {before} back"
+    return session.edit(lambda scene: edits.rename(scene, group, name, title))
 
 
 @notifies
@@ -216,6 +218,14 @@ def isolated(session: Session) -> str:
     if not 0 < len(names) <= _MOST_NAMED or not (table.n_hidden[~shown] > 0).any():
         return ""
     return ", ".join(names)
+
+
+def all_hidden(session: Session) -> bool:
+    """Return whether there are splats, and all are hidden."""
+    if session.document is None or session.live is not None:
+        return False
+    table = session.objects()
+    return bool(table.counts.sum() > 0 and table.n_hidden.sum() == table.counts.sum())
 
 
 # --- levels of detail of objects: of all, shown while dragged, and of one

@@ -4,8 +4,13 @@ and brush, and the window's own commands."""
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
+from gaga_core.color import luminance
 from gaga_core.scene.edits.objects import NO_IDENTITIES
-from gaga_studio.features import level_of_detail, upright
+from gaga_core.scene.scene import State
+from gaga_core.scene.tint import mean_color
+from gaga_studio.features import level_of_detail, objects, upright
 from gaga_studio.features.base import (
     Command,
     Reason,
@@ -24,6 +29,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view import CentreColors, Mode, SplatLook, ToolName
 
 _BACKGROUNDS = ("#1c1c1f", "#000000", "#808080", "#ffffff")  # dark, black, gray, white
+_OTHERWISE = (0.5, 0.5, 0.5)
 _SMALLEST_BRUSH, _LARGEST_BRUSH = 2.0, 400.0  # pixels
 
 no_identity_colors = needs(
@@ -53,6 +59,28 @@ def next_background(session: Session) -> None:
     at = _BACKGROUNDS.index(now) if now in _BACKGROUNDS else -1
     color = _BACKGROUNDS[(at + 1) % len(_BACKGROUNDS)]
     session.change_settings(replace(session.settings, background=color))
+
+
+_SEEN = 1.6  # contrast of what is isolated with its background (WCAG 2.2), else that is gray
+
+
+def background_of(session: Session) -> tuple[float, float, float]:
+    """Return the background of the picture: gray where what is isolated would vanish before it."""
+    chosen, document = session.view.background, session.document
+    if session.view.mode is not Mode.COLOR or document is None or not objects.isolated(session):
+        return chosen
+    scene = document.scene
+    hidden = (State.HIDDEN, State.DELETED)
+
+    def mean() -> float:
+        shown = np.flatnonzero(~np.any([scene.has(state) for state in hidden], axis=0))
+        return luminance(mean_color(scene, shown))
+
+    revision = scene.revision
+    key = (revision.splats, revision.state, revision.placement, revision.placements)
+    low, high = sorted((document.read.once("shown luminance", key, mean), luminance(chosen)))
+    is_seen = (high + 0.05) / (low + 0.05) >= _SEEN
+    return chosen if is_seen else _OTHERWISE
 
 
 def _mode(mode: Mode, title: str) -> Command:

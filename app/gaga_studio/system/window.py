@@ -18,9 +18,9 @@ from gaga_core.errors import GagaError, plain_text
 from gaga_studio.system.key_queue import KeyQueue, correct_modifiers
 
 # --- Docking of the panels: a wide and a compact layout, sized for the text that they hold.
-# Docks keep their pixels when the window grows; text does not when its scale changes. So another
-# scale lays the panels out again, and a remembered layout in which there is no picture is
-# forgotten.
+# Docks keep their pixels when the window grows; text does not when its scale changes. So each scale
+# has layouts of its own, a compact one is made again where little is left of the picture, and a
+# remembered layout in which there is no picture is forgotten.
 
 Draw = Callable[[], None]
 Split = tuple[str, str, imgui.Dir, float]
@@ -31,6 +31,7 @@ _MAIN = "MainDockSpace"
 _RIGHT, _RIGHT_MOST, _LEFT, _LEFT_MOST = 345.0, 0.3, 310.0, 0.36
 _BOTTOM, _BOTTOM_MOST, _BARS = 205.0, 0.32, 95.0  # its row at the foot; menu, tool and status bar
 _SETTLED = 4  # frames after which a layout is built: it is neither left nor looked at before
+_PICTURE_SHARE = 0.55  # of the width of a compact window that the picture has at least
 _LEAST = 80  # pixels: a remembered picture that is smaller is lost
 _PICTURE = re.compile(r"\[Window\]\[Viewport\]\n(?:(?!\[).*\n)*?Size=(\d+),(\d+)")
 
@@ -60,14 +61,17 @@ class Layout:
     _made_for: dict[str, _Made] = field(default_factory=dict)  # by layout, until it is shown
     remembered: frozenset[str] = frozenset()  # layouts that a person has arranged
     _frames: int = field(default=0)  # since the layout or its scale changed
+    _size: tuple[int, int] = (0, 0)  # of the window, in the frame before
+    _shown: tuple[str, ...] = ()  # panels that were in front, the one used last at the end
 
     def prepare(
         self, params: hello_imgui.RunnerParams, size: tuple[int, int], scale: float
     ) -> None:
         """Give both layouts to the runner, the one for a window of ``size`` first."""
-        self._name = self._wanted(size, scale)
-        both = [self._docking(name, size, scale) for name in (_WIDE, _COMPACT)]
-        self._made_for = dict.fromkeys((_WIDE, _COMPACT), (*size, scale))
+        self._name = _named(self._wanted(size, scale), scale)
+        names = [_named(name, scale) for name in (_WIDE, _COMPACT)]
+        both = [self._docking(name, size, scale) for name in names]
+        self._made_for = dict.fromkeys(names, (*size, scale))
         both.sort(key=lambda docking: docking.layout_name != self._name)
         params.docking_params, other = both
         params.alternative_docking_layouts = [other]
@@ -81,19 +85,31 @@ class Layout:
         if size.x <= 0 or size.y <= 0:  # minimized
             return
         self._frames += 1
+        if self._frames == _SETTLED:
+            for name in self._shown:
+                _bring_to_front(name)
         if self._frames <= _SETTLED:
             return
-        docking = hello_imgui.get_runner_params().docking_params
+        params = hello_imgui.get_runner_params()
         whole = (int(size.x), int(size.y))
-        wanted = self._wanted(whole, scale)
+        wanted, before = _named(self._wanted(whole, scale), scale), self._size
+        self._size = whole
         if wanted != self._name:
+            known = (params.docking_params, *params.alternative_docking_layouts)
+            if all(docking.layout_name != wanted for docking in known):  # the first time
+                new = self._docking(wanted, whole, scale)
+                params.alternative_docking_layouts = [*params.alternative_docking_layouts, new]
+            self._shown = _in_front(self.panels)
             self._name, self._scale, self._frames = wanted, scale, 0
             hello_imgui.switch_layout(wanted)
             return
+        docking = params.docking_params
         # Shares of a window that has another size by now would make panels of another width.
         made, now = self._made_for.pop(self._name, None), (*whole, scale)
         is_stale = made not in (None, now) and self._name not in self.remembered
-        if self._scale not in (0.0, scale) or is_stale:
+        is_narrow = wanted.startswith(_COMPACT) and before != whole and _is_narrow(whole[0])
+        if is_stale or is_narrow:
+            self._shown = _in_front(self.panels)
             self._made_for[self._name] = now
             docking.docking_splits = _splits(self._name, *whole, scale)
             docking.layout_reset = True
@@ -102,7 +118,7 @@ class Layout:
 
     def shows(self, panel: Panel) -> bool:
         """Whether the layout that is used has a place for ``panel`` now."""
-        return self._name == _WIDE or panel.is_wanted is None or panel.is_wanted()
+        return self._name.startswith(_WIDE) or panel.is_wanted is None or panel.is_wanted()
 
     def _wanted(self, size: tuple[int, int], scale: float) -> str:
         narrow, low = (side * scale for side in self.compact_below)
@@ -113,11 +129,36 @@ class Layout:
         docking.layout_name = name
         docking.docking_splits = _splits(name, *size, scale)
         docking.dockable_windows = [
-            self.dockable(panel, panel.space if name == _WIDE else panel.compact_space)
+            self.dockable(panel, panel.space if name.startswith(_WIDE) else panel.compact_space)
             for panel in self.panels
         ]
         docking.main_dock_space_node_flags = imgui.DockNodeFlags_.none
         return docking
+
+
+def _named(layout: str, scale: float) -> str:
+    """The layout for text of ``scale``: each scale keeps its own."""
+    return layout if scale == 1.0 else f"{layout} {scale:.2f}"
+
+
+def _in_front(panels: Sequence[Panel]) -> tuple[str, ...]:
+    """Titles of the panels whose tabs are chosen, the one used last at the end."""
+    windows = [imgui.internal.find_window_by_name(panel.label) for panel in panels]
+    shown = [w for w in windows if w is not None and w.active and not w.hidden]
+    return tuple(window.name for window in sorted(shown, key=lambda window: window.focus_order))
+
+
+def _bring_to_front(panel: str) -> None:
+    """Choose the tab of a panel; the keys stay where they are."""
+    window = imgui.internal.find_window_by_name(panel)
+    if window is not None and window.dock_node is not None and window.dock_node.tab_bar is not None:
+        window.dock_node.tab_bar.next_selected_tab_id = window.tab_id
+
+
+def _is_narrow(width: int) -> bool:
+    """Whether the picture has less than its share of ``width`` pixels."""
+    picture = imgui.internal.find_window_by_name("Viewport")
+    return picture is not None and picture.size.x < _PICTURE_SHARE * width
 
 
 def remembered(settings_file: Path | None) -> frozenset[str]:
@@ -126,7 +167,7 @@ def remembered(settings_file: Path | None) -> frozenset[str]:
         text = "" if settings_file is None else settings_file.read_text("utf-8", "replace")
     except OSError:
         text = ""  # there is none yet
-    return frozenset(name for name in (_WIDE, _COMPACT) if f"_{name}>>>" in text)
+    return frozenset(re.findall(rf"_((?:{_WIDE}|{_COMPACT})(?: [\d.]+)?)>>>", text))
 
 
 def forget_if_lost(settings_file: Path) -> None:
@@ -143,7 +184,7 @@ def forget_if_lost(settings_file: Path) -> None:
 def _splits(name: str, width: float, height: float, scale: float) -> list[hello_imgui.DockingSplit]:
     """How a layout divides a window of so many pixels, whose text has ``scale``."""
     width, height = width / scale, height / scale
-    if name == _COMPACT:
+    if name.startswith(_COMPACT):
         splits: list[Split] = [
             (_MAIN, "Right", imgui.Dir.right, 0.43),
             ("Right", "RightBottom", imgui.Dir.down, 0.53),

@@ -90,6 +90,12 @@ class Driver:
         self.check(path)
         self.frames(_SEEN)
 
+    def command(self, title: str) -> None:
+        """Type the title of a command into the list of them, and take it."""
+        self.keys(KEY.mod_ctrl, KEY.p)
+        self.engine.key_chars(title)
+        self.keys(KEY.enter)
+
     def focus(self, panel: str) -> None:
         """Bring a panel to the front of its tabs."""
         self.engine.window_focus(f"//{panel}")

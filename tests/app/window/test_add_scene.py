@@ -23,7 +23,8 @@ def test_a_second_scene_by_the_menu(display: str, tmp_path: Path) -> None:
         d.menu("File/Add a scene…")
         dialog = d.studio.ui.files.dialog
         assert dialog is not None
-        dialog._text = str(second)
+        d.engine.item_click("//###File dialog/##Path")
+        d.engine.key_chars_replace(str(second))
         d.frames(2)
         d.click("###File dialog/Add")
         d.settle()

@@ -168,7 +168,8 @@ def test_add_splats_and_export_them_small(display: str, tmp_path: Path) -> None:
         def choose(path: Path) -> None:
             shown = d.studio.ui.files.dialog
             assert shown is not None
-            shown._text = str(path)
+            d.engine.item_click("//###File dialog/##Path")
+            d.engine.key_chars_replace(str(path))
             d.frames(2)
 
         choose(tmp_path / "chair.spz")

@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from imgui_bundle import ImVec4, imgui
+from imgui_bundle import ImVec2, ImVec4, imgui
 from PIL import Image
 
+from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.features import camera, commands, objects
+from gaga_studio.features import camera, commands, objects, transform
 from gaga_studio.features.find import memory_bank
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
@@ -66,6 +68,55 @@ def test_docks_keep_room_when_window_and_text_change(display: str, tmp_path: Pat
 
     settings = Settings(first_steps_done=True, ui_scale=1.5)
     drive(walk, size=(1300, 1000), settings=settings, layout_file=layout)
+
+
+def test_a_small_window_shows_the_picture_and_the_same_tabs(display: str, tmp_path: Path) -> None:
+    """At least 55 % of the width, whatever was there before; each scale keeps its layout."""
+
+    def share(d: Driver) -> float:
+        d.frames(20)
+        return float(
+            d.engine.get_window_by_ref("//Viewport").size.x / imgui.get_io().display_size.x
+        )
+
+    def scaled(d: Driver, scale: float) -> None:
+        d.on_main(
+            partial(d.session.change_settings, Settings(first_steps_done=True, ui_scale=scale))
+        )
+        d.frames(20)
+
+    def in_front(d: Driver, panel: str) -> bool:
+        window = d.engine.get_window_by_ref(f"//{panel}")
+        return bool(window.active and not window.hidden)
+
+    def walk(d: Driver) -> None:
+        d.frames(10)
+        d.focus("History")
+        d.focus("Objects")
+        d.focus("History")
+        for size in ((1050, 620), (800, 500)):
+            d.resize(*size)
+            assert share(d) >= 0.55, size
+            assert in_front(d, "History"), size
+        for scale in (2.0, 1.0):
+            scaled(d, scale)
+            assert share(d) >= 0.55, scale
+            assert in_front(d, "History"), scale
+        d.resize(1600, 1000)
+        d.frames(20)
+        wide = d.engine.get_window_by_ref("//Objects").size.x
+        node = d.engine.get_window_by_ref("//Objects").dock_node
+        edge = ImVec2(node.pos.x + node.size.x, node.pos.y + 200)
+        d.engine.mouse_move_to_pos(edge)
+        d.engine.mouse_drag_with_delta(ImVec2(90, 0))
+        d.frames(5)
+        arranged = d.engine.get_window_by_ref("//Objects").size.x
+        assert arranged > wide + 40, "a person makes the list wider"
+        scaled(d, 1.25)
+        scaled(d, 1.0)
+        assert abs(d.engine.get_window_by_ref("//Objects").size.x - arranged) < 4
+
+    drive(walk, size=(1600, 1000), layout_file=tmp_path / "window.ini")
 
 
 def test_a_remembered_layout_without_a_picture_is_put_right(display: str, tmp_path: Path) -> None:
@@ -335,7 +386,11 @@ def test_snags_of_an_hour_of_use(display: str, grouped_copy: Path, tmp_path: Pat
         _tool_bar(d)
         _playback(d)
         _letters(d)
+        _what_is_hidden_comes_back(d)
+        _what_is_dark_is_seen(d)
+        _names_of_what_was_done(d)
         _notices(d, tmp_path / "notice.png")
+        _letters_of_a_folder(d, tmp_path)
         _file_dialog(d, tmp_path)
 
     drive(walk, path=grouped_copy, size=(1280, 720))
@@ -356,6 +411,82 @@ def _isolation(d: Driver) -> None:
     assert objects.isolated(session)
     d.on_main(lambda: commands.run("object.isolate", session))
     assert not objects.isolated(session)
+
+
+def _what_is_hidden_comes_back(d: Driver) -> None:
+    d.keys(KEY.mod_ctrl, KEY.a)
+    d.keys(KEY.h)
+    assert objects.all_hidden(d.session)
+    assert not d.session.objects().n_hidden.sum() < len(d.scene)
+    d.click("Viewport/Show all")
+    assert not d.scene.has(State.HIDDEN).any()
+
+
+def _what_is_dark_is_seen(d: Driver) -> None:
+    """A black object that is shown alone on black has a gray background, until all is shown."""
+    d.select(2)
+    black = replace(d.session.settings, background="#000000")
+    d.on_main(partial(d.session.change_settings, black))
+    d.on_main(partial(transform.recolor, d.session, (0.0, 0.0, 0.0)))
+    d.keys(KEY.slash)
+    assert objects.isolated(d.session)
+    assert d.pixels()[-1, 0].tolist() == [128, 128, 128]
+    d.click("Viewport/Show all")
+    assert d.pixels()[-1, 0].max() < 128
+    d.on_main(partial(d.session.change_settings, replace(black, background="#1c1c1f")))
+
+
+def _names_of_what_was_done(d: Driver) -> None:
+    """The history, the list of commands and sheets say what they mean."""
+    d.select(3)
+    d.keys(KEY.f2)
+    d.engine.key_chars_replace_enter("mug")
+    d.frames()
+    assert re.fullmatch("Rename .+ to mug", d.history.undo_title)
+    for word, wanted in (("drop", "object.simulate"), ("scale", "tool.set_scale")):
+        d.keys(KEY.mod_ctrl, KEY.p)
+        d.engine.key_chars(word)
+        d.frames(3)
+        d.engine.set_ref(d.engine.window_info("//$FOCUSED/Found").window.id_)
+        assert d.engine.item_exists(f"###{wanted}"), word
+        d.keys(KEY.escape)
+    d.engine.set_ref("//##MainMenuBar")
+    d.engine.menu_action(imgui.test_engine.TestAction.hover, "View/###Color")
+    opened = d.engine.window_info("//$FOCUSED").window
+    assert opened.name.startswith("View"), opened.name
+    assert 300 < opened.content_size.y < 860, "it fits 900 pixels"
+    d.keys(KEY.escape)
+    for _ in range(2):
+        d.on_main(partial(camera.add_keyframe, d.session))
+    d.session.view.playback.is_playing = True
+    assert _said(d, "camera.film", "Writing takes about ")
+    assert not d.session.view.playback.is_playing, "it stops behind the sheet"
+    d.keys(KEY.escape)
+    d.on_main(lambda: d.session.edit(lambda scene: edits.set_scale(scene, 1.0, 2.0, np.zeros(3))))
+    d.on_main(partial(commands.run, "file.export_scene", d.session))
+    d.frames(3)
+    field = d.engine.item_info("//**/##Units")
+    assert field.id_
+    d.keys(KEY.escape)
+    assert _said(d, "edit.preferences", "Copy of huggingface.co")
+    d.keys(KEY.escape)
+
+
+def _said(d: Driver, command: str, words: str) -> bool:
+    """Whether the sheet of a command says ``words``."""
+    shown: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("text_unformatted", "text_wrapped"):
+            draw = getattr(imgui, name)
+            patch.setattr(imgui, name, partial(_noting, shown, draw))
+        d.on_main(partial(commands.run, command, d.session))
+        d.frames(4)
+    return any(words in text for text in shown)
+
+
+def _noting(shown: list[str], draw: Callable[[str], None], text: str) -> None:
+    shown.append(text)
+    draw(text)
 
 
 def _history(d: Driver) -> None:
@@ -425,6 +556,25 @@ def _letters(d: Driver) -> None:
     assert all(font.is_glyph_in_font(ord(letter)) for letter in visual("شاي"))
 
 
+def _letters_of_a_folder(d: Driver, folder: Path) -> None:
+    """What has no glyph is drawn as its code, never as "?", wherever it is drawn."""
+    names = ("杯子", "k\U000130ae")
+    for name in names:
+        (folder / name).mkdir()
+    dialog = FileDialog("Choose a folder", PathKind.OPEN_FOLDER, folder)
+    d.on_main(lambda: d.studio.ui.files.ask(dialog, lambda _: None))
+    d.frames(3)
+    font = theme._Loaded.regular
+    assert font is not None
+    for name in names:
+        assert all(font.is_glyph_in_font(ord(letter)) for letter in visual(name)), name
+        assert visual(name) == "".join(
+            letter if font.is_glyph_in_font(ord(letter)) else f"[{ord(letter):X}]"
+            for letter in name
+        )
+    d.keys(KEY.escape)
+
+
 def _playback(d: Driver) -> None:
     d.session.view.playback.is_playing = True
     d.studio._escape()
@@ -444,6 +594,8 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     ask()
     d.keys(KEY.enter)
     assert taken == [folder]
+    _the_path_field_completes(d, folder, ask)
+    taken[1:] = []
     ask()
     d.keys(KEY.escape)
     assert d.studio.ui.files.dialog is None
@@ -460,6 +612,23 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     d.keys(KEY.escape)
 
 
+def _the_path_field_completes(d: Driver, folder: Path, ask: Callable[[], FileDialog]) -> None:
+    """It has the keys from the start; Tab writes what all that fit have in common."""
+    for name in ("mugs", "mugs and pans/deep", "Vase"):
+        (folder / name).mkdir(parents=True)
+    dialog = ask()
+    for typed, wanted in (("mu", "mugs"), (" ", "mugs and pans/"), ("d", "mugs and pans/deep/")):
+        d.engine.key_chars(typed)
+        d.keys(KEY.tab)
+        assert dialog._text == wanted
+    d.keys(KEY.enter)
+    assert d.studio.ui.files.dialog is None
+    dialog = ask()
+    lefts = [d.engine.item_info(f"//$FOCUSED/###{n}").rect_full.min.x for n in ("Open", "Cancel")]
+    assert lefts == sorted(lefts), "as in every other sheet"
+    d.keys(KEY.escape)
+
+
 # --- Parts of the window that people stumbled over: menus, sheets, lists, cards, in one window.
 
 _KEYFRAMES = 6
@@ -473,6 +642,10 @@ def test_parts_of_the_window(display: str, grouped_copy: Path, tmp_path: Path) -
         _the_camera_path_shows_its_keyframes(d)
         _sheets_that_theme_the_window_do_not_dim_it(d)
         _no_specks_where_panels_end(d, tmp_path)
+        _nothing_covers_what_opened_it(d)
+        _numbers_of_sliders_are_free(d)
+        _the_list_shows_what_is_chosen(d, tmp_path)
+        _the_search_keeps_the_keys(d)
 
     drive(walk, path=grouped_copy, size=(1280, 720))
 
@@ -559,6 +732,80 @@ def _sheets_that_theme_the_window_do_not_dim_it(d: Driver) -> None:
             lefts = {d.engine.item_info(f"//**/{name}").rect_full.min.x for name in boxes}
             assert len(lefts) == 1, "boxes stand below each other"
         d.keys(KEY.escape)
+
+
+def _overlap(d: Driver, window: str, item: str) -> bool:
+    over = d.engine.get_window_by_ref(window)
+    assert over is not None, window
+    a, b = over.rect(), d.engine.item_info(f"//{item}").rect_full
+    return bool(min(a.max.x, b.max.x) > max(a.min.x, b.min.x) + 1) and bool(
+        min(a.max.y, b.max.y) > max(a.min.y, b.min.y) + 1
+    )
+
+
+def _nothing_covers_what_opened_it(d: Driver) -> None:
+    """Tooltips and lists stand under or above their buttons."""
+    style = imgui.get_style()
+    before = style.hover_delay_short, style.hover_stationary_delay
+    style.hover_delay_short = style.hover_stationary_delay = 0.0
+    for item in ("**/###Undo", "Objects/###Filter", "Objects/**/object 2/###Shown"):
+        d.engine.mouse_move(f"//{item}")
+        assert _tooltip(d)
+        assert not _overlap(d, "//##Tooltip_00", item), item
+    style.hover_delay_short, style.hover_stationary_delay = before
+    for item in ("Objects/###Filter", "Objects/###More ways to find"):
+        d.click(item)
+        popup = d.engine.window_info("//$FOCUSED").window
+        assert not _overlap(d, f"//{popup.name}", item), item
+        d.keys(KEY.escape)
+
+
+def _numbers_of_sliders_are_free(d: Driver) -> None:
+    """The number of a slider stands next to it: its knob covers none."""
+    drawn: dict[str, float] = {}
+    draw = imgui.text_unformatted
+
+    def watched(text: str) -> None:
+        drawn[text] = imgui.get_cursor_screen_pos().x
+        draw(text)
+
+    d.on_main(partial(commands.run, "file.dataset", d.session))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(imgui, "text_unformatted", watched)
+        d.frames(4)
+    share = round(100 * d.studio.ui.dataset.config.moved)
+    slider = d.engine.item_info("//$FOCUSED/##Objects elsewhere").rect_full
+    assert drawn[f"{share} %"] >= slider.max.x
+    d.keys(KEY.escape)
+
+
+def _the_list_shows_what_is_chosen(d: Driver, folder: Path) -> None:
+    """A selected row is one under the mouse, too; the title of the sorted column is whole."""
+    d.focus("Objects")
+    d.select(2)
+    d.click("Objects/**/Splats")
+    title = d.engine.item_info("//Objects/**/Splats").rect_full
+    arrow = 0.65 * imgui.get_font_size() + imgui.get_style().frame_padding.x
+    assert title.max.x - title.min.x >= imgui.calc_text_size("Splats").x + arrow
+    row = d.engine.item_info("//Objects/**/object 2/##row").rect_clipped
+    blue = []
+    for item in ("Objects/**/object 2/##row", "**/###Undo"):
+        d.engine.mouse_move(f"//{item}")
+        d.frames(2)
+        d.capture_now(folder / "row.png")
+        with Image.open(folder / "row.png") as image:
+            at = round(row.max.x) - 3, round(row.min.y) + 4
+            red, _, b = image.convert("RGB").getpixel(at)  # type: ignore[misc]
+        blue.append(b - red)
+    assert blue[0] >= blue[1] > 20, blue
+
+
+def _the_search_keeps_the_keys(d: Driver) -> None:
+    """Enter selects what was found; the next word is typed at once."""
+    box = "Objects/##Find"
+    d.type_into(box, "object")
+    assert d.engine.item_info(f"//{box}").id_ == imgui.internal.get_active_id()
+    d.keys(KEY.escape)
 
 
 def _no_specks_where_panels_end(d: Driver, folder: Path) -> None:

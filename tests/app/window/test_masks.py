@@ -179,7 +179,7 @@ def test_objects_are_found_as_published(
         assert bank.preset == preset.lower()
         _capture(d, f"found-{preset.lower()}")
         plain = d.pixels().astype(int)
-        d.menu("View/###Identity encodings")
+        d.command("Identity encodings")
         assert session.view.mode is Mode.IDENTITY
         assert np.abs(d.pixels().astype(int) - plain).mean() > 5
         d.menu("Find/###Labels by votes")

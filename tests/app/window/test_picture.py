@@ -141,10 +141,10 @@ def _mask_in_3d(d: Driver, plain: np.ndarray) -> None:
 
 
 def _centres_by_group(d: Driver, plain: np.ndarray) -> None:
-    d.menu("View/###Centres in the colors of their groups")
+    d.command("Centres in the colors of their groups")
     assert d.session.view.centre_colors is CentreColors.GROUPS
     assert np.abs(d.pixels().astype(int) - plain).mean() > 5
-    d.menu("View/###Centres in the colors of their groups")
+    d.command("Centres in the colors of their groups")
     d.menu("View/###Color")
 
 

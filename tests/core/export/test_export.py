@@ -250,16 +250,18 @@ def test_a_glb_stands_upright_and_all_of_an_object_lies_in_one_frame(tmp_path: P
     assert np.array_equal(read_splats(tmp_path / "a.ply").means, cone.means)
 
 
-def test_what_is_said_of_the_size_of_an_spz_is_its_size(tmp_path: Path) -> None:
+@pytest.mark.parametrize("form", [SplatFormat.SPZ, SplatFormat.SOG])
+def test_what_is_said_of_the_size_of_a_file_is_its_size(tmp_path: Path, form: SplatFormat) -> None:
     """Whether most of its colors are the same from every side or not."""
     some = walk_scene(60_000, sh_degree=2).gaussians
     plain = some.sh.copy()
     plain[:, 1:] = 0
     for splats in (some, replace(some, sh=plain)):
         rows = np.arange(len(splats), dtype=np.int32)
-        run_stage(export_scene_stage(Scene.of(splats), tmp_path / "a.spz"))
-        said = sampled_bytes(splats, rows, len(rows), ExportOptions())
-        assert said == pytest.approx((tmp_path / "a.spz").stat().st_size, rel=0.2)
+        path = tmp_path / f"a{form.suffix}"
+        run_stage(export_scene_stage(Scene.of(splats), path))
+        said = sampled_bytes(splats, rows, len(rows), ExportOptions(), form)
+        assert said == pytest.approx(path.stat().st_size, rel=0.2)
 
 
 def test_solids_stand_for_objects_in_the_place_and_size_of_the_files(tmp_path: Path) -> None:

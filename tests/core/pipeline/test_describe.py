@@ -52,3 +52,4 @@ def test_the_parent_of_a_listed_object_is_listed() -> None:
     parents = {entry["group"]: entry["parent"] for entry in listed}
     assert parents == {**dict.fromkeys(parents, 0), lid: top}
     assert "lid (under teapot)" in object_names(listed)
+    assert object_names(listed, 1).endswith(f"; and {len(listed) - 1} more (gaga info has all)")

@@ -28,15 +28,12 @@ _LINE_BEFORE = {
     "object.rename",
     "object.fill",
     "object.clean",
-    "view.confidence",
     "view.next_mode",
-    "view.look_auto",
     "view.background",
     "view.frame_selected",
     "view.lights_masks",
     "view.lod",
     "view.panels",
-    "view.front",
     "view.next_photo",
     "view.outline",
     "camera.faster",
@@ -53,7 +50,22 @@ _LINE_BEFORE = {
     "help.about",
 }
 
-IN_SUBMENUS = {*RECALL, *SET, *command_buttons.SPLITS}
+_BY_SUBMENU = {  # of the menu View: after the command that it follows
+    "view.depth": (
+        "More colors",
+        (
+            *("view.confidence", "view.centres", "view.rings", "view.mask", "view.identity", ""),
+            *("view.groups_centres", "view.identity_centres", "view.folder_colors", ""),
+            *("view.look_auto", "view.look_classic", "view.look_antialiased"),
+        ),
+    ),
+    "view.home": (
+        "Look from",
+        tuple(f"view.{side}" for side in ("front", "back", "left", "right", "top", "bottom")),
+    ),
+}
+_IN_VIEW = {command for _, listed in _BY_SUBMENU.values() for command in listed if command}
+IN_SUBMENUS = {*RECALL, *SET, *command_buttons.SPLITS, *_IN_VIEW}
 
 
 @dataclass
@@ -92,7 +104,12 @@ def draw(session: Session, state: MenuState, reset_layout: Callable[[], None]) -
 
 
 def _submenu_after(session: Session, command_id: str) -> None:
-    if command_id == "object.separate":
+    if command_id in _BY_SUBMENU:
+        name, listed = _BY_SUBMENU[command_id]
+        if imgui.begin_menu(f"{icons.BLANK}  {name}###{name}"):
+            command_buttons.command_items(session, listed)
+            imgui.end_menu()
+    elif command_id == "object.separate":
         command_buttons.split_menu(session)
     elif command_id == "camera.add_bookmark":
         _bookmarks(session)

@@ -130,7 +130,7 @@ def _paint_color(session: Session) -> None:
     widgets.tooltip("The color of the brush; Ctrl+click in the picture takes one from there")
     imgui.same_line(0, em(_GAP))
     imgui.set_next_item_width(em(_STRENGTH))
-    changed, strength = imgui.slider_float("###Strength", view.brush_strength, 0.05, 1.0, "%.2f")
+    changed, strength = widgets.slider("###Strength", view.brush_strength, 0.05, 1.0)
     if changed:
         view.brush_strength = float(strength)
     widgets.tooltip("Strength of the color: 1 replaces the old one")

@@ -45,11 +45,11 @@ def draw(session: Session, plan: DatasetPlan, files: FilePicker) -> None:
         _number(plan, name)
     for name, hint in _SHARES.items():
         widgets.field_name(setting_of(DatasetConfig, name).label, em(_NAMES))
-        value, flags = getattr(plan.config, name), imgui.SliderFlags_.always_clamp
+        value = getattr(plan.config, name)
         low, high = setting_of(DatasetConfig, name).range
         share, most = round(100 * value), round(100 * high)
         label = f"##{setting_of(DatasetConfig, name).label}"
-        changed, share = imgui.slider_int(label, share, round(100 * low), most, "%d %%", flags)
+        changed, share = widgets.slider(label, share, round(100 * low), most, "%d %%")
         widgets.tooltip(hint)
         if changed:
             plan.put(name, share / 100)

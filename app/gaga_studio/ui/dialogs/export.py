@@ -17,7 +17,7 @@ from gaga_studio.features.export import ExportPlan, ExportSummary, What
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.dialogs.files import FileDialog, FilePicker, PathKind
-from gaga_studio.ui.kit import widgets
+from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.modal import answer, begin_modal, body_height
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face, T
@@ -64,7 +64,8 @@ def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool)
     ground = widgets.tick("Lowest point at height 0", options.ground, hint)
     options = replace(options, centre=centre, ground=ground)
     widgets.field_name("Units", em(NAMES))
-    form = "1 scene unit = %.4g in the file"
+    is_metric = session.need().scene.frame.is_metric
+    form = f"1 {'metre' if is_metric else 'scene unit'} = %.4g in the file"
     flags = imgui.SliderFlags_.always_clamp | imgui.SliderFlags_.logarithmic
     changed, scale = imgui.drag_float("##Units", options.scale, 0.01, 1e-4, 1e4, form, flags)
     widgets.tooltip("Drag, or double-click to type. A length of 2 here is twice this number there")
@@ -303,7 +304,7 @@ def _place(sheet: ExportSheet, files: FilePicker) -> None:
     label = "Choose…"
     room = imgui.calc_text_size(label).x + em(2)
     widgets.field_name("Folder" if is_folder else "File", em(NAMES), right=room)
-    changed, sheet.path = imgui.input_text("##Path", sheet.path)
+    changed, sheet.path = imgui.input_text("##Path", theme.noted(sheet.path))
     widgets.tooltip(sheet.path)
     if changed:
         _follow_name(sheet)

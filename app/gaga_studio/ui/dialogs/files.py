@@ -4,6 +4,7 @@ Both are asked in the same way (``FileDialog``) and answer through ``draw``, so 
 window does not know which of the two was on the screen.
 """
 
+import os
 import shutil
 import sys
 from collections.abc import Callable
@@ -23,7 +24,9 @@ from gaga_studio.features import add_scene, camera, files, fill, reconstruction
 from gaga_studio.features.find import masks
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
+from gaga_studio.system import paths
 from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.modal import answers
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -64,6 +67,7 @@ class FileDialog:
     _listed: Path | None = None
     _new_name: str = ""  # of a folder to make
     _had_keyboard: bool = False  # a field, in the frame before
+    _wants_keyboard: bool = True  # the path field, at the next frame
     _native: native.open_file | native.save_file | native.select_folder | None = None
 
 
@@ -147,6 +151,7 @@ def _draw_own(dialog: FileDialog) -> None:
     if not opened:
         dialog.is_done = True
         return
+    theme.dim_behind(True)
     _path_row(dialog)
     _entries(dialog)
     _answer_row(dialog)
@@ -165,12 +170,12 @@ def _path_row(dialog: FileDialog) -> None:
     imgui.same_line()
     if widgets.icon_button("Places", icons.BOOKMARK, hint="Folders that are used often"):
         imgui.open_popup("Places")
-    widgets.popup("Places", lambda: _places(dialog))
+    widgets.popup("Places", lambda: _places(dialog), of_button=True)
     imgui.same_line()
     if widgets.icon_button("New folder", icons.FOLDER, hint="Make a folder here"):
         dialog._new_name = "New folder"
         imgui.open_popup("New folder")
-    widgets.popup("New folder", lambda: _new_folder(dialog))
+    widgets.popup("New folder", lambda: _new_folder(dialog), of_button=True)
     imgui.same_line()
     shown = widgets.elided(str(dialog.folder), imgui.get_content_region_avail().x)
     imgui.align_text_to_frame_padding()
@@ -247,9 +252,10 @@ def _entry(dialog: FileDialog, entry: Path) -> None:
     icon = icons.FOLDER_PLAIN if is_folder else icons.FILE_PLAIN
     flags = imgui.SelectableFlags_.allow_double_click | imgui.SelectableFlags_.no_auto_close_popups
     is_chosen = dialog._text == entry.name
-    clicked, _ = imgui.selectable(
-        f"{icon}  {theme.visual(entry.name)}###{entry.name}", is_chosen, flags
-    )
+    with widgets.lit_while_hovered(is_chosen):
+        clicked, _ = imgui.selectable(
+            f"{icon}  {theme.visual(entry.name)}###{entry.name}", is_chosen, flags
+        )
     if not clicked:
         return
     is_double = imgui.is_mouse_double_clicked(imgui.MouseButton_.left)
@@ -266,20 +272,54 @@ def _answer_row(dialog: FileDialog) -> None:
     if dialog.message:
         widgets.text(widgets.elided(dialog.message, em(40)), theme.WARN)
     imgui.set_next_item_width(-1)
-    hint = "Folder or path" if dialog.kind in _FOLDERS else "File name or path"
-    flags = imgui.InputTextFlags_.enter_returns_true
-    entered, dialog._text = imgui.input_text_with_hint("##Path", hint, dialog._text, flags)
+    hint = "Folder or path; Tab completes" if dialog.kind in _FOLDERS else "File name or path"
+    if dialog._wants_keyboard:
+        imgui.set_keyboard_focus_here()
+        dialog._wants_keyboard = False
+    flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
+    flags |= imgui.InputTextFlags_.callback_completion
+
+    def complete(data: imgui.InputTextCallbackData) -> int:
+        typed = str(data.buf)
+        text = completed(dialog.folder, typed, dialog.suffixes, dialog.kind in _FOLDERS)
+        if text != typed:
+            data.delete_chars(0, data.buf_text_len)
+            data.insert_chars(0, text)
+        return 0
+
+    entered, dialog._text = imgui.input_text_with_hint(
+        "##Path", hint, theme.noted(dialog._text), flags, complete
+    )
     if entered:
         _accept(dialog)
-    width = em(7)
-    room = imgui.get_content_region_avail().x
-    spacing = imgui.get_style().item_spacing.x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + room - 2 * width - spacing)
-    if widgets.button("Cancel", Face(width=width)):
-        dialog.is_done = True
-    imgui.same_line()
-    if widgets.button(dialog.action, Face(width=width, primary=True)):
+        dialog._wants_keyboard = True  # what was not taken is typed again
+    accepts, cancels = answers(dialog.action, Face(width=em(7), primary=True))
+    if accepts:
         _accept(dialog)
+    elif cancels:
+        dialog.is_done = True
+
+
+def completed(folder: Path, text: str, suffixes: tuple[str, ...], only_folders: bool) -> str:
+    """``text`` with what all paths that begin with it have in common; a whole folder ends in "/".
+
+    Letters match in either case where none match as they are typed.
+    """
+    place, begin = (text[: text.rfind("/") + 1], text[text.rfind("/") + 1 :])
+    try:
+        here = list((folder / Path(place or ".").expanduser()).iterdir())
+    except (OSError, RuntimeError):  # not there, or the home of nobody
+        return text
+    names = [
+        f"{p.name}/" if p.is_dir() else p.name
+        for p in here
+        if (p.is_dir() or (not only_folders and (not suffixes or p.suffix.lower() in suffixes)))
+        and p.name.startswith(".") == begin.startswith(".")
+    ]
+    fitting = [name for name in names if name.startswith(begin)]
+    low = begin.casefold()
+    fitting = fitting or [name for name in names if name.casefold().startswith(low)]
+    return place + os.path.commonprefix(fitting) if fitting else text  # noqa: RUF071  letters
 
 
 def _accept(dialog: FileDialog) -> None:
@@ -326,7 +366,7 @@ def _finish(dialog: FileDialog, path: Path) -> None:
 
 
 def _enter(dialog: FileDialog, folder: Path) -> None:
-    dialog.folder = folder.resolve()
+    dialog.folder, dialog._wants_keyboard = folder.resolve(), True
     dialog._text = dialog.name if dialog.kind is not PathKind.OPEN_FOLDER else ""
     dialog.message = ""
 
@@ -461,13 +501,17 @@ def _ask(picker: FilePicker, asked: _Asked, session: Session) -> None:
 
 
 def start_folder(session: Session) -> Path:
-    """The folder of what is open, else of what was open last, else the user's own."""
-    places = []
+    """The folder of what is open, else of what was open last, else the user's own.
+
+    Never a hidden one of ours, where the demo is.
+    """
+    places: list[Path] = []
     if session.project is not None:
         folder = session.project.folder
         places.append(folder.root if folder is not None else session.project.model_path.parent)
     places += [Path(name).parent for name in session.settings.recent[:1]]
-    return next((place for place in places if place.is_dir()), Path.home())
+    seen = (place for place in places if not place.resolve().is_relative_to(paths.home().resolve()))
+    return next((place for place in seen if place.is_dir()), Path.home())
 
 
 def stem(session: Session) -> str:

@@ -13,6 +13,7 @@ from gaga_core.pipeline import film as pipeline_video
 from gaga_core.pipeline.film import Split, What
 from gaga_studio.features import camera, export, split_view
 from gaga_studio.features.camera import no_path, no_photo_files
+from gaga_studio.features.find import association
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Side
@@ -85,6 +86,12 @@ class FilmChoices:
         return pipeline_video.FilmConfig(self.what, background, split, video=self.video)
 
 
+def opens_film(session: Session) -> None:
+    """Open the sheet of a film; what plays behind it stops."""
+    session.view.playback.is_playing = False
+    imgui.open_popup(FILM)
+
+
 def draw(session: Session, choices: FilmChoices, files: FilePicker) -> None:
     """Whichever sheet is open; ``files`` asks for the path."""
     if begin_modal(FILM, em(36)):
@@ -112,11 +119,13 @@ def _film(session: Session, choices: FilmChoices) -> bool:
         _left(session, choices)
     _size(choices)
     widgets.field_name("Pictures a second", em(_NAMES))
-    _, choices.fps = imgui.slider_float("##Pictures a second", choices.fps, 5, 60, "%.0f")
+    _, choices.fps = widgets.slider("##Pictures a second", choices.fps, 5.0, 60.0, "%.0f")
     widgets.field_name("Quality", em(_NAMES))
-    _, choices.quality = imgui.slider_int("##Quality", choices.quality, 1, 100)
+    _, choices.quality = widgets.slider("##Quality", choices.quality, 1, 100, "%d")
     seconds, n = _length(session, choices)
     widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
+    took = export.film_seconds(session, n, choices.width * choices.height)
+    widgets.dim(f"Writing takes {association.duration_text(took)} here")
     return _ends(FILM)
 
 
@@ -156,7 +165,7 @@ def _photos(session: Session, choices: FilmChoices) -> None:
         choices.views = "all"
     choices.views = widgets.choice("Photos", parts, choices.views, em(_NAMES), lacking)
     widgets.field_name("Seconds each", em(_NAMES))
-    _, choices.seconds = imgui.slider_float("##Seconds each", choices.seconds, 0.2, 10, "%.1f")
+    _, choices.seconds = widgets.slider("##Seconds each", choices.seconds, 0.2, 10.0, "%.1f")
     _sweeps(choices)
 
 

@@ -232,7 +232,7 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
     try:
         kind = masks.settings_family(entry)
     except GagaError as error:
-        imgui.text_wrapped(str(error))
+        imgui.text_wrapped(theme.plain(str(error)))
         return
     if masks.has_profile(entry):
         was = settings.profile == "paper"
@@ -264,11 +264,11 @@ def _slider(slider: masks.Slider, part: object) -> tuple[bool, float]:
         widgets.dim(title)
     imgui.set_next_item_width(-1)
     if isinstance(value, int):
-        return imgui.slider_int(f"##{title}", value, round(low), round(high))
+        return widgets.slider(f"##{title}", value, round(low), round(high), "%d")
     flags = imgui.SliderFlags_.always_clamp
     if slider.is_logarithmic:
         flags |= imgui.SliderFlags_.logarithmic
-    return imgui.slider_float(f"##{title}", value, low, high, "%.2f", flags)
+    return widgets.slider(f"##{title}", float(value), low, high, "%.2f", flags)
 
 
 # --- one photo, before all
@@ -523,8 +523,7 @@ def _close() -> None:
 def _number(config: GroupSettings, name: str, value: float) -> tuple[bool, float]:
     about = setting_of(config, name)
     widgets.field_name(about.title, em(_NAMES))
-    flags = imgui.SliderFlags_.always_clamp
-    return imgui.slider_float(f"##{about.title}", value, *about.range, "%.2f", flags)
+    return widgets.slider(f"##{about.title}", value, *about.range)
 
 
 def _choice(config: C, name: str, named: Mapping[str, str], now: str, hint: str = "") -> C:

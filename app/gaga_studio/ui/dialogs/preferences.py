@@ -42,7 +42,7 @@ def draw(session: Session, dragged: DraggedPreferences) -> None:
         return
     before = session.settings
     # The rows scroll where the window is low; the button to close stays visible.
-    imgui.begin_child("Rows", ImVec2(0, body_height(em(35))))
+    imgui.begin_child("Rows", ImVec2(0, body_height(em(38))))
     settings = _look(before, dragged)
     settings = _handling(settings, dragged)
     settings = _work(settings, dragged)
@@ -94,10 +94,15 @@ def _models(settings: Settings, dragged: DraggedPreferences) -> Settings:
     text = settings.hub_mirror if dragged.mirror is None else dragged.mirror
     widgets.field_name("Mirror of the hub", em(_NAMES))
     changed, text = imgui.input_text_with_hint("##Mirror of the hub", HUB, text)
-    widgets.tooltip("Address that models are downloaded from; empty: the hub of Hugging Face")
+    edited = imgui.is_item_deactivated_after_edit()
+    widgets.tooltip("Empty: the hub itself, or what HF_ENDPOINT names")
+    widgets.under_fields(em(_NAMES))
+    widgets.dim(
+        "Copy of huggingface.co to download models from where that is not reached", wrap=True
+    )
     if changed:
         dragged.mirror = text
-    if imgui.is_item_deactivated_after_edit() and dragged.mirror is not None:
+    if edited and dragged.mirror is not None:
         typed, dragged.mirror = dragged.mirror.strip(), None
         typed = f"https://{typed}" if typed and "://" not in typed else typed
         if is_known("hub_mirror", typed):
@@ -127,7 +132,7 @@ def _slider(
     low, high = RANGES[name]
     value = dragged.values.get(name, float(getattr(settings, name)))
     widgets.field_name(label, em(_NAMES))
-    changed, value = imgui.slider_float(f"##{label}", value, low, high, shown, flags)
+    changed, value = widgets.slider(f"##{label}", value, low, high, shown, flags)
     if changed:
         dragged.values[name] = value
     if imgui.is_item_deactivated_after_edit() and name in dragged.values:

@@ -42,8 +42,7 @@ def draw(session: Session, plan: ReducePlan) -> None:
     off = {what: cleanup.why_not_reducible(session, what) for what, *_ in _WHATS}
     plan.what = widgets.segmented("Of", _WHATS, plan.what, why_not=off)
     widgets.field_name("Keep", em(_NAMES))
-    flags = imgui.SliderFlags_.always_clamp
-    _, plan.percent = imgui.slider_int("##Keep", plan.percent, _FEWEST, _MOST, "%d %%", flags)
+    _, plan.percent = widgets.slider("##Keep", plan.percent, _FEWEST, _MOST, "%d %%")
     widgets.tooltip("Share of the splats that is left")
     _says(session, plan)
     imgui.dummy(ImVec2(0, em(0.3)))

@@ -31,6 +31,20 @@ _LICENCES = (
 )
 
 
+# Other words for what commands do, as people type them into the list of commands.
+_WORDS = {
+    "object.simulate": "drop fall gravity physics settle simulate",
+    "tool.set_scale": "units metres size known length",
+    "tool.color": "paint recolor",
+    "edit.delete": "remove erase",
+    "file.save_picture": "screenshot image",
+    "camera.film": "video movie record",
+    "object.fill": "inpaint hole",
+    "object.clean": "floaters edge",
+    "view.home": "reset view start",
+    "edit.preferences": "settings options theme",
+}
+
 COMMANDS_SHEET, KEYS, ABOUT = "Commands", "Keys and mouse", "About gaga-studio"
 
 
@@ -94,7 +108,7 @@ def _palette(session: Session, state: PaletteState) -> None:
     width = min(em(34), viewport.size.x * 0.94)
     top = ImVec2(viewport.get_center().x, viewport.pos.y + em(4))
     imgui.set_next_window_pos(top, imgui.Cond_.always, ImVec2(0.5, 0))
-    height = min(em(26), viewport.size.y * 0.8)
+    height = min(em(26), viewport.size.y - em(4.5))
     imgui.set_next_window_size(ImVec2(width, height))
     if not imgui.begin_popup(COMMANDS_SHEET):
         return
@@ -112,13 +126,17 @@ def _palette(session: Session, state: PaletteState) -> None:
     chosen: Command | None = None
     if imgui.is_key_pressed(imgui.Key.enter) and found:
         chosen = found[state.at]
-    imgui.begin_child("Found", ImVec2(0, 0))
+    why_not = found[state.at].enabled(session) if found else ""
+    room = imgui.get_text_line_height_with_spacing() if why_not else 0.0
+    imgui.begin_child("Found", ImVec2(0, -room))
     for position, command in enumerate(found):
         if _palette_line(session, command, position == state.at, bool(step)):
             chosen = command
     if not found:
         widgets.dim("No command is called that.")
     imgui.end_child()
+    if why_not:
+        widgets.line(why_not, theme.WARN)
     if chosen is not None and not chosen.enabled(session):
         imgui.close_current_popup()
         commands.run(chosen.id, session)
@@ -145,7 +163,10 @@ def _palette_line(session: Session, command: Command, is_current: bool, moved: b
 def matching(text: str) -> list[Command]:
     """Commands whose title has every word of ``text``, those that begin with it first."""
     words = text.casefold().split()
-    texts = {c.id: f"{commands.menu_of(c)} {c.title} {c.id}".casefold() for c in COMMANDS}
+    texts = {
+        c.id: f"{commands.menu_of(c)} {c.title} {c.id} {_WORDS.get(c.id, '')}".casefold()
+        for c in COMMANDS
+    }
     found = [c for c in COMMANDS if all(word in texts[c.id] for word in words)]
     first = words[0] if words else ""
     return sorted(found, key=lambda c: not c.title.casefold().startswith(first))

@@ -64,10 +64,16 @@ def answer(name: str, face: Face, *, why_not: str = "") -> bool:
 
     Whether the button was pressed.
     """
+    goes, cancels = answers(name, face, why_not=why_not)
+    if goes or cancels:
+        imgui.close_current_popup()
+    return goes
+
+
+def answers(name: str, face: Face, *, why_not: str = "") -> tuple[bool, bool]:
+    """The button ``name``, then Cancel, at the right edge; whether each was pressed."""
     room = imgui.get_content_region_avail().x - 2 * face.width - imgui.get_style().item_spacing.x
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room, 0.0))
     goes = widgets.button(name, face, why_not=why_not)
     imgui.same_line()
-    if widgets.button("Cancel", Face(width=face.width)) or goes:
-        imgui.close_current_popup()
-    return goes
+    return goes, widgets.button("Cancel", Face(width=face.width))

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from imgui_bundle import ImVec2, ImVec4, hello_imgui, imgui
 
-from gaga_core.color import LUMA
+from gaga_core.color import luminance
 from gaga_core.errors import LONGEST_LINE, plain_text
 from gaga_core.io.files import assets
 from gaga_studio.system.fonts import fonts_with, foreign_letters
@@ -35,16 +35,29 @@ _FORMS = ("<isolated>", "<final>", "<initial>", "<medial>")
 
 def plain(text: str) -> str:
     """Lines that may quote a file, as notices and the command show them; icons stay."""
-    if text.isprintable():
+    if text.isascii() and text.isprintable():
         return text
-    return _NO_ICONS.sub(lambda found: plain_text(found[0], LONGEST_LINE), text)
+    if not text.isprintable():
+        text = _NO_ICONS.sub(lambda found: plain_text(found[0], LONGEST_LINE), text)
+    return noted(text).translate(_Loaded.codes)
 
 
-@lru_cache(maxsize=4096)
 def visual(text: str) -> str:
     """``text`` as it is drawn: on one line, left to right, control characters as escapes."""
     text = plain(text).replace("\n", r"\n")
-    if text.isascii() or not any(unicodedata.bidirectional(c) in _RIGHT for c in text):
+    return text if text.isascii() else noted(_turned(text))
+
+
+def noted(text: str) -> str:
+    """``text``, whose letters have glyphs from the next frame on where any font has them."""
+    if not text.isascii():
+        _Loaded.shown |= foreign_letters((text,)) - _Loaded.looked_for
+    return text
+
+
+@lru_cache(maxsize=4096)
+def _turned(text: str) -> str:
+    if not any(unicodedata.bidirectional(c) in _RIGHT for c in text):
         return text
     kinds = (unicodedata.bidirectional(letter) for letter in text)
     is_right = next(kind in _RIGHT for kind in kinds if kind in (*_RIGHT, "L"))
@@ -149,11 +162,11 @@ PRESSED = _both("FFFFFF", "000000", 0.16)
 CLEAR = _both("000000", "000000", 0.0)
 ON_ACCENT = _both("FFFFFF", "FFFFFF")  # text on the accent
 CHOSEN = _both("FFFFFF", "123A70")  # text of what is switched on
-POPUP = _both("26282E", "FBFBFC", 0.99)
+POPUP = _both("26282E", "FBFBFC")
 FIELD = _both("2C2F36", "FFFFFF")  # ground of what is typed or dragged
 SLIDER_GRAB = _both("5B9DF5", "2F74D0", 0.38)  # values are read through it
 SLIDER_GRAB_HELD = _both("2F62AD", "8FB8F0")  # and over it while it is dragged
-DIMMED = _both("0C0D0F", "40444C", 0.6)  # laid over the window behind a sheet
+DIMMED = _both("0C0D0F", "40444C", 0.8)  # laid over the window behind a sheet
 
 _COLORS = {
     "text": TEXT,
@@ -230,32 +243,50 @@ class _Loaded:
     theme: str = "dark"
     looked_for: ClassVar[set[str]] = set()  # letters, with or without success
     merged: ClassVar[set[Path]] = set()  # fonts of the system
+    shown: ClassVar[set[str]] = set()  # letters that were drawn and not looked for yet
+    codes: ClassVar[dict[int, str]] = {}  # of letters that no font has: what is drawn for them
 
 
 def load_fonts() -> None:
     """Load the text font with the icons merged in, and its heavier face for headings."""
     _Loaded.looked_for.clear()
     _Loaded.merged.clear()
+    _Loaded.codes.clear()
     _Loaded.regular = _load("Inter-Regular.otf")
     _Loaded.strong = _load("Inter-SemiBold.otf")
 
 
-def load_letters(texts: Iterable[str]) -> None:
-    """Add fonts of the system for letters of ``texts`` that the loaded ones lack.
+def load_letters(texts: Iterable[str] = ()) -> bool:
+    """Add fonts of the system for letters of ``texts``, and of what was drawn, that are lacking.
 
-    Between frames only. Glyphs are drawn when they are first shown.
+    Between frames only. Letters that no font has are drawn as their code: "[1F600]". Whether there
+    were new letters: what was drawn is drawn again.
     """
     if _Loaded.regular is None:
-        return
-    for letter in sorted(foreign_letters(map(visual, texts)) - _Loaded.looked_for):
+        return False
+    for text in texts:
+        visual(text)
+    new = sorted(_Loaded.shown - _Loaded.looked_for)
+    _Loaded.shown.clear()
+    for letter in new:
         _Loaded.looked_for.add(letter)
-        if _Loaded.regular.is_glyph_in_font(ord(letter)):
-            continue
-        for path in fonts_with(letter):
-            if path in _Loaded.merged or not _merge(path):
-                continue
-            if _Loaded.regular.is_glyph_in_font(ord(letter)):
-                break
+        if not _has_glyph(letter):
+            # What only joins or styles others needs no sign of its own.
+            is_mark = unicodedata.category(letter) in ("Cf", "Mn")
+            _Loaded.codes[ord(letter)] = "" if is_mark else f"[{ord(letter):X}]"
+    return bool(new)
+
+
+def _has_glyph(letter: str) -> bool:
+    """Whether a loaded font has ``letter``, or one of the system that is loaded for it."""
+    assert _Loaded.regular is not None
+    if _Loaded.regular.is_glyph_in_font(ord(letter)):
+        return True
+    for path in fonts_with(letter):
+        new = path not in _Loaded.merged and _merge(path)
+        if new and _Loaded.regular.is_glyph_in_font(ord(letter)):
+            return True
+    return False
 
 
 def _merge(path: Path) -> bool:
@@ -382,14 +413,8 @@ def u32(color: ImVec4, alpha: float = 1.0) -> int:
 
 def rim(color: Sequence[float]) -> ImVec4 | None:
     """What a dot of ``color`` (3,) needs around it to be seen on a panel; None: nothing."""
-    low, high = sorted((_luminance(color), _luminance((PANEL.x, PANEL.y, PANEL.z))))
+    low, high = sorted((luminance(color), luminance((PANEL.x, PANEL.y, PANEL.z))))
     return DIM if (high + 0.05) / (low + 0.05) < _SEEN else None
-
-
-def _luminance(rgb: Sequence[float]) -> float:
-    """Relative luminance of sRGB (3,) (WCAG 2.2)."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in rgb]
-    return float(LUMA @ linear)
 
 
 @contextmanager

@@ -24,6 +24,7 @@ class Face:
 
 
 _PLAIN = Face()
+_MORE_LIT = 1.4  # times the opacity of a selected line that the mouse is over
 _LOW = 0.5  # share of the panel's height below which a section that opens comes to the top
 
 
@@ -32,6 +33,7 @@ def tooltip(text: str, shortcut: str = "") -> None:
     flags = imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled
     if not text or not imgui.is_item_hovered(flags):
         return
+    _place_tooltip(text, bool(shortcut))
     if imgui.begin_tooltip():
         imgui.push_text_wrap_pos(em(24))
         imgui.text_unformatted(theme.plain(text))
@@ -40,6 +42,23 @@ def tooltip(text: str, shortcut: str = "") -> None:
                 imgui.text_unformatted(shortcut)
         imgui.pop_text_wrap_pos()
         imgui.end_tooltip()
+
+
+_TALL = 4.0  # height of an item from which its tooltip is at the mouse, ems
+
+
+def _place_tooltip(text: str, has_shortcut: bool) -> None:
+    """The tooltip of the item drawn last goes under it, or above it: never over it."""
+    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    if high.y - low.y > em(_TALL):
+        return
+    pad, gap, screen = imgui.get_style().window_padding, em(0.3), imgui.get_main_viewport()
+    size = imgui.calc_text_size(theme.plain(text), wrap_width=em(24))
+    tall = size.y + 2 * pad.y + has_shortcut * imgui.get_text_line_height_with_spacing()
+    right, foot = screen.pos.x + screen.size.x, screen.pos.y + screen.size.y
+    left = max(low.x, imgui.get_io().mouse_pos.x - em(2))
+    top = high.y + gap if high.y + gap + tall <= foot else low.y - gap - tall
+    imgui.set_next_window_pos(ImVec2(max(min(left, right - size.x - 2 * pad.x), 0.0), top))
 
 
 def button(
@@ -262,6 +281,36 @@ def combo(
     return current
 
 
+N = TypeVar("N", int, float)
+
+
+def slider(
+    label: str,
+    value: N,
+    low: N,
+    high: N,
+    form: str = "%.2f",
+    flags: int = imgui.SliderFlags_.always_clamp,
+) -> tuple[bool, N]:
+    """A slider whose number stands right of it, where no knob covers it."""
+    gap = imgui.get_style().item_inner_spacing.x
+    room = max(imgui.calc_text_size(form % end).x for end in (low, high, value))
+    is_typed = imgui.internal.temp_input_is_active(imgui.get_id(label))
+    imgui.set_next_item_width(max(imgui.calc_item_width() - room - gap, em(2)))
+    imgui.begin_group()
+    imgui.push_style_color(imgui.Col_.text, theme.TEXT if is_typed else theme.CLEAR)
+    drawn = imgui.slider_int if isinstance(value, int) else imgui.slider_float
+    changed, value = drawn(label, value, low, high, form, flags)  # type: ignore[arg-type]
+    imgui.pop_style_color()
+    imgui.same_line(0, gap)
+    left = imgui.get_cursor_pos_x()
+    shown = form % value
+    imgui.set_cursor_pos_x(left + room - imgui.calc_text_size(shown).x)
+    imgui.text_unformatted(shown)
+    imgui.end_group()
+    return changed, value
+
+
 def radio_button(label: str, is_chosen: bool) -> bool:
     """One of several, with an edge that is seen while it is empty."""
     with _edge():
@@ -377,11 +426,37 @@ def floating_card(name: str, draw: Callable[[], object]) -> None:
     imgui.pop_style_color(2)
 
 
-def popup(name: str, draw: Callable[[], object], *, of_item: bool = False) -> None:
-    """What ``draw`` shows while a popup is open; ``of_item``: the menu of the item drawn last."""
+def popup(
+    name: str, draw: Callable[[], object], *, of_item: bool = False, of_button: bool = False
+) -> None:
+    """What ``draw`` shows while a popup is open; ``of_item``: the menu of the item drawn last.
+
+    ``of_button``: it is opened by that item and does not cover it.
+    """
+    if of_button:
+        low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        middle = imgui.get_main_viewport().get_center()
+        is_low, is_right = high.y > middle.y, low.x > middle.x
+        gap = theme.scaled(2)
+        at = ImVec2(high.x if is_right else low.x, low.y - gap if is_low else high.y + gap)
+        imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(float(is_right), float(is_low)))
     if imgui.begin_popup_context_item(name) if of_item else imgui.begin_popup(name):
         draw()
         imgui.end_popup()
+
+
+@contextmanager
+def lit_while_hovered(is_selected: bool) -> Iterator[None]:
+    """A selected line inside the block looks selected under the mouse, too."""
+    color = imgui.get_style_color_vec4(
+        imgui.Col_.header if is_selected else imgui.Col_.header_hovered
+    )
+    alpha = min(color.w * _MORE_LIT, 1.0) if is_selected else color.w
+    imgui.push_style_color(imgui.Col_.header_hovered, ImVec4(color.x, color.y, color.z, alpha))
+    try:
+        yield
+    finally:
+        imgui.pop_style_color()
 
 
 def enter_pressed() -> bool:

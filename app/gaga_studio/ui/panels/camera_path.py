@@ -59,7 +59,7 @@ def _scrub(session: Session, path: CameraPath) -> None:
     imgui.same_line()
     width = em(5.5)
     imgui.set_next_item_width(imgui.get_content_region_avail().x - width - em(0.6))
-    changed, at = imgui.slider_float("##Time", playback.at, 0.0, max(path.seconds, 1e-3), "%.2f s")
+    changed, at = widgets.slider("##Time", playback.at, 0.0, max(path.seconds, 1e-3), "%.2f s")
     if changed:
         playback.is_playing = False
         camera.scrub(session, at)
@@ -210,7 +210,7 @@ def _name_field(session: Session, state: BookmarkState, index: int, width: float
         state.has_keyboard = True
     flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
     with theme.text_color(theme.TEXT):
-        entered, state.text = imgui.input_text("##Name", state.text, flags)
+        entered, state.text = imgui.input_text("##Name", theme.noted(state.text), flags)
     if entered or imgui.is_item_deactivated():
         if entered or not imgui.is_key_pressed(imgui.Key.escape):
             camera.rename_bookmark(session, index, state.text)

@@ -79,12 +79,15 @@ def draw_below(session: Session, document: Document, state: PlacementState) -> N
 def _position(session: Session, state: PlacementState, start: Pose, extent: float) -> None:
     shown = state.target or start
     axes = start.axes if session.view.local_axes else np.eye(3)
-    unit = "metres" if session.need().scene.frame.is_metric else "scene units"
+    is_metric = session.need().scene.frame.is_metric
+    unit = "metres" if is_metric else "scene units"
     row("Position", f"Centre of the selection, in {unit}")
     values = axes.T @ shown.centre
     for axis, letter in enumerate("XYZ"):
         now = float(values[axis]) if abs(values[axis]) >= _ZERO else 0.0  # never "-0.000"
-        changed, value = number(f"Position {letter}", now, extent * 0.005, "%.3f")
+        changed, value = number(
+            f"Position {letter}", now, extent * 0.005, "%.3f m" if is_metric else "%.3f"
+        )
         if changed:
             centre = shown.centre + axes[:, axis] * (value - float(values[axis]))
             state.target, state.verb = replace(shown, centre=centre), "Move"
@@ -184,9 +187,7 @@ def _grade(session: Session, sliders: GradeSliders) -> None:
         grade, changed = replace(grade, tint=(tint[0], tint[1], tint[2])), True
     for name, label, low, high, hint in _SLIDERS:
         widgets.field_name(label, em(_NAMES))
-        moved, value = imgui.slider_float(
-            f"##{label}", getattr(grade, name), low, high, "%.2f", imgui.SliderFlags_.always_clamp
-        )
+        moved, value = widgets.slider(f"##{label}", float(getattr(grade, name)), low, high)
         ended |= imgui.is_item_deactivated_after_edit()
         widgets.tooltip(hint)
         if moved:
@@ -372,7 +373,7 @@ def _confidence(session: Session, document: Document) -> None:
     _histogram(counts / max(int(counts.max()), 1), document.feature(Uncertain).threshold)
     imgui.set_next_item_width(-1)
     below = round(100 * document.feature(Uncertain).threshold)
-    changed, below = imgui.slider_int("##Uncertain below", below, 1, 100, "below %d %%")
+    changed, below = widgets.slider("##Uncertain below", below, 1, 100, "below %d %%")
     if changed:
         document.feature(Uncertain).threshold = below / 100
     widgets.tooltip("The share of the masks' votes that a splat's object needs to be certain")

@@ -309,7 +309,7 @@ def _controls(session: Session, timeline: Timeline, growth: BankGrowth) -> None:
     imgui.same_line()
     tail = 2 * imgui.get_frame_height() * 1.12 + 2 * imgui.get_style().item_spacing.x
     imgui.set_next_item_width(max(imgui.get_content_region_avail().x - tail, em(4)))
-    changed, step = imgui.slider_int("##Step", timeline.step, 0, growth.last_step, "view %d")
+    changed, step = widgets.slider("##Step", timeline.step, 0, growth.last_step, "view %d")
     if changed:
         _stop_at(session, timeline, step)
     imgui.same_line()

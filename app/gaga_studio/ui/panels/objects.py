@@ -125,7 +125,7 @@ def _list(
     imgui.pop_style_var()
     if not is_open:
         return
-    row_kinds.set_up(columns)
+    row_kinds.set_up(columns, state.sort[0])
     state.sort = row_kinds.sorting()
     _follow_selection(session, document, state, lines, height)
     rows = Rows(session, document, state.rows, masks, table, measured, lines.shown, columns, parts)
@@ -184,15 +184,14 @@ def _highlight(session: Session, state: ObjectListState) -> None:
 def _follow_selection(
     session: Session, document: Document, state: ObjectListState, lines: Lines, height: float
 ) -> None:
-    """Scroll to an object that was selected in the picture; its folder opens."""
+    """Scroll to an object that was selected, but not by its row; its folder opens."""
     selected = session.selected_groups()
     if selected != state.last_selected:
         state.last_selected = selected
-        if len(selected) == 1 and not imgui.is_window_hovered(
-            imgui.HoveredFlags_.child_windows | imgui.HoveredFlags_.root_window
-        ):
+        if len(selected) == 1 and not state.rows.was_clicked:
             state.scroll_to = selected[0]
             document.feature(ObjectListView).reveal_group(document.scene.folders, selected[0])
+    state.rows.was_clicked = False
     if state.scroll_to is None:
         return
     at = _line_at(lines, state.scroll_to)

@@ -73,6 +73,7 @@ class RowState:
     shown: str = ""  # the name when the field was opened: entering it again names nothing
     has_keyboard: bool = False  # it was asked to take it
     is_active: bool = False  # it has it
+    was_clicked: bool = False  # a row, by which the selection changed: it is in sight
     is_coloring: bool = False  # a group's color is being dragged
     splats: IntArray | None = None  # (K,) selection from before a menu was opened on a row
     menu: ObjectMenuState = field(default_factory=ObjectMenuState)
@@ -98,7 +99,8 @@ def select_area(is_selected: bool, is_partly: bool, height: float) -> bool:
     if is_partly:
         lit = imgui.ImVec4(lit.x, lit.y, lit.z, lit.w * _HALF_LIT)
     imgui.push_style_color(imgui.Col_.header, lit)
-    clicked, _ = imgui.selectable("##row", is_selected, _FLAGS, ImVec2(0, height))
+    with widgets.lit_while_hovered(is_selected):
+        clicked, _ = imgui.selectable("##row", is_selected, _FLAGS, ImVec2(0, height))
     imgui.pop_style_color()
     return clicked
 
@@ -110,7 +112,7 @@ def name_field(state: RowState, height: float) -> tuple[bool, str] | None:
     imgui.set_next_item_width(-1)
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.2), (height - em(1)) / 2))
     flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
-    entered, state.text = imgui.input_text("##Name", state.text, flags)
+    entered, state.text = imgui.input_text("##Name", theme.noted(state.text), flags)
     imgui.pop_style_var()
     # A field that was not drawn in some frame has lost the keys without being told.
     was_active, state.is_active, state.has_keyboard = state.is_active, imgui.is_item_active(), True
@@ -237,6 +239,7 @@ def _item(session: Session, path: str) -> None:
 _NAME = 7.5  # least width of a name, ems: twelve letters, before any other column
 # Widths of the other columns, ems: narrow and roomy.
 _SHOWN, _SPLATS, _QUALITY, _VIEWS = (2.75, 4.1), (2.8, 3.5), (1.9, 3.3), 2.8
+_SORTED = 0.9  # room of the arrow in the header of the sorted column, ems
 _ARROW = 1.0  # what opens folders and parts, ems
 _KEYS: tuple[SortKey, ...] = get_args(SortKey)  # sort keys by column id
 
@@ -268,8 +271,9 @@ def columns_for(is_measured: bool, height: float, depth: int, has_arrows: bool) 
     )
 
 
-def set_up(columns: RowColumns) -> None:
-    """Headers; the id of each column is the place of its sort key."""
+def set_up(columns: RowColumns, sorted_by: SortKey = "id") -> None:
+    """Headers; the id of each column is the place of its sort key. The sorted one has an arrow."""
+    arrow = dict.fromkeys(_KEYS, 0.0) | {sorted_by: _SORTED}
     fixed = imgui.TableColumnFlags_.width_fixed
     plain = fixed | imgui.TableColumnFlags_.no_sort | imgui.TableColumnFlags_.no_header_label
     falling = fixed | imgui.TableColumnFlags_.prefer_sort_descending
@@ -280,12 +284,12 @@ def set_up(columns: RowColumns) -> None:
     imgui.table_setup_column("Name", imgui.TableColumnFlags_.width_stretch, 1.0, 1)
     wide = columns.is_roomy
     if columns.splats >= 0:
-        imgui.table_setup_column("Splats", falling, em(_SPLATS[wide] - 0.2), 2)
+        imgui.table_setup_column("Splats", falling, em(_SPLATS[wide] - 0.2 + arrow["splats"]), 2)
     if columns.views >= 0:
-        imgui.table_setup_column("Views", falling, em(_VIEWS - 0.2), 3)
+        imgui.table_setup_column("Views", falling, em(_VIEWS - 0.2 + arrow["views"]), 3)
     if columns.quality >= 0:
         title = "Quality" if wide else f"{icons.QUALITY}###Quality"
-        imgui.table_setup_column(title, fixed, em(_QUALITY[wide] - 0.2), 4)
+        imgui.table_setup_column(title, fixed, em(_QUALITY[wide] - 0.2 + arrow["quality"]), 4)
     imgui.table_setup_column("Shown", plain, em(_SHOWN[wide]), 9)
     with theme.text_color(theme.DIM):
         imgui.table_headers_row()
@@ -409,6 +413,7 @@ class ObjectRow:
         imgui.set_cursor_screen_pos(ImVec2(row.low.x + left, row.low.y))
 
     def _select(self) -> None:
+        self.state.was_clicked = True
         io = imgui.get_io()
         anchor, shown = self.state.anchor, self.rows.shown
         if io.key_shift and anchor in shown:
@@ -511,7 +516,7 @@ class ObjectRow:
         is_over = imgui.is_item_hovered()
         widgets.dot(centre, side * (0.42 if is_over else 0.33), self.color, alpha)
         widgets.tooltip("Color in this list and in Groups: click to change it")
-        widgets.popup("List color", self._picker)
+        widgets.popup("List color", self._picker, of_button=True)
 
     def _picker(self) -> None:
         """Shown while the mouse is down, one entry of the history when it is released."""

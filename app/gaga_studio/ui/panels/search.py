@@ -40,7 +40,7 @@ def button(session: Session) -> None:
     hint = "List only objects of some size, confidence or quality"
     if widgets.icon_button("Filter", icons.FILTER, hint=hint, on=is_on):
         imgui.open_popup(_POPUP)
-    widgets.popup(_POPUP, lambda: _ranges(session))
+    widgets.popup(_POPUP, lambda: _ranges(session), of_button=True)
 
 
 def foot(session: Session, table: ObjectTable) -> bool:
@@ -176,7 +176,7 @@ def _box(
     imgui.set_next_item_width(-room)
     hint = f"{icons.SEARCH}  {_HINT}"
     flags = imgui.InputTextFlags_.escape_clears_all | imgui.InputTextFlags_.auto_select_all
-    changed, text = imgui.input_text_with_hint("##Find", hint, search.text, flags)
+    changed, text = imgui.input_text_with_hint("##Find", hint, theme.noted(search.text), flags)
     is_active, has_ended = imgui.is_item_active(), imgui.is_item_deactivated()
     if not is_active:
         widgets.tooltip(
@@ -185,7 +185,7 @@ def _box(
     if changed:
         search_actions.type_text(session, text, size)
     if is_active or has_ended:
-        _keys(session, search, has_ended)
+        _keys(session, state, search, has_ended)
     if search.text:
         imgui.same_line(0, em(0.2))
         if widgets.icon_button("Clear search", icons.CLOSE):
@@ -193,11 +193,11 @@ def _box(
     imgui.same_line(0, em(0.2))
     if widgets.icon_button(_MENU, icons.MORE, hint="An index of pictures, a detector, names"):
         imgui.open_popup(_MENU)
-    widgets.popup(_MENU, lambda: _menu(session))
+    widgets.popup(_MENU, lambda: _menu(session), of_button=True)
 
 
-def _keys(session: Session, search: SearchState, has_ended: bool) -> None:
-    """Keys while the text is typed; Enter and Escape end the typing."""
+def _keys(session: Session, state: SearchBoxState, search: SearchState, has_ended: bool) -> None:
+    """Keys while the text is typed; Escape ends the typing."""
     step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
     if step:
         search.move(step)
@@ -206,6 +206,7 @@ def _keys(session: Session, search: SearchState, has_ended: bool) -> None:
     if imgui.is_key_pressed(imgui.Key.escape, False):
         search.clear()
     elif widgets.enter_pressed():
+        state.wants_keyboard = True  # the next word is typed at once
         if imgui.get_io().key_shift:
             search_actions.take_all(session)
         else:
@@ -303,7 +304,8 @@ def _line(
     imgui.push_id(f"object {hit.group}")
     corner, room = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
     flags = imgui.SelectableFlags_.allow_double_click
-    clicked, _ = imgui.selectable("##row", at == search.at, flags, ImVec2(0, high))
+    with widgets.lit_while_hovered(at == search.at):
+        clicked, _ = imgui.selectable("##row", at == search.at, flags, ImVec2(0, high))
     if imgui.is_item_hovered() and hit.group:
         state.hovered = hit.group
     if clicked:

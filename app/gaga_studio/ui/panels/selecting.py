@@ -105,7 +105,7 @@ def _by_color(session: Session, held: SelectBy) -> None:
     if widgets.button("Take", why_not=why_not, hint="The mean color of the selection"):
         held.color = selection.selected_color(session)
     widgets.field_name("Tolerance", em(_NAMES))
-    _, held.tolerance = imgui.slider_float("##Tolerance", held.tolerance, 0.01, 0.5, "%.2f")
+    _, held.tolerance = widgets.slider("##Tolerance", held.tolerance, 0.01, 0.5)
     how = _how_buttons("color")
     if how:
         selection.by_color(session, held.color, held.tolerance, how)
@@ -144,7 +144,7 @@ def _around(session: Session) -> "tuple[np.ndarray, np.ndarray]":
 def _kept(session: Session, held: SelectBy) -> None:
     widgets.heading("Named selections")
     imgui.set_next_item_width(-em(4))
-    _, held.name = imgui.input_text_with_hint("##Name to keep", "Name", held.name)
+    _, held.name = imgui.input_text_with_hint("##Name to keep", "Name", theme.noted(held.name))
     imgui.same_line()
     nothing = "" if len(session.selected_indices()) else "Nothing is selected."
     why_not = nothing or ("" if held.name.strip() else "Type a name first.")

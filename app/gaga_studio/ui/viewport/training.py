@@ -99,7 +99,7 @@ def draw_setting(
     else:
         widgets.field_name(about.label, em(NAMES), right)
     if isinstance(shown, str):
-        changed, text = imgui.input_text(f"##{about.label}", shown)
+        changed, text = imgui.input_text(f"##{about.label}", theme.noted(shown))
         value = text.strip()
     elif isinstance(shown, float):
         form = form if shown else "automatic"
@@ -317,7 +317,7 @@ def sheet(session: Session, held: PlanSheet) -> None:
     if masks:
         held.plan = reconstruction.plan_with(held.plan, "foreground", masks)
     with theme.face(strong=True, scale=1.2):
-        imgui.text_unformatted(reconstruction.title(session))
+        imgui.text_unformatted(theme.plain(reconstruction.title(session)))
     widgets.dim(reconstruction.found_text(found), wrap=True)
     _photo_row(session, found)
     imgui.dummy(ImVec2(0, em(0.2)))
@@ -370,7 +370,7 @@ def _fields(session: Session, plan: ReconstructionPlan, found: "PhotoFind") -> R
     plan = draw_setting(plan, "exposure", plan.config.exposure, tip)
     if found.photos is not None:
         widgets.field_name("Scene folder", em(NAMES))
-        changed, text = imgui.input_text("##Scene folder", str(plan.scene))
+        changed, text = imgui.input_text("##Scene folder", theme.noted(str(plan.scene)))
         if changed and text.strip():
             plan = replace(plan, scene=Path(text.strip()).expanduser())
     return plan

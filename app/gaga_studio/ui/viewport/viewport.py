@@ -529,7 +529,8 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
             align_ground.ground_prompt(session), corner, align_ground.GROUND_HELP, size.x - em(8)
         )
     elif session.view.mode is not Mode.COLOR and not bar:  # which names both sides
-        top = _badge(mode_badge(session), corner)
+        badge = mode_badge(session)
+        top = _badge(badge, corner) if badge else top
     area.head_bottom = toolbar.draw_card(session, area, top)
     overlays.draw_card(session, state.measure, corner, size)
     area.chip_bottom = _way_out_of_isolation(session, corner, size)
@@ -539,14 +540,19 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
 
 
 def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> float:
-    """A button at the head of the picture while only a few objects are shown; its lower edge."""
-    names = objects.isolated(session)
-    if not names or session.is_previewing:
+    """A button at the head of the picture while only a few objects are shown; its lower edge.
+
+    In the middle of the picture while nothing is shown at all.
+    """
+    names, is_empty = objects.isolated(session), objects.all_hidden(session)
+    if not (names or is_empty) or session.is_previewing:
         return 0.0
     action = "Show all"
-    text = widgets.elided(f"Isolated: {names}", size.x - em(18))
+    said = "Everything is hidden" if is_empty else f"Isolated: {names}"
+    text = widgets.elided(said, size.x - em(18))
     wide = imgui.calc_text_size(f"{text}  ·  {action}").x + em(1.4)
-    imgui.set_cursor_screen_pos(ImVec2(corner.x + (size.x - wide) / 2, corner.y + em(0.6)))
+    top = size.y * 0.45 if is_empty else em(0.6)
+    imgui.set_cursor_screen_pos(ImVec2(corner.x + (size.x - wide) / 2, corner.y + top))
     face = Face(f"{text}  ·  {action}", width=wide)
     if widgets.button(action, face, hint="Show what is hidden; hidden splats are not exported"):
         objects.show_all(session)
@@ -565,6 +571,8 @@ def preview_badge(session: Session) -> str:
 def mode_badge(session: Session) -> str:
     """What the colors of the picture say, when they are not the scene's own."""
     mode = session.view.mode
+    if session.training is not None and mode in (Mode.GROUPS, Mode.MASK):
+        return ""  # splats in training are in no group
     if mode is Mode.CENTRES and session.view.centre_colors is not CentreColors.OWN:
         is_of_groups = session.view.centre_colors is CentreColors.GROUPS
         return f"Centres, in the colors of their {'groups' if is_of_groups else 'identities'}"
