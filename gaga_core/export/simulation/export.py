@@ -117,8 +117,7 @@ def world_stage(
             plane,
             how.config,
             how.mesh,
-            how.masses.get(group),
-            how.densities.get(group),
+            *_weight(scene, how, group),
         )
         try:
             body, is_closed = yield from as_step(step, stage)
@@ -145,6 +144,15 @@ def world_stage(
         without_support=tuple(b.name for b in bodies if planes.get(b.id) is None),
         not_closed=tuple(holes),
     )
+
+
+def _weight(scene: Scene, how: SimulationExport, group: int) -> tuple[float | None, float | None]:
+    """Mass and density of a group: as the export says, else as a person typed it in the scene."""
+    mass, density = how.masses.get(group), how.densities.get(group)
+    own = scene.weights.get(group)
+    if own is None or mass is not None or density is not None:
+        return mass, density
+    return (own.value, None) if own.kind == "mass" else (None, own.value)
 
 
 def _is_static(plane: Plane, means: DoubleArray, firm: BoolArray, rest: BoolArray) -> bool:
