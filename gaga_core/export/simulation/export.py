@@ -186,16 +186,18 @@ def export_simulation_stage(
     how: SimulationExport,
     groups: Sequence[int] | None = None,
     source: str = "",
+    world: World | None = None,
 ) -> Stage[tuple[Path, World]]:
     """Write bodies and what stays into ``folder``; the manifest's path, and what was written.
 
+    ``world``: what `world_stage` made of the same, where it is there.
     Raises ``GagaError`` as `world_stage` does, and where URDF is asked for more than one object.
     """
     if SimulatorForm.USD in how.forms:
         usd.check()
     if SimulatorForm.URDF in how.forms and (groups is None or len(groups) != 1):
         raise GagaError("URDF is of one object: choose one by --only, or write mjcf or usd.")
-    world = yield from world_stage(scene, how, groups)
+    world = world or (yield from world_stage(scene, how, groups))
     with staging_folder(folder) as staging:
         files, splats = list[str](), dict[str, str]()
         (staging / "splats").mkdir()

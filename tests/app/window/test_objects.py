@@ -51,7 +51,8 @@ def test_objects_are_colored_sorted_joined_and_repaired(display: str, grouped_co
         for kind, value in (("Mass", 0.35), ("Density", 800.0)):
             d.engine.item_input_value(f"//Inspector/**/##{kind}", value)
             d.frames()
-            assert document.scene.weights == {3: (kind.lower(), pytest.approx(value))}
+            assert document.scene.weights[3].kind == kind.lower()
+            assert document.scene.weights[3].value == pytest.approx(value)
         assert document.history.cursor == n + 2
         session.undo()
         session.undo()
