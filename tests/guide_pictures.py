@@ -6,7 +6,8 @@ import numpy as np
 from imgui_bundle import ImVec2
 from PIL import Image
 
-from gaga_studio.features import camera, commands, folders, objects, transform
+from gaga_core.export.simulation.export import SimulationExport
+from gaga_studio.features import camera, commands, folders, objects, simulate, transform
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.features.object_list import ObjectListView
@@ -157,6 +158,16 @@ def _export(d: Driver, shot: Shot) -> None:
     shot.window(d)
 
 
+def _simulation(d: Driver, shot: Shot) -> None:
+    """The convex parts of the teapot, and the sheet that writes them."""
+    _select_teapot(d)
+    camera.frame_selected(d.session)
+    simulate.show_parts(d.session, SimulationExport())
+    d.settle()
+    with d.looking():
+        shot.window(d)
+
+
 def _dataset(d: Driver, shot: Shot) -> None:
     d.menu("File/Make labelled data…")
     shot.window(d)
@@ -291,6 +302,7 @@ PICTURES = (
     Picture("search", "the search box and what it found", _search),
     Picture("camera_path", "a camera path of four places", _camera_path),
     Picture("export", "the sheet that exports the scene, the selection or objects", _export),
+    Picture("simulation", "convex parts of an object in the picture", _simulation),
     Picture("dataset", "the sheet that makes labelled pictures of new views", _dataset),
     Picture("six_clicks", "the way from nothing to a file, moving", _six_clicks, opens="nothing"),
     Picture("modes", "groups, depth and confidence of one view", _modes),

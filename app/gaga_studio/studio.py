@@ -194,6 +194,7 @@ def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
         Request.EXPORT_SELECTED: partial(exports, what="selected"),
         Request.EXPORT_OBJECTS: partial(exports, what="objects"),
         Request.EXPORT_MESHES: partial(exports, what="objects", solid=MeshForm.MESH),
+        Request.EXPORT_SIMULATION: partial(exports, what="simulation"),
         Request.EXPORT_PAGE: partial(exports, what="scene", form=SplatFormat.HTML),
         Request.EXPORT_CAMERAS: partial(exports, what="cameras"),
         Request.MODELS: models.opens,

@@ -291,7 +291,7 @@ def pictures_stage(
                 if record is None:
                     if painter is None:
                         yield from _holes_stage(base, arrangement, config, engine, holes)
-                        painter = _Painter(series, engine, holes)
+                        painter = _Painter(series, holes)
                     record, drawn = painter.picture(k)
                     made += 1
                     writer.put(partial(_finished, out, record, drawn, series.poses))
@@ -469,14 +469,12 @@ def _ceil(value: float) -> int:
 class _Painter:
     """Draws the pictures of a series."""
 
-    def __init__(self, series: _Series, engine: Rasterizer, holes: Mapping[int, Hole]) -> None:
+    def __init__(self, series: _Series, holes: Mapping[int, Hole]) -> None:
         base, found = series.base, series.arrangement
         mine = [holes[group] for group in found.touched if group in holes]
         self.series = series
         self.gaussians, self.labels = composed(base.gaussians, base.labels, base.items, found, mine)
-        if engine.name == "cpu":
-            engine = CpuRasterizer(SpatialChunks.of(self.gaussians))
-        self.engine = engine
+        self.engine = CpuRasterizer(SpatialChunks.of(self.gaussians))  # labels are drawn by it
 
     def picture(self, k: int) -> tuple[Record, Drawn | None]:
         """Picture k, or a record that says that photos do not cover any of its views."""
@@ -505,7 +503,7 @@ class _Painter:
         series, base = self.series, self.series.base
         digests: dict[str, str] = {}
         if drawn is not None:
-            groups = np.unique(drawn.outlines.labels).tolist()
+            groups = np.flatnonzero(np.bincount(drawn.outlines.labels.ravel())).tolist()
             told = {*groups, *drawn.outlines.objects.tolist(), 0} & set(base.digests)
             digests = {str(group): base.digests[group] for group in sorted(told)}
         return Record(

@@ -68,7 +68,7 @@ from gaga_core.scene.named_arrays import (
     splats_of,
 )
 from gaga_core.scene.objects import group_colors
-from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Scene
+from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Scene, Weight
 from gaga_core.version import __version__
 
 # --- The file project.json: its fields, and reading it while another program may replace it.
@@ -110,6 +110,7 @@ class ProjectFile(msgspec.Struct, frozen=True):
     added: list[FileEntry] = []
     folder: PathText | None = ".."
     colors: object = None
+    weights: dict[Group, Weight] = {}
     folders: list[str] = []  # of the object list
     in_folder: dict[Group, str] = {}
     parents: dict[Group, Annotated[int, msgspec.Meta(gt=0, le=MOST_GROUP)]] = {}
@@ -645,6 +646,7 @@ def _write_project(project: Project, target: Path, entries: list[FileEntry]) -> 
         scene=name,
         names={str(group): text for group, text in sorted(scene.names.items())},
         colors={str(group): list(rgb) for group, rgb in sorted(scene.colors.items())},
+        weights={str(group): weight for group, weight in sorted(scene.weights.items())},
         folders=list(scene.folders.paths),
         in_folder={str(group): path for group, path in scene.folders.home.items()},
         parents={str(group): above for group, above in scene.folders.parent.items()},
@@ -708,6 +710,9 @@ def _open_saved(file: Path) -> Stage[Project]:
     scene.added = added
     scene.names = {int(group): text for group, text in document.names.items()}
     scene.colors = _colors_of(document.colors)
+    if not all(0 < weight.value < np.inf for weight in document.weights.values()):
+        raise GagaError(f"{file} is damaged (a weight that is not above 0). {CURE}")
+    scene.weights = {int(group): weight for group, weight in document.weights.items()}
     homes = {int(group): path for group, path in document.in_folder.items()}
     parents = {int(group): above for group, above in document.parents.items()}
     try:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import IntFlag
 from functools import wraps
-from typing import Concatenate, Literal, ParamSpec, TypeVar
+from typing import Concatenate, Literal, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -25,7 +25,15 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 RGB = tuple[float, float, float]  # 0..1
+WeightKind = Literal["mass", "density"]
 LabelSource = Literal["votes", "identities"]  # of the masks; of the classifier on the encodings
+
+
+class Weight(NamedTuple):
+    """What a person typed of an object's weight, for simulations."""
+
+    kind: WeightKind
+    value: float  # kg, or kg/m^3; above 0
 
 
 class State(IntFlag):
@@ -175,6 +183,7 @@ class Scene:
     # What other groups are called meanwhile: measured (`query.descriptions`), no edit, never saved.
     described: dict[int, str] = field(default_factory=dict)
     colors: dict[int, RGB] = field(default_factory=dict)  # ... that a person colored in the list
+    weights: dict[int, Weight] = field(default_factory=dict)  # ... that a person weighed
     folders: Folders = field(default_factory=Folders)  # of the object list
     bank: MemoryBank | None = None  # log of the association that gave the labels
     # How sure each row of the opened file is of its group, 0..255; see `confidence_of`.

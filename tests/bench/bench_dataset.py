@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from gaga_core.arrays import DoubleArray, FloatArray
-from gaga_core.export.dataset.records import VOID_BELOW, Record, read_record
+from gaga_core.export.dataset.records import VOID_BELOW, Record, lit, read_record
 from gaga_core.export.dataset.settings import DatasetConfig
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.images import read_rgb, write_rgb
@@ -97,7 +97,7 @@ def _cost(project: Project) -> Figure:
     config = DatasetConfig(coverage=0.0, moved=0.0, removed=0.0)
     still = base.room.arranged(0, 0, moves=False, removes=False)
     series = dataset._Series(base, still, 0, config, {"as-it-is": "train"})
-    painter = dataset._Painter(series, choose("cpu"), {})
+    painter = dataset._Painter(series, {})
     views = [painter.picture(k)[0].camera for k in range(_TIMED)]
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
@@ -106,7 +106,7 @@ def _cost(project: Project) -> Figure:
             for k, camera in enumerate(views):
                 again = replace(camera)  # the engine keeps its last view
                 image = painter.engine.render(painter.gaussians, again).image
-                write_rgb(out / f"{k}.jpg", image, 95)
+                write_rgb(out / f"{k}.jpg", lit(image, series.light(k)), 95)
 
         def labelled() -> None:
             for k, camera in enumerate(views):
@@ -154,7 +154,7 @@ def visible_ious(out: Path, config: SceneConfig, strength: float) -> list[float]
     for record in still[:_JUDGED]:
         truth = engine.label_splat(clean, record.camera, labels).labels
         nobody = np.zeros(0, np.int32)
-        seen = engine.outlines(splats, record.camera, ids, nobody, VOID_BELOW).labels
+        seen = engine.labelled(splats, record.camera, ids, nobody, VOID_BELOW)[1].labels
         for k in range(1, len(placed.objects) + 1):
             true, ours = truth == k, seen == k
             if true.sum() >= _LEAST:

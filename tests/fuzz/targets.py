@@ -71,7 +71,7 @@ from gaga_core.scene.lod.edited import merged_again, node_facts
 from gaga_core.scene.lod.streamed import write_streamed_sog_stage
 from gaga_core.scene.lod.tree import open_lod
 from gaga_core.scene.project import open_path_stage, save_project, saved_scene
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, Weight
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_core.segmentation.models.download import LockedFile, read_lock, write_lock
 from gaga_core.segmentation.models.hub import Listing
@@ -159,6 +159,7 @@ def _project(folder: Path) -> None:
 def _exported(folder: Path) -> None:
     scene = Scene.of(_gaussians(), np.arange(300, dtype=np.int32) % 4)
     scene.names, scene.colors = {1: "one"}, {2: (1.0, 0.0, 0.5)}
+    scene.weights = {3: Weight("mass", 0.35)}
     scene.folders = Folders.of((), {1: "a/b", 3: "c"})
     run_stage(export_objects_stage(scene, folder / "out"))
 

@@ -66,7 +66,7 @@ def snapshot(scene: Scene) -> Snapshot:
         for name, a in columns.items()
     }
     tables = {"names": scene.names, "colors": scene.colors, "sets": list(scene.named_selections)}
-    tables |= {"folders": scene.folders}
+    tables |= {"folders": scene.folders, "weights": scene.weights}
     return digests | {name: repr(table) for name, table in tables.items()}
 
 

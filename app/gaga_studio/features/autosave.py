@@ -118,7 +118,8 @@ def _check_walk(scene: Scene, record: HistoryRecord) -> None:
     same = ours.keys() == theirs.keys() and all(
         np.array_equal(ours[name], theirs[name]) for name in ours
     )
-    if not same or (trial.names, trial.colors) != (scene.names, scene.colors):
+    tables = [(one.names, one.colors, one.weights) for one in (trial, scene)]
+    if not same or tables[0] != tables[1]:
         raise ValueError("it does not lead to the scene")
 
 

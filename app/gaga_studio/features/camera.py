@@ -82,6 +82,12 @@ def _frame(session: Session, indices: IntArray | None) -> None:
     session.rig.focus((lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2)
 
 
+def up_of(session: Session) -> tuple[float, float, float]:
+    """Which way is up in the open scene, unit (3,)."""
+    x, y, z = session.rig.up / np.linalg.norm(session.rig.up)
+    return float(x), float(y), float(z)
+
+
 # --- bookmarks
 
 BOOKMARK_KEYS = tuple(range(1, 10))

@@ -132,8 +132,8 @@ _ORDER = {
     "File": """file.open_photos file.open_folder file.open_file file.make_splats
         file.make_splats_as file.add_splats file.add_scene file.demo file.save file.save_as
         file.export_scene file.export_page file.export_selected file.export_objects
-        file.export_meshes file.export_cameras file.export_masks file.dataset file.save_script
-        file.save_picture file.close file.quit""",
+        file.export_meshes file.export_simulation file.export_cameras file.export_masks
+        file.dataset file.save_script file.save_picture file.close file.quit""",
     "Edit": """edit.undo edit.redo edit.duplicate edit.delete edit.mirror_x edit.mirror_y
         edit.mirror_z edit.reduce edit.delete_floaters edit.confirm edit.cancel edit.preferences""",
     "Select": """select.all select.none select.invert select.grow select.shrink select.alike

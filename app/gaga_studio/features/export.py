@@ -27,8 +27,9 @@ from gaga_core.export.export import (
     objects_losses,
     sampled_bytes,
 )
-from gaga_core.export.options import ExportOptions, PageContent, Point
+from gaga_core.export.options import ExportOptions, PageContent
 from gaga_core.export.page import content_of
+from gaga_core.export.simulation.export import SimulationExport, unit_sentence
 from gaga_core.io.files import explain_os_error, safe_name
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import SplatFormat, form_of
@@ -40,7 +41,7 @@ from gaga_core.scene import cleanup as cleanup_edits
 from gaga_core.scene.export_manifest import listed_files, read_manifest
 from gaga_core.scene.objects import selected_groups
 from gaga_core.scene.scene import Scene, State
-from gaga_studio.features import camera, cleanup, folders, split_view
+from gaga_studio.features import camera, cleanup, folders, simulate, split_view
 from gaga_studio.features.base import (
     Command,
     ask,
@@ -58,18 +59,19 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, SplatLook
 from gaga_studio.system import paths
 
-What = Literal["scene", "selected", "objects"] | Literal["cameras"]
+What = Literal["scene", "selected", "objects"] | Literal["cameras", "simulation"]
 Export = Literal["scene", "selected", "objects"]
 _AS_IS = ExportOptions()
 
 
 @dataclass(frozen=True)
 class ExportPlan:
-    """The export to write. ``path`` is a folder for objects and for cameras of COLMAP."""
+    """The export to write. ``path`` is a folder for objects, bodies and for cameras of COLMAP."""
 
     path: Path
     what: What = "scene"
-    form: SplatFormat | MeshExport | CameraForm = SplatFormat.PLY  # solids: of objects only
+    # Solids: of objects only.
+    form: SplatFormat | MeshExport | CameraForm | SimulationExport = SplatFormat.PLY
     options: ExportOptions = field(default_factory=ExportOptions)
 
 
@@ -92,11 +94,15 @@ def start(session: Session, plan: ExportPlan) -> bool:
     except OSError as error:
         raise GagaError(explain_os_error(error, plan.path.parent)) from error
     options = plan.options
+    if isinstance(plan.form, SimulationExport):
+        start_export(session, plan.path, simulate.export_stage(session, plan.path, plan.form))
+        return True
     if plan.what == "cameras" or isinstance(plan.form, CameraForm):
         start_export(session, plan.path, _cameras_stage(session, plan.path, options))
         return True
     if plan.form is SplatFormat.HTML or options.decimate < 1:  # judged from the photos
         options = replace(options, page=page_content(session))
+    assert plan.what != "simulation"
     export(session, plan.what, plan.path, form=plan.form, options=options)
     return True
 
@@ -146,6 +152,9 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     if plan.what == "cameras" or isinstance(plan.form, CameraForm):
         return _cameras_summary(session, plan)
     scene, options = folders.scene_along(session), plan.options
+    if isinstance(plan.form, SimulationExport):
+        unit = unit_sentence(is_metric=scene.frame.is_metric)
+        return ExportSummary(len(exported_indices(scene)), 0, 0, (unit,) if unit else ())
     groups = selected_groups(scene).tolist() or None
     if isinstance(plan.form, MeshExport):
         return _mesh_summary(scene, plan.form, groups, options)
@@ -229,6 +238,8 @@ def proposed(session: Session, what: What, form: SplatFormat | CameraForm) -> Pa
     stem, groups = safe_name(Path(document.name).stem), session.selected_groups()
     if what == "objects":
         return folder(session) / f"{stem} objects"
+    if what == "simulation":
+        return folder(session) / f"{stem} bodies"
     if isinstance(form, CameraForm):
         # Readers of transforms.json look for photos next to it, under its own name.
         name = form.value if form is CameraForm.TRANSFORMS_JSON else f"{stem} {form}"
@@ -237,12 +248,6 @@ def proposed(session: Session, what: What, form: SplatFormat | CameraForm) -> Pa
         return folder(session) / f"{stem} edited{form.suffix}"
     name = document.name_of(groups[0]) if len(groups) == 1 else f"{stem} selection"
     return folder(session) / f"{safe_name(name)}{form.suffix}"
-
-
-def up_of(session: Session) -> Point:
-    """Which way is up in the open scene, unit (3,)."""
-    x, y, z = session.rig.up / np.linalg.norm(session.rig.up)
-    return float(x), float(y), float(z)
 
 
 def export(
@@ -500,6 +505,12 @@ COMMANDS: tuple[Command, ...] = (
     ask("file.export_selected", "Export selection…", Request.EXPORT_SELECTED, enabled=no_selection),
     ask("file.export_objects", "Export objects…", Request.EXPORT_OBJECTS, enabled=no_groups),
     ask("file.export_meshes", "Export meshes…", Request.EXPORT_MESHES, enabled=no_groups),
+    ask(
+        "file.export_simulation",
+        "Export for simulation…",
+        Request.EXPORT_SIMULATION,
+        enabled=no_groups,
+    ),
     ask("file.export_cameras", "Export cameras…", Request.EXPORT_CAMERAS, enabled=no_photos),
     ask(
         "file.save_picture",

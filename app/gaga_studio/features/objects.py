@@ -15,7 +15,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.folders import name_of
 from gaga_core.scene.objects import group_indices
-from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.scene import Scene, State, Weight
 from gaga_core.scene.selection import algebra
 from gaga_studio.features import folders
 from gaga_studio.features.base import (
@@ -159,6 +159,13 @@ def set_color(session: Session, group: int, rgb: Sequence[float] | None) -> bool
     """Give an object a color in lists and group pictures, 0..1; None = the palette's."""
     title = f"Color {session.need().name_of(group)}"
     return session.edit(lambda scene: edits.set_color(scene, group, rgb, title))
+
+
+@notifies
+def set_weight(session: Session, group: int, weight: Weight | None) -> bool:
+    """Give an object a mass or a density for simulations; None = the density of an export."""
+    title = f"Weigh {session.need().name_of(group)}"
+    return session.edit(lambda scene: edits.set_weight(scene, group, weight, title))
 
 
 @notifies

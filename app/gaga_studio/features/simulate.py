@@ -1,24 +1,38 @@
-"""Simulate: objects fall and come to rest for as long as a button is held; one edit of them all."""
+"""Objects as rigid bodies: their convex parts shown and exported, and a fall as one edit.
+
+*Simulate*: objects fall and come to rest for as long as a button is held.
+"""
 
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray
-from gaga_core.export.simulation.bodies import library, upright_place
-from gaga_core.export.simulation.export import SimulationExport, world_stage
+from gaga_core.arrays import AnyArray, DoubleArray, IntArray
+from gaga_core.export.simulation.bodies import World, library, upright_place
+from gaga_core.export.simulation.export import (
+    SimulationExport,
+    SimulatorForm,
+    export_simulation_stage,
+    sentences,
+    world_stage,
+)
 from gaga_core.export.simulation.falling import fall
 from gaga_core.export.simulation.settings import SimulationConfig
 from gaga_core.export.solids import MeshConfig
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
-from gaga_studio.features import export
+from gaga_core.scene.scene import Scene
+from gaga_studio.features import camera
 from gaga_studio.features.base import Command, busy, no_groups
 from gaga_studio.features.find.search import SearchState
+from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
+from gaga_studio.system import paths
 
 COMMAND = "object.simulate"
 _TITLE = "Simulate"
@@ -60,13 +74,7 @@ def start(session: Session) -> bool:
     document = session.need()
     scene, state = document.settled().scene, document.feature(SimulateState)
     groups = session.selected_groups()
-    found = document.feature(SearchState).described
-    how = SimulationExport(
-        config=_CONFIG,
-        mesh=_MESH,
-        up=export.up_of(session),
-        background=found.description.background if found is not None else (),
-    )
+    how = _placed(session, SimulationExport(config=_CONFIG, mesh=_MESH))
     rows = {int(g): group_indices(scene, int(g)) for g in np.unique(scene.labels) if g > 0}
     state.is_held, state.is_falling = True, False
 
@@ -124,6 +132,122 @@ def stop(session: Session) -> bool:
 def _toggle(session: Session) -> bool:
     state = state_of(session)
     return stop(session) if state is not None and state.is_held else start(session)
+
+
+# --- Convex parts in the picture, and the export of what they are parts of.
+
+_FLAT = np.cos(np.radians(12.0))  # between the normals of two triangles: no edge is drawn there
+_ANY = tuple(SimulatorForm)  # what is made does not depend on the files
+_MOST_EDGES = 6_000  # in the picture, the sharpest first
+
+
+@dataclass
+class PartsState:
+    """The bodies of a document that are shown by their convex parts."""
+
+    world: World | None = None
+    key: object = None  # of the scene and the settings that they were made of
+    edges: DoubleArray | None = None  # (E, 2, 3) world of the scene
+    parts: IntArray | None = None  # (E,) which part each is of
+    moves: object = None  # revisions of the scene that they are right for
+
+
+def _placed(session: Session, how: SimulationExport) -> SimulationExport:
+    """``how`` with the vertical and the background of the open scene."""
+    found = session.need().feature(SearchState).described
+    background = found.description.background if found is not None else frozenset()
+    return replace(how, up=camera.up_of(session), background=background)
+
+
+def _key(scene: Scene, how: SimulationExport, groups: Sequence[int]) -> object:
+    return how, tuple(groups), _moves(scene), scene.revision.names, scene.visible.tobytes()
+
+
+def _moves(scene: Scene) -> object:
+    now = scene.revision
+    return now.splats, now.labels, now.placement, now.placements
+
+
+def shown_parts(session: Session) -> PartsState | None:
+    """The parts that are drawn; None where there are none, or the scene is another by now."""
+    if session.document is None:
+        return None
+    state = session.document.feature(PartsState)
+    is_right = state.edges is not None and state.moves == _moves(session.document.scene)
+    return state if is_right else None
+
+
+@notifies
+def show_parts(session: Session, how: SimulationExport) -> bool:
+    """Make the bodies of the selected objects, else of all, as a job, and draw their parts."""
+    document = session.need()
+    scene, groups = replace(document.settled().scene), session.selected_groups()
+    how = _placed(session, how)
+    key, moves = _key(scene, replace(how, forms=_ANY), groups), _moves(scene)
+    state, place = document.feature(PartsState), np.linalg.inv(upright_place(how.up, how.scale))
+
+    def done(world: World) -> None:
+        if session.document is not document:
+            return
+        state.world, state.key, state.moves = world, key, moves
+        state.edges, state.parts = part_edges(world, place)
+        n, n_bodies = sum(len(body.parts) for body in world.bodies), len(world.bodies)
+        objects = "1 object" if n_bodies == 1 else f"{n_bodies} objects"
+        text = f"{n} convex part{'' if n == 1 else 's'} of {objects}, drawn in the picture."
+        session.notify(Level.INFO, " ".join((text, *sentences(world))))
+
+    made = world_stage(scene, how, groups or None)
+    ready = stages.prepared("Draw", lambda: made)
+    return session.jobs.start("Show convex parts", ready, on_done=done)
+
+
+def hide_parts(session: Session) -> None:
+    """Draw them no longer."""
+    if session.document is not None:
+        state = session.document.feature(PartsState)
+        state.edges = state.parts = None
+
+
+def part_edges(world: World, place: AnyArray) -> tuple[DoubleArray, IntArray]:
+    """Edges (E, 2, 3) of all convex parts and the part of each (E,), moved by ``place`` (4, 4).
+
+    At most 6,000, those between the steepest faces first.
+    """
+    ends, parts, angles = list[DoubleArray](), list[IntArray](), list[DoubleArray]()
+    solids = [(body.position, part) for body in world.bodies for part in body.parts]
+    for k, (position, part) in enumerate(solids):
+        corners = part.vertices.astype(np.float64) + position
+        a, b, c = (corners[part.faces[:, i]] for i in range(3))
+        normals = np.cross(b - a, c - a)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+        sides = np.sort(part.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        order = np.lexsort(sides.T)  # an edge of a closed solid comes twice
+        one, two = order[::2] // 3, order[1::2] // 3
+        cosine = (normals[one] * normals[two]).sum(axis=1)
+        ends.append(corners[sides[order[::2]]][cosine < _FLAT])
+        angles.append(cosine[cosine < _FLAT])
+        parts.append(np.full(len(ends[-1]), k, np.int32))
+    edges, cosines = np.concatenate(ends), np.concatenate(angles)
+    chosen = np.sort(np.argsort(cosines, kind="stable")[:_MOST_EDGES])
+    return edges[chosen] @ place[:3, :3].T + place[:3, 3], np.concatenate(parts)[chosen]
+
+
+def export_stage(session: Session, path: Path, how: SimulationExport) -> Stage[str]:
+    """Write the bodies of the selected objects, else of all; the parts shown are not made again."""
+    document = session.need()
+    scene, groups = replace(document.settled().scene), session.selected_groups()
+    how, state = _placed(session, how), document.feature(PartsState)
+    is_made = state.key == _key(scene, replace(how, forms=_ANY), groups)
+    world = state.world if is_made else None
+
+    def stage() -> Stage[str]:
+        made = export_simulation_stage(scene, path, how, groups or None, document.name, world)
+        manifest, bodies = yield from made
+        n, where = len(bodies.bodies), paths.shown(manifest.parent)
+        said = f"Exported {'1 body' if n == 1 else f'{n} bodies'} to {where}."
+        return " ".join((said, *sentences(bodies)))
+
+    return stage()
 
 
 COMMANDS: tuple[Command, ...] = (Command(COMMAND, _TITLE, _toggle, enabled=not_possible),)

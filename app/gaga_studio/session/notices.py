@@ -141,6 +141,7 @@ class Request(Enum):
     EXPORT_SCENE = auto()
     EXPORT_PAGE = auto()
     EXPORT_MESHES = auto()
+    EXPORT_SIMULATION = auto()
     EXPORT_SELECTED = auto()
     EXPORT_CAMERAS = auto()
     INPAINTING_MODEL = auto()

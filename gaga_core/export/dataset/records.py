@@ -18,7 +18,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
 from gaga_core.io.images import write_rgb
 from gaga_core.io.json_file import read_json
-from gaga_core.raster.base import Frame, Rasterizer
+from gaga_core.raster.base import Frame
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer, Outlines
 
 Split = Literal["train", "val"]
@@ -109,7 +109,7 @@ class Drawn:
 
 
 def draw(
-    rasterizer: Rasterizer,
+    engine: CpuRasterizer,
     gaussians: Gaussians,
     camera: Camera,
     labels: IntArray,  # (N,)
@@ -117,9 +117,7 @@ def draw(
     background: FloatArray,  # (3,)
 ) -> Drawn:
     """Draw color, depth, visible ids and whole outlines."""
-    frame = rasterizer.render(gaussians, camera, background=background)
-    engine = rasterizer if isinstance(rasterizer, CpuRasterizer) else CpuRasterizer()
-    return Drawn(frame, engine.outlines(gaussians, camera, labels, objects, VOID_BELOW))
+    return Drawn(*engine.labelled(gaussians, camera, labels, objects, VOID_BELOW, background))
 
 
 def shown_objects(drawn: Outlines, poses: Mapping[int, DoubleArray], camera: Camera) -> list[Shown]:
@@ -170,9 +168,7 @@ def write_picture(root: Path, record: Record, drawn: Drawn | None) -> None:
 
 
 def _write_files(root: Path, record: Record, drawn: Drawn) -> None:
-    image, light = np.clip(drawn.frame.image, 0, 1), np.array(record.light, np.float32)
-    if not np.array_equal(light, np.eye(3, 4).ravel()):
-        image = image @ light.reshape(3, 4)[:, :3].T + light.reshape(3, 4)[:, 3]
+    image = lit(drawn.frame.image, np.array(record.light).reshape(3, 4))
     write_rgb(root / record.file("images"), image, _QUALITY)
     ids = drawn.outlines.labels
     if ids.max(initial=0) > _DEEPEST:
@@ -181,6 +177,14 @@ def _write_files(root: Path, record: Record, drawn: Drawn) -> None:
     for kind, values in (("ids", ids), ("depth", np.minimum(deep, _DEEPEST))):
         with atomic_write(root / record.file(kind)) as temporary:
             temporary.write_bytes(_gray_png(values.astype(np.uint16)))
+
+
+def lit(image: FloatArray, light: DoubleArray) -> FloatArray:
+    """A picture (H, W, 3) in another light: the colors' affine map (3, 4)."""
+    image = np.clip(image, 0, 1)
+    if np.array_equal(light, np.eye(3, 4)):
+        return image
+    return image @ light[:, :3].T.astype(np.float32) + light[:, 3].astype(np.float32)
 
 
 def _gray_png(values: UInt16Array) -> bytes:

@@ -97,10 +97,11 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Static:
-    """What stays: splats, and the boxes that things stand on."""
+    """What stays: splats, the boxes that things stand on, and objects that were not chosen."""
 
     gaussians: Gaussians | None  # world of the simulation; None: there are none
     boxes: tuple[Box, ...]
+    obstacles: tuple[TriangleMesh, ...] = ()  # convex parts, world of the simulation
 
 
 @dataclass(frozen=True, eq=False)

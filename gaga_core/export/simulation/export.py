@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.arrays import BoolArray, DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.export.export import as_step, exported_indices, slug
 from gaga_core.export.simulation import mjcf, usd
 from gaga_core.export.simulation.bodies import (
     Body,
+    Box,
     MissingExtraError,
     Plane,
     Static,
@@ -29,6 +30,7 @@ from gaga_core.export.simulation.bodies import (
 from gaga_core.export.simulation.settings import SimulationConfig
 from gaga_core.export.solids import MeshConfig
 from gaga_core.io.folder.staging import publish_all, staging_folder
+from gaga_core.io.meshes import TriangleMesh
 from gaga_core.io.splats.glb import placed
 from gaga_core.io.splats.splat_files import write_splats_stage
 from gaga_core.progress import Progress, Stage
@@ -78,7 +80,9 @@ def unit_sentence(*, is_metric: bool) -> str:
 def world_stage(
     scene: Scene, how: SimulationExport, groups: Sequence[int] | None = None
 ) -> Stage[World]:
-    """The bodies of ``groups`` (default: all but the background) and what stays.
+    """The bodies of ``groups`` (default: all but the background) and what stays: the rest.
+
+    Objects near them that are not chosen stay where they are, by their convex parts.
 
     Raises ``GagaError`` when none of them is visible or has a surface, or an extra is missing.
     """
@@ -117,8 +121,7 @@ def world_stage(
             plane,
             how.config,
             how.mesh,
-            how.masses.get(group),
-            how.densities.get(group),
+            *_weight(scene, how, group),
         )
         try:
             body, is_closed = yield from as_step(step, stage)
@@ -134,8 +137,26 @@ def world_stage(
         bodies.append(replace(body, id=group, name=name, stem=stem))
     if not bodies:
         raise GagaError("None of these objects has a surface, so there is nothing to export.")
+    obstacles = list[TriangleMesh]()
+    stands = np.setdiff1d(
+        found, [*chosen, *_carriers(boxes, means[firm & rest], labels[firm & rest])]
+    )
+    for group in stands.tolist():
+        own = firm & (labels == group)
+        if own.any() and _is_near(means[own], means[firm & ~rest]):
+            step = Progress(STEP, len(chosen), len(chosen), f"{group_name(scene, group)} stays")
+            splats_of = gaussians.take(np.flatnonzero(finite & (labels == group)))
+            where = support_of(means[own], means[firm & ~own])
+            stage = body_stage(splats_of, where, how.config, how.mesh, None, None)
+            try:
+                body, _ = yield from as_step(step, stage)
+            except MissingExtraError:
+                raise
+            except GagaError:  # without a surface nothing is in the way
+                continue
+            obstacles += [part.moved(-body.position, 1.0) for part in body.parts]
     stays = np.flatnonzero(rest & finite)
-    static = Static(gaussians.take(stays) if len(stays) else None, boxes)
+    static = Static(gaussians.take(stays) if len(stays) else None, boxes, tuple(obstacles))
     return World(
         tuple(bodies),
         static,
@@ -145,6 +166,34 @@ def world_stage(
         without_support=tuple(b.name for b in bodies if planes.get(b.id) is None),
         not_closed=tuple(holes),
     )
+
+
+def _weight(scene: Scene, how: SimulationExport, group: int) -> tuple[float | None, float | None]:
+    """Mass and density of a group: as the export says, else as a person typed it in the scene."""
+    mass, density = how.masses.get(group), how.densities.get(group)
+    own = scene.weights.get(group)
+    if own is None or mass is not None or density is not None:
+        return mass, density
+    return (own.value, None) if own.kind == "mass" else (None, own.value)
+
+
+def _carriers(boxes: Sequence[Box], points: DoubleArray, labels: IntArray) -> list[int]:
+    """The group that each box is the support of: most of the points on its top are its own."""
+    carriers = []
+    for box in boxes:
+        local = (points - box.centre) @ box.axes
+        on = (np.abs(local[:, :2]) < box.half[:2]).all(axis=1)
+        on &= np.abs(local[:, 2] - box.half[2]) < box.half[2]
+        if on.any():
+            carriers.append(int(np.bincount(labels[on]).argmax()))
+    return carriers
+
+
+def _is_near(points: DoubleArray, chosen: DoubleArray) -> bool:
+    """Whether an object is so near to what moves that this may fall on it."""
+    reach = float(np.ptp(chosen, axis=0).max())
+    lo, hi = (np.percentile(chosen[:, :2], q, axis=0) for q in (1, 99))
+    return bool(((points[:, :2] > lo - reach) & (points[:, :2] < hi + reach)).all(axis=1).any())
 
 
 def _is_static(plane: Plane, means: DoubleArray, firm: BoolArray, rest: BoolArray) -> bool:
@@ -178,16 +227,18 @@ def export_simulation_stage(
     how: SimulationExport,
     groups: Sequence[int] | None = None,
     source: str = "",
+    world: World | None = None,
 ) -> Stage[tuple[Path, World]]:
     """Write bodies and what stays into ``folder``; the manifest's path, and what was written.
 
+    ``world``: what `world_stage` made of the same, where it is there.
     Raises ``GagaError`` as `world_stage` does, and where URDF is asked for more than one object.
     """
     if SimulatorForm.USD in how.forms:
         usd.check()
     if SimulatorForm.URDF in how.forms and (groups is None or len(groups) != 1):
         raise GagaError("URDF is of one object: choose one by --only, or write mjcf or usd.")
-    world = yield from world_stage(scene, how, groups)
+    world = world or (yield from world_stage(scene, how, groups))
     with staging_folder(folder) as staging:
         files, splats = list[str](), dict[str, str]()
         (staging / "splats").mkdir()
@@ -199,7 +250,7 @@ def export_simulation_stage(
             yield from write_splats_stage(staging / splats[stem], gaussians)
         files += splats.values()
         if {SimulatorForm.MJCF, SimulatorForm.URDF} & set(how.forms):
-            files += mjcf.write_meshes(staging, world.bodies)
+            files += mjcf.write_meshes(staging, world)
         texts = dict[str, str]()
         if SimulatorForm.MJCF in how.forms:
             texts["scene.xml"] = mjcf.mjcf_of(world, splats)
@@ -241,6 +292,10 @@ def _described(world: World, splats: Mapping[str, str], source: str) -> dict[str
             }
             for body in world.bodies
         ],
-        "static": {"splats": splats.get("static", ""), "boxes": len(world.static.boxes)},
+        "static": {
+            "splats": splats.get("static", ""),
+            "boxes": len(world.static.boxes),
+            "obstacles": len(world.static.obstacles),
+        },
         "left_out": list(world.left_out),
     }

@@ -16,6 +16,7 @@ from gaga_core.geometry import matrices_to_quats
 from gaga_core.io.meshes import MeshFile, TriangleMesh, write_mesh
 
 MESHES = "meshes"  # folder next to the file
+_OBSTACLE = "static-obstacle_"  # of convex parts that stay; no object has an underscore
 _STEP = 0.002  # s, of MuJoCo by default
 _VISUAL, _COLLISION = 2, 3  # groups of geoms: as MuJoCo's own models have them
 # Spinning and rolling friction, m: of MuJoCo's default, and so that what is round stops rolling.
@@ -27,17 +28,16 @@ def part_file(body: Body, k: int) -> str:
     return f"{body.stem}_part_{k}.obj"
 
 
-def write_meshes(folder: Path, bodies: Sequence[Body]) -> list[str]:
+def write_meshes(folder: Path, world: World) -> list[str]:
     """Write visual meshes and convex parts as .obj; their names under ``folder``."""
     (folder / MESHES).mkdir(exist_ok=True)
-    names = []
-    for body in bodies:
-        files = {f"{body.stem}.obj": body.mesh}
+    files = {f"{_OBSTACLE}{k}.obj": part for k, part in enumerate(world.static.obstacles)}
+    for body in world.bodies:
+        files[f"{body.stem}.obj"] = body.mesh
         files |= {part_file(body, k): part for k, part in enumerate(body.parts)}
-        for name, mesh in files.items():
-            write_mesh(folder / MESHES / name, mesh, MeshFile.OBJ, Path(name).stem)
-            names.append(f"{MESHES}/{name}")
-    return names
+    for name, mesh in files.items():
+        write_mesh(folder / MESHES / name, mesh, MeshFile.OBJ, Path(name).stem)
+    return [f"{MESHES}/{name}" for name in files]
 
 
 def mjcf_of(world: World, splats: dict[str, str], *, inline: bool = False) -> str:
@@ -49,6 +49,11 @@ def mjcf_of(world: World, splats: dict[str, str], *, inline: bool = False) -> st
     assets, parts = list[str](), list[str]()
     for box in world.static.boxes:
         parts.append(f"<geom {_box(box)}/>")
+    for k, mesh in enumerate(world.static.obstacles):
+        name = f"{_OBSTACLE}{k}"
+        where = _vertices(mesh) if inline else f'file="{name}.obj"'
+        assets.append(f'<mesh name="{name}" {where}/>')
+        parts.append(f'<geom class="collision" mesh="{name}"/>')
     for body in world.bodies:
         geoms = []
         for k, mesh in enumerate(body.parts):

@@ -54,6 +54,8 @@ def write_world(path: Path, world: World) -> None:
         cube.AddScaleOp().Set(Gf.Vec3f(*box.half.tolist()))
         cube.CreatePurposeAttr(UsdGeom.Tokens.guide)
         _collides(cube.GetPrim(), material)
+    for k, part in enumerate(world.static.obstacles):
+        _add_solid(stage, f"{_ROOT}/static/obstacle_{k}", part, material)
     Usd.ModelAPI(static).SetKind(Kind.Tokens.component)
     with atomic_write(path) as temporary:
         export(stage, temporary, path.suffix)
@@ -87,11 +89,18 @@ def _add_body(stage: Any, path: str, body: Body, material: Any) -> None:
     mesh.CreatePurposeAttr(UsdGeom.Tokens.proxy)
     UsdGeom.Scope.Define(stage, f"{path}/collision")
     for k, part in enumerate(body.parts):
-        solid = _add_mesh(stage, f"{path}/collision/part_{k}", part)
-        solid.CreatePurposeAttr(UsdGeom.Tokens.guide)
-        _collides(solid.GetPrim(), material)
-        hull = UsdPhysics.MeshCollisionAPI.Apply(solid.GetPrim())
-        hull.CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
+        _add_solid(stage, f"{path}/collision/part_{k}", part, material)
+
+
+def _add_solid(stage: Any, path: str, part: TriangleMesh, material: Any) -> None:
+    """A convex part that things collide with."""
+    from pxr import UsdGeom, UsdPhysics
+
+    solid = _add_mesh(stage, path, part)
+    solid.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    _collides(solid.GetPrim(), material)
+    hull = UsdPhysics.MeshCollisionAPI.Apply(solid.GetPrim())
+    hull.CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
 
 
 def _label(prim: Any, name: str) -> None:

@@ -443,29 +443,12 @@ def add_ones(
 
 
 @exact_kernel
-def _is_decided(T: FloatArray, planes: FloatArray, void: np.float32) -> np.bool_:
-    """Whether what is still to come can change no label of a tile, see `label_tiles`."""
-    for y in range(TILE):
-        for x in range(TILE):
-            left = max(T[y, x], _ZERO)
-            best, second = _ZERO, _ZERO
-            for p in range(len(planes)):
-                w = planes[p, y, x]
-                second = max(second, min(w, best))
-                best = max(best, w)
-            if best + left >= void and (best < void or best - second <= left) and left > _ZERO:
-                return np.bool_(False)
-    return np.bool_(True)
-
-
-@exact_kernel
 def label_tiles(
     splats: FloatArray,
     splat_labels: IntArray,  # (n,) 0 <= label < n_labels
     offsets: LongArray,
     ids: IntArray,
     n_labels: int,
-    void: float,
     labels: IntArray,  # (H, W)
     confidence: FloatArray,
     start: int,
@@ -474,10 +457,8 @@ def label_tiles(
     """At each pixel the label of greatest summed weight, the smaller one when two are equal.
 
     A tile keeps one plane of sums per label that occurs in it, so the cost does not depend on the
-    number of labels of the scene. With ``void`` > 0 a tile ends when its labels are decided, and
-    ``confidence`` says only whether it reaches ``void``.
+    number of labels of the scene.
     """
-    least = _F(void)
     height, width = labels.shape
     n_tiles_x = (width + TILE - 1) // TILE
     T = np.empty((TILE, TILE), np.float32)
@@ -517,9 +498,7 @@ def label_tiles(
                     goes_on = after >= _T_MIN
                     total[y, x] += a * before if goes_on else _ZERO
                     T[y, x] = after if goes_on else -abs(before)
-            if (j & _CHECK) == _CHECK and (
-                _is_done(T) if least <= _ZERO else _is_decided(T, planes[:n_planes], least)
-            ):
+            if (j & _CHECK) == _CHECK and _is_done(T):
                 break
         for y in range(n_rows):
             for x in range(n_columns):
@@ -535,52 +514,89 @@ def label_tiles(
 
 
 @exact_kernel
-def outline_tiles(
+def _is_found(alone: FloatArray) -> np.bool_:
+    """Whether each pixel of a tile lets half of the light through at most."""
+    most = -_ONE
+    for y in range(TILE):
+        for x in range(TILE):
+            most = max(most, alone[y, x])
+    return most <= _HALF
+
+
+@exact_kernel
+def _cover(alone: FloatArray, splat: FloatArray, left: int, top: int) -> None:
+    """Let one splat take its part of the light that is left in a tile."""
+    u, v = splat[U] - _F(left) - _HALF, splat[V] - _F(top) - _HALF
+    s, r, h, opacity = splat[S], splat[R], splat[H], splat[OPACITY]
+    for y in range(max(0, int(splat[Y0]) - top), min(TILE, int(splat[Y1]) - top)):
+        dy = _F(y) - v
+        shift = -s * (u + r * dy)
+        rest = -h * dy * dy
+        for x in range(TILE):
+            e = fma(s, _F(x), shift)
+            a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, fma(-e, e, rest))))
+            a = a if a >= _ALPHA_MIN else _ZERO
+            alone[y, x] = fma(-alone[y, x], a, alone[y, x])
+
+
+@exact_kernel
+def blend_labels(
     splats: FloatArray,
-    splat_rows: IntArray,  # (n,) object 0 <= row < n_rows, -1 = none
+    depths: FloatArray,
+    colors: FloatArray,  # (n, 3)
+    splat_labels: IntArray,  # (n,) 0 <= label < n_labels
+    object_of: IntArray,  # (n_labels,) bit of the label, -1 = its outline is not wanted
     offsets: LongArray,
     ids: IntArray,
-    shown: IntArray,  # (H, W) object that is seen there, -1 = none
-    found: UInt64Array,  # (H, W, words) zeros: bit row % 64 of word row // 64 is set
+    void: float,
+    background: FloatArray,  # (3,)
+    image: FloatArray,  # (H, W, 3)
+    alpha: FloatArray,
+    expected: FloatArray,
+    median: FloatArray,
+    labels: IntArray,  # (H, W)
+    found: UInt64Array,  # (H, W, words) zeros: bit b % 64 of word b // 64 is set
     start: int,
     stop: int,
 ) -> None:
-    """Where each object is seen, or would be seen if nothing stood before it: alone it has
-    alpha >= 1/2. The order of splats does not matter for that, so a pixel is done early."""
-    height, width, n_words = found.shape
+    """What `blend` and `label_tiles` give, and where each object would be seen if nothing stood
+    before it: where it is seen, or has alpha >= 1/2 alone.
+
+    A label that weighs less than ``void`` is 0. A splat's alphas are worked out once for all of it;
+    when a tile's picture is done, only objects that are not whole there are followed.
+    """
+    height, width, _ = image.shape
     n_tiles_x = (width + TILE - 1) // TILE
-    plane_of = np.full(64 * n_words, -1, np.int32)
-    row_of, is_whole = np.empty(16, np.int32), np.empty(16, np.bool_)
-    planes = np.empty((16, TILE, TILE), np.float32)
+    plane_of = np.full(len(object_of), -1, np.int32)
+    label_of, is_whole = np.empty(16, np.int32), np.empty(16, np.bool_)
+    planes = np.empty((6, TILE, TILE), np.float32)
+    summed = np.empty((16, TILE, TILE), np.float32)  # weights of a label
+    alone = np.empty((16, TILE, TILE), np.float32)  # its transmittance without the others
+    T = planes[_T]
     for tile in range(start, stop):
         left, top = (tile % n_tiles_x) * TILE, (tile // n_tiles_x) * TILE
         n_rows, n_columns = min(TILE, height - top), min(TILE, width - left)
-        n_planes = 0
+        _open_tile(T, n_rows, n_columns)
+        planes[1:] = _ZERO
+        n_planes, behind = 0, offsets[tile + 1]
         for j in range(offsets[tile], offsets[tile + 1]):
             k = ids[j]
-            row = splat_rows[k]
-            if row < 0:
-                continue
-            plane = plane_of[row]
+            plane = plane_of[splat_labels[k]]
             if plane < 0:
-                if n_planes == len(row_of):
-                    row_of = np.concatenate((row_of, np.empty_like(row_of)))
+                if n_planes == len(label_of):
+                    label_of = np.concatenate((label_of, np.empty_like(label_of)))
                     is_whole = np.concatenate((is_whole, np.empty_like(is_whole)))
-                    planes = np.concatenate((planes, np.empty_like(planes)))
+                    summed = np.concatenate((summed, np.empty_like(summed)))
+                    alone = np.concatenate((alone, np.empty_like(alone)))
                 plane = n_planes
-                plane_of[row], row_of[plane] = plane, row
-                _open_tile(planes[plane], n_rows, n_columns)
-                for y in range(n_rows):
-                    for x in range(n_columns):
-                        if shown[top + y, left + x] == row:
-                            planes[plane, y, x] = -_ONE
-                is_whole[plane] = _is_done(planes[plane])
+                plane_of[splat_labels[k]], label_of[plane] = plane, splat_labels[k]
+                summed[plane] = _ZERO
+                _open_tile(alone[plane], n_rows, n_columns)
                 n_planes += 1
-            if is_whole[plane]:
-                continue
-            T = planes[plane]
+            total, own = summed[plane], alone[plane]
             u, v = splats[k, U] - _F(left) - _HALF, splats[k, V] - _F(top) - _HALF
             s, r, h, opacity = splats[k, S], splats[k, R], splats[k, H], splats[k, OPACITY]
+            f0, f1, f2, z = colors[k, 0], colors[k, 1], colors[k, 2], depths[k]
             for y in range(max(0, int(splats[k, Y0]) - top), min(TILE, int(splats[k, Y1]) - top)):
                 dy = _F(y) - v
                 shift = -s * (u + r * dy)
@@ -589,16 +605,75 @@ def outline_tiles(
                     e = fma(s, _F(x), shift)
                     a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, fma(-e, e, rest))))
                     a = a if a >= _ALPHA_MIN else _ZERO
-                    after = fma(-T[y, x], a, T[y, x])
-                    T[y, x] = after if after > _HALF else -_ONE
-            if (j & _CHECK) == _CHECK:
-                is_whole[plane] = _is_done(T)
+                    before = planes[_T, y, x]
+                    after = fma(-before, a, before)
+                    goes_on = after >= _T_MIN
+                    w = a * before if goes_on else _ZERO
+                    planes[_T, y, x] = after if goes_on else -abs(before)
+                    planes[_C0, y, x] = fma(w, f0, planes[_C0, y, x])
+                    planes[_C1, y, x] = fma(w, f1, planes[_C1, y, x])
+                    planes[_C2, y, x] = fma(w, f2, planes[_C2, y, x])
+                    planes[_DEPTH, y, x] = fma(w, z, planes[_DEPTH, y, x])
+                    crosses = (before > _HALF) & (after <= _HALF)
+                    planes[_MEDIAN, y, x] = z if crosses else planes[_MEDIAN, y, x]
+                    total[y, x] += w
+                    own[y, x] = fma(-own[y, x], a, own[y, x])
+            if (j & _CHECK) == _CHECK and _is_done(T):
+                behind = j + 1
+                break
+        for y in range(n_rows):
+            for x in range(n_columns):
+                best, most = 0, _ZERO
+                for p in range(n_planes):
+                    w = summed[p, y, x]
+                    if w > most or (w == most and w > _ZERO and label_of[p] < best):
+                        best, most = label_of[p], w
+                labels[top + y, left + x] = best if most >= _F(void) else 0
+                p = plane_of[labels[top + y, left + x]]
+                if p >= 0:
+                    alone[p, y, x] = -_ONE
+                t = abs(planes[_T, y, x])
+                covered = _ONE - t
+                alpha[top + y, left + x] = covered
+                expected[top + y, left + x] = (
+                    planes[_DEPTH, y, x] / covered if covered > _ZERO else _ZERO
+                )
+                median[top + y, left + x] = planes[_MEDIAN, y, x]
+                image[top + y, left + x, 0] = planes[_C0, y, x] + t * background[0]
+                image[top + y, left + x, 1] = planes[_C1, y, x] + t * background[1]
+                image[top + y, left + x, 2] = planes[_C2, y, x] + t * background[2]
         for p in range(n_planes):
-            word, bit = row_of[p] // 64, np.uint64(1) << np.uint64(row_of[p] % 64)
-            plane_of[row_of[p]] = -1
+            is_whole[p] = _is_found(alone[p])
+        for j in range(behind, offsets[tile + 1]):  # what the picture does not need
+            k = ids[j]
+            if object_of[splat_labels[k]] < 0:
+                continue
+            plane = plane_of[splat_labels[k]]
+            if plane < 0:
+                if n_planes == len(label_of):
+                    label_of = np.concatenate((label_of, np.empty_like(label_of)))
+                    is_whole = np.concatenate((is_whole, np.empty_like(is_whole)))
+                    summed = np.concatenate((summed, np.empty_like(summed)))
+                    alone = np.concatenate((alone, np.empty_like(alone)))
+                plane = n_planes
+                plane_of[splat_labels[k]], label_of[plane] = plane, splat_labels[k]
+                is_whole[plane] = False
+                _open_tile(alone[plane], n_rows, n_columns)
+                n_planes += 1
+            if is_whole[plane]:
+                continue
+            _cover(alone[plane], splats[k], left, top)
+            if (j & _CHECK) == _CHECK:
+                is_whole[plane] = _is_found(alone[plane])
+        for p in range(n_planes):
+            row = object_of[label_of[p]]
+            plane_of[label_of[p]] = -1
+            if row < 0:
+                continue
+            word, bit = row // 64, np.uint64(1) << np.uint64(row % 64)
             for y in range(n_rows):
                 for x in range(n_columns):
-                    if planes[p, y, x] < _ZERO:
+                    if alone[p, y, x] <= _HALF:
                         found[top + y, left + x, word] |= bit
 
 

@@ -307,39 +307,45 @@ class CpuRasterizer:
         out = np.zeros((camera.height, camera.width), np.int32)
         confidence = np.zeros((camera.height, camera.width), np.float32)
 
-        lists = (view.offsets, view.ids, len(values), 0.0)
+        lists = (view.offsets, view.ids, len(values))
         view.run(kernels.label_tiles, view.splats, dense, *lists, out, confidence)
         return LabelFrame(values[out], confidence)
 
-    def outlines(
+    def labelled(
         self,
         gaussians: Gaussians,
         camera: Camera,
         labels: IntArray,  # (N,) >= 0; 0 takes part as "none"
         objects: IntArray,  # (G,) labels, ascending
         void: float,
-    ) -> Outlines:
-        """What is seen of every label, and where ``objects`` would be seen alone.
+        background: DoubleArray | FloatArray | None = None,  # (3,); black
+    ) -> tuple[Frame, Outlines]:
+        """What `render` gives, and in the same pass what is seen of every label, and where
+        ``objects`` would be seen alone.
 
         A pixel whose label of greatest weight weighs less than ``void`` shows none.
         """
         check_shape("labels", labels, (len(gaussians),), np.int32)
         view = self._view(gaussians, camera)
-        own = labels[view.order]
-        values, dense = _dense(own)
-        shown = np.zeros((camera.height, camera.width), np.int32)
-        confidence = np.zeros(shown.shape, np.float32)
-        lists = (view.offsets, view.ids)
-        known = (*lists, len(values), void)
-        view.run(kernels.label_tiles, view.splats, dense, *known, shown, confidence)
-        shown[confidence < void] = 0
+        values, dense = _dense(labels[view.order])
         rows = np.full(len(values), -1, np.int32)
         seen = values[np.bincount(dense, minlength=1) > 0] if len(dense) else values[:0]
         here = np.intersect1d(objects, seen).astype(np.int32)
         rows[np.searchsorted(values, here)] = np.arange(len(here), dtype=np.int32)
-        bits = np.zeros((*shown.shape, max(1, -(-len(here) // 64))), np.uint64)
-        view.run(kernels.outline_tiles, view.splats, rows[dense], *lists, rows[shown], bits)
-        return Outlines(values[shown], here, bits)
+        shape = (camera.height, camera.width)
+        frame = Frame(
+            np.empty((*shape, 3), np.float32), *(np.empty(shape, np.float32) for _ in range(3))
+        )
+        shown = np.empty(shape, np.int32)
+        bits = np.zeros((*shape, max(1, -(-len(here) // 64))), np.uint64)
+        behind = np.zeros(3, np.float32) if background is None else np.float32(background)
+        drawn = (frame.image, frame.alpha, frame.expected_depth, frame.median_depth)
+        known = (dense, rows, view.offsets, view.ids, void, behind)
+        colors = _colors(gaussians, camera, view)
+        view.run(
+            kernels.blend_labels, view.splats, view.depths, colors, *known, *drawn, shown, bits
+        )
+        return frame, Outlines(values[shown], here, bits)
 
     def backward(
         self,

@@ -19,12 +19,13 @@ from gaga_core.scene.edits.values import (
     SetLabels,
     SetNamedSelection,
     SetNames,
+    SetWeight,
     together,
 )
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
 from gaga_core.scene.objects import group_indices
-from gaga_core.scene.scene import Identities, Labelling, LabelSource, Scene, State
+from gaga_core.scene.scene import Identities, Labelling, LabelSource, Scene, State, Weight
 from gaga_core.scene.selection.algebra import selectable
 
 NO_IDENTITIES = "There are no identities of these groups. Lift the groups first."
@@ -82,10 +83,26 @@ def set_color(
     return None if after == before else SetColor(title, group, before, after)
 
 
+def set_weight(
+    scene: Scene, group: int, weight: Weight | None, title: str = "Set the weight"
+) -> SetWeight | None:
+    """Give a group a mass or a density for simulations; None = the density of an export.
+
+    Raises ``ValueError`` for one that is not above 0.
+    """
+    if weight is not None and not 0 < weight.value < np.inf:
+        raise ValueError(f"weight: expected a number above 0, got {weight.value}")
+    before = scene.weights.get(group)
+    return None if weight == before else SetWeight(title, group, before, weight)
+
+
 def free_group(scene: Scene) -> int:
     """The first id above every group that was ever used."""
     order = scene.folders
-    named = max((*scene.names, *order.home, *order.parent, *order.parent.values()), default=0)
+    named = max(
+        (*scene.names, *scene.weights, *order.home, *order.parent, *order.parent.values()),
+        default=0,
+    )
     in_bank = scene.bank.n_groups if scene.bank is not None else 0
     other = scene.identities.other  # its groups come back when labels are switched
     waiting = int(other.labels.max(initial=0)) if other is not None else 0

@@ -10,7 +10,7 @@ from gaga_core.arrays import AnyArray, DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.geometry import compose_affine
 from gaga_core.scene.edits.folders import inherit_folders
-from gaga_core.scene.edits.objects import free_group
+from gaga_core.scene.edits.objects import free_group, set_weight
 from gaga_core.scene.edits.splats import select
 from gaga_core.scene.edits.values import (
     AppendCopies,
@@ -291,7 +291,8 @@ def _copied_groups(scene: Scene, splats: AnyArray) -> tuple[IntArray, tuple[Edit
             names[new] = _next_name(scene.names[old], used)
             used.add(names[new])
     origins = dict(zip(fresh.tolist(), whole.tolist(), strict=True))
-    return target[labels], (SetNames.of(scene, names), inherit_folders(scene, origins))
+    weights = (set_weight(scene, new, scene.weights.get(old)) for new, old in origins.items())
+    return target[labels], (SetNames.of(scene, names), inherit_folders(scene, origins), *weights)
 
 
 def _next_name(name: str, used: Set[str]) -> str:

@@ -30,7 +30,7 @@ from gaga_core.progress import Stage, run_stage
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.frame import Frame
 from gaga_core.scene.index_set import IndexSet, PackedInts
-from gaga_core.scene.scene import RGB, Added, Identities, Placements, Scene, State
+from gaga_core.scene.scene import RGB, Added, Identities, Placements, Scene, State, Weight
 
 _K = TypeVar("_K", int, str)
 _V = TypeVar("_V")
@@ -282,6 +282,19 @@ class SetColor(Edit, frozen=True, tag="color"):
     def _write(self, scene: Scene, *, forth: bool) -> None:
         color = self.after if forth else self.before
         scene.colors = with_entries(scene.colors, {self.group: color})
+        scene.revision.names += 1
+
+
+class SetWeight(Edit, frozen=True, tag="weight"):
+    """Mass or density of a group in simulations; None = the density of an export."""
+
+    group: Group
+    before: Weight | None
+    after: Weight | None
+
+    def _write(self, scene: Scene, *, forth: bool) -> None:
+        weight = self.after if forth else self.before
+        scene.weights = with_entries(scene.weights, {self.group: weight})
         scene.revision.names += 1
 
 
@@ -555,6 +568,7 @@ AnyEdit = (
     | SetLabels
     | SetNames
     | SetColor
+    | SetWeight
     | SetFolders
     | SetPlacement
     | AppendCopies

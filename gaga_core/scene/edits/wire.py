@@ -31,6 +31,7 @@ from gaga_core.scene.edits.values import (
     SetColor,
     SetLabels,
     SetPlacement,
+    SetWeight,
     parts_of,
 )
 from gaga_core.scene.index_set import IndexSet, PackedInts, Storage
@@ -208,6 +209,9 @@ def _check(edit: Edit) -> None:
         shares = (*(edit.before or ()), *(edit.after or ()))
         if not all(0 <= share <= 1 for share in shares):
             raise ValueError("a color outside 0 to 1")
+    elif isinstance(edit, SetWeight):
+        if not all(0 < w.value < np.inf for w in (edit.before, edit.after) if w is not None):
+            raise ValueError("a weight that is not above 0")
     elif isinstance(edit, SetPlacement):
         _check_placement(edit)
     if len(set(counts)) > 1:

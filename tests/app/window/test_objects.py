@@ -46,6 +46,18 @@ def test_objects_are_colored_sorted_joined_and_repaired(display: str, grouped_co
         d.keys(KEY.escape)
         np.testing.assert_allclose(document.scene.colors[3], [1, 128 / 255, 0], atol=1e-3)
 
+        d.select(3)
+        weights, n = document.scene.weights, document.history.cursor
+        for kind, value in (("Mass", 0.35), ("Density", 800.0)):
+            d.engine.item_input_value(f"//Inspector/**/##{kind}", value)
+            d.frames()
+            assert document.scene.weights[3].kind == kind.lower()
+            assert document.scene.weights[3].value == pytest.approx(value)
+        assert document.history.cursor == n + 2
+        session.undo()
+        session.undo()
+        assert document.scene.weights == weights
+
         objects.isolate_item(session, 2)
         assert session.objects().n_hidden.sum() > 0
         objects.show_all(session)

@@ -20,13 +20,18 @@ from gaga_core.export.simulation.bodies import (
     convex_parts,
     mass_properties,
     support_of,
+    upright_place,
 )
-from gaga_core.export.simulation.export import unit_sentence
+from gaga_core.export.simulation.export import SimulationExport, unit_sentence, world_stage
 from gaga_core.export.simulation.falling import fall
 from gaga_core.export.simulation.mjcf import mjcf_of, urdf_of
 from gaga_core.export.simulation.settings import SimulationConfig
+from gaga_core.export.solids import MeshConfig
 from gaga_core.io.meshes import TriangleMesh
+from gaga_core.io.splats.glb import placed
 from gaga_core.io.splats.splat_files import read_splats, write_splats
+from gaga_core.progress import run_stage
+from gaga_core.scene.scene import Scene
 from tests.scenes import box_on_table, random_gaussians
 from tests.usd_files import complaints
 
@@ -148,6 +153,28 @@ def test_urdf_and_mjcf_say_mass_and_parts() -> None:
     text = mjcf_of(_world(body), {"cup": "splats/cup.ply"})
     assert f'mass="{body.properties.mass:.9g}"' in text
     assert 'data="splats/cup.ply"' in text
+
+
+def test_what_is_not_chosen_stays_in_the_way() -> None:
+    """The box next to the chosen one is an obstacle where it stands; the table is a support."""
+    box = box_on_table()
+    splats = box.take(np.append(np.arange(len(box)), np.arange(3000)))  # the box once more
+    splats.means[len(box) :, 0] += 0.12
+    labels = splats.extra["group"]
+    labels[len(box) :] = 3
+    how = SimulationExport(
+        config=replace(_CONFIG, parts=1), mesh=MeshConfig(voxels=32), up=(0, -1, 0)
+    )
+    world = run_stage(world_stage(Scene.of(splats, labels), how, (1,)))
+    assert [body.id for body in world.bodies] == [1]
+    assert len(world.static.boxes) == 1
+    corners = np.concatenate([part.vertices for part in world.static.obstacles])
+    own = placed(splats.take(np.flatnonzero(labels == 3)), upright_place(how.up, 1.0)).means
+    assert np.abs(corners.min(axis=0) - own.min(axis=0)).max() < 0.02
+    assert np.abs(corners.max(axis=0) - own.max(axis=0)).max() < 0.02
+    assert "static-obstacle_0" in mjcf_of(world, {})
+    (still,) = list(fall(world, 2.0))[-1]
+    assert np.abs(still[:3, 3] - world.bodies[0].position).max() < 0.005
 
 
 def test_the_command_writes_what_simulators_load(

@@ -2,6 +2,9 @@
 
 import itertools
 import json
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -22,13 +25,14 @@ from gaga_core.raster.cpu.rasterizer import Outlines
 from gaga_core.raster.reference import ReferenceRasterizer
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.project import Project, open_path_stage
+from gaga_core.scene.project import Project, open_path_stage, save_project
 from tests.made import contents, write_true_scene
 from tests.scenes import Synthetic, objects_scene
 
 _SMALL = DatasetConfig(
     views=12, views_each=3, width=160, height=120, coverage=0.5, fill=False, validation=0.3
 )
+_KILLED = DatasetConfig(views=60, views_each=10, width=320, height=240, coverage=0.0, fill=False)
 
 
 @pytest.fixture(scope="module")
@@ -191,6 +195,32 @@ def test_an_ended_run_goes_on(project: Project, tmp_path: Path) -> None:
     }
 
 
+def test_a_killed_run_goes_on(project: Project, tmp_path: Path) -> None:
+    """The program killed while it writes, then run again: as if it had never been killed."""
+    save_project(project)
+    root, whole, cut, config = tmp_path / "balls", tmp_path / "whole", tmp_path / "cut", _KILLED
+    switches = [f"--{name.replace('_', '-')}={value}" for name, value in vars(config).items()]
+    switches = [s for s in switches if not s.startswith("--fill")] + ["--no-fill"]
+    call = [sys.executable, "-m", "gaga_core.cli.main", "dataset", str(root), "--out", str(cut)]
+    with subprocess.Popen([*call, *switches], stdout=subprocess.DEVNULL) as program:
+        until = time.monotonic() + 120
+        while len(list(cut.glob("records/*.json"))) < 4 and program.poll() is None:
+            assert time.monotonic() < until
+            time.sleep(0.001)
+        program.kill()
+    n_there = len(list(cut.glob("records/*.json")))
+    assert 4 <= n_there < config.views
+    run_stage(dataset_stage([root], whole, config))
+    report = run_stage(dataset_stage([root], cut, config))
+    assert 0 < report.made <= config.views - n_there + 1
+    names = ("images/", "ids/", "depth/", "records/", "instances_", "bop/", "data.yaml")
+    first, second = (
+        {k: v for k, v in contents(out).items() if k.startswith(names) and "/." not in k}
+        for out in (whole, cut)
+    )
+    assert first == second
+
+
 def test_coco_says_what_the_ids_show(project: Project, tmp_path: Path) -> None:
     coco = pytest.importorskip("pycocotools.coco", reason="pycocotools is in the dev group")
     out = tmp_path / "set"
@@ -275,8 +305,6 @@ def test_scenes_on_workers_give_the_same_pictures(
     tmp_path: Path, scene: Synthetic, project: Project
 ) -> None:
     """Two folders by processes, and one that cannot be labelled: it does not stop the other."""
-    from gaga_core.scene.project import save_project
-
     save_project(project)
     bare = tmp_path / "bare"
     write_true_scene(bare, scene)  # has no groups

@@ -180,6 +180,32 @@ def test_label_splat_is_the_argmax_of_one_channel_per_label(engine: Engine, n_la
     assert not got.labels[image.max(axis=2) == 0].any()
 
 
+def test_labels_and_outlines_of_one_pass_are_those_of_several() -> None:
+    """Bit for bit; objects that nobody sees have an outline, too: it is theirs alone, or seen."""
+    scene, background = small(n_objects=70, per_object=30), np.array([0.1, 0.5, 0.9])
+    scene.gaussians.logit_opacities[:] += 4  # what is in front hides the rest
+    n_hidden, void = 0, 0.3
+    objects = np.arange(1, 71, 2, dtype=np.int32)
+    for camera in scene.cameras[:3]:
+        frame, found = CPU.labelled(
+            scene.gaussians, camera, scene.labels, objects, void, background
+        )
+        want = CPU.render(scene.gaussians, camera, background=background)
+        for name in ("image", "alpha", "expected_depth", "median_depth"):
+            np.testing.assert_array_equal(getattr(frame, name), getattr(want, name))
+        map_ = CPU.label_splat(scene.gaussians, camera, scene.labels)
+        shown = np.where(map_.confidence < void, 0, map_.labels)
+        np.testing.assert_array_equal(found.labels, shown)
+        assert set(found.objects.tolist()) <= set(objects.tolist())
+        for k, group in enumerate(found.objects.tolist()):
+            rows = np.flatnonzero(scene.labels == group)
+            alone = CPU.render(scene.gaussians.take(rows), camera).alpha >= 0.5
+            seen = shown == group
+            n_hidden += bool(alone.any() and not seen.any())
+            assert (found.whole(k) != (alone | seen)).mean() < 1e-3  # at T = 1/2 to seven digits
+    assert n_hidden > 0
+
+
 def test_equal_weights_give_the_smaller_label(engine: Engine) -> None:
     """Opacity 1/5 before 1/4, centred on a pixel: both weigh exactly 1/5 there."""
     camera = Camera(np.array([[30, 0, 8.5], [0, 30, 8.5], [0, 0, 1.0]]), np.eye(4), 17, 17)

@@ -9,7 +9,7 @@ from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.project import Project, open_path_stage
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, Weight
 from tests.scenes import objects_scene
 
 COLUMNS = ("labels", "state", "placement", "source")
@@ -38,6 +38,7 @@ def edited(project: Project) -> Project:
     history.do(edits.delete(scene, np.flatnonzero(labels == 4)))
     history.do(edits.rename(scene, 1, "a mug, blue"))
     history.do(edits.set_color(scene, 2, (0.1, 0.5, 1.0)))
+    history.do(edits.set_weight(scene, 2, Weight("density", 800.0)))
     history.do(edits.put_in_folder(scene, (1, 2), "Kitchen/Cups"))
     history.do(edits.new_folder(scene, "Empty"))
     return project
@@ -50,6 +51,7 @@ def assert_same(a: Scene, b: Scene) -> None:
         assert np.array_equal(getattr(a.placements, name), getattr(b.placements, name))
     assert a.names == b.names
     assert a.colors == b.colors
+    assert a.weights == b.weights
     assert a.folders == b.folders
     for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
         assert np.array_equal(getattr(a.gaussians, name), getattr(b.gaussians, name)), name

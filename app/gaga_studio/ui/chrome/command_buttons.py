@@ -42,6 +42,7 @@ ICONS = {
     "file.export_selected": icons.EXPORT,
     "file.export_objects": icons.EXPORT,
     "file.export_meshes": icons.EXPORT,
+    "file.export_simulation": icons.EXPORT,
     "edit.undo": icons.UNDO,
     "edit.redo": icons.REDO,
     "edit.duplicate": icons.DUPLICATE,
@@ -145,6 +146,7 @@ OBJECT_MENU = (
     "",
     "file.export_selected",
     "file.export_meshes",
+    "file.export_simulation",
 )
 _IN_THE_PICTURE = (
     "object.folder",

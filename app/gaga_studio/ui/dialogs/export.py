@@ -9,10 +9,11 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.export.cameras import CameraForm, camera_form_of
 from gaga_core.export.export import MeshExport, MeshForm
 from gaga_core.export.options import ExportOptions, Point
+from gaga_core.export.simulation.export import SimulationExport, SimulatorForm
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import WRITE_SUFFIXES, SplatFormat
 from gaga_core.scene.selection.bounds import splat_box
-from gaga_studio.features import commands, export
+from gaga_studio.features import camera, commands, export, simulate
 from gaga_studio.features.export import ExportPlan, ExportSummary, What
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
@@ -144,6 +145,13 @@ _WHATS: tuple[tuple[What, str, str, str, str], ...] = (
         "One file for each selected object, or for each object, and groups.json with their names",
         "file.export_objects",
     ),
+    (
+        "simulation",
+        "",
+        "Simulation",
+        "A rigid body of each selected object, or of each object, and the rest as what stays",
+        "file.export_simulation",
+    ),
     ("cameras", "", "Cameras", "The photos' cameras around what is visible", _CAMERAS),
 )
 _FORMS: tuple[tuple[SplatFormat, str, str, str], ...] = (
@@ -188,6 +196,25 @@ _FILES: tuple[tuple[MeshFile, str, str, str], ...] = (
     (MeshFile.GLB, "", "GLB", "glTF, for engines and viewers. Same axes as the splats' GLB."),
     (MeshFile.OBJ, "", "OBJ", "Text, for everything else. Same axes as the splats' PLY."),
 )
+_SIMULATORS: tuple[tuple[SimulatorForm, str, str], ...] = (
+    (SimulatorForm.USD, "OpenUSD", "scene.usd with splats, meshes and UsdPhysics"),
+    (SimulatorForm.MJCF, "MJCF", "scene.xml with meshes, for MuJoCo"),
+    (SimulatorForm.URDF, "URDF", "One object; for robots' tools"),
+)
+_NUMBERS = (  # of bodies: field, label, format, speed, lowest, highest, hint
+    ("density", "Density", "%.0f kg/m³", 5.0, 1.0, 25_000.0, "Of objects without a weight"),
+    ("friction", "Friction", "%.2f", 0.01, 0.0, 2.0, "Coefficient of sliding friction"),
+    ("parts", "Parts", "at most %.0f", 0.2, 1.0, 256.0, "Convex parts of an object; 1: its hull"),
+    (
+        "concavity",
+        "Concavity",
+        "%.2f of the size",
+        0.002,
+        0.01,
+        1.0,
+        "How far a part may be from its convex hull; smaller numbers give more parts",
+    ),
+)
 
 
 @dataclass
@@ -199,6 +226,7 @@ class ExportSheet:
     cameras: CameraForm = CameraForm.CAMERAS_JSON
     solid: MeshForm | None = None  # of objects, in place of their splats
     mesh_file: MeshFile = MeshFile.GLB
+    simulation: SimulationExport = field(default_factory=SimulationExport)
     options: ExportOptions = field(default_factory=ExportOptions)
     path: str = ""  # as it is typed
     waits: FileDialog | None = None  # the sheet comes back when a place was chosen
@@ -220,7 +248,7 @@ def opens(
     sheet.form = other if form is None else form
     sheet.solid = solid
     # A box is of one scene; the rest is wanted again.
-    sheet.options = replace(sheet.options, crop=None, up=export.up_of(session))
+    sheet.options = replace(sheet.options, crop=None, up=camera.up_of(session))
     _propose(session, sheet)
     imgui.open_popup(SHEET)
 
@@ -235,14 +263,17 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
     imgui.begin_child("Choices", ImVec2(0, body_height(em(25.5))))
     _what_and_form(session, sheet)
     is_solid = sheet.what == "objects" and sheet.solid is not None
-    has_splats = sheet.what != "cameras" and not is_solid
+    has_splats = sheet.what not in ("cameras", "simulation") and not is_solid
     if (
         sheet.mesh_file is MeshFile.GLB
         if is_solid
         else sheet.form in (SplatFormat.GLB, SplatFormat.USD) and has_splats
     ):
         sheet.options = _up(sheet.options)
-    sheet.options = _draw_options(session, sheet.options, has_splats=has_splats)
+    if sheet.what == "simulation":
+        _bodies(session, sheet)
+    else:
+        sheet.options = _draw_options(session, sheet.options, has_splats=has_splats)
     _place(sheet, files)
     summary = export.summary(session, _plan(sheet))
     _says(sheet, summary)
@@ -251,8 +282,45 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
     imgui.end_popup()
 
 
+def _bodies(session: Session, sheet: ExportSheet) -> None:
+    """The rows of bodies for simulators."""
+    config = sheet.simulation.config
+    for name, label, form, speed, low, high, hint in _NUMBERS:
+        widgets.field_name(label, em(NAMES))
+        flags, now = imgui.SliderFlags_.always_clamp, getattr(config, name)
+        changed, value = imgui.drag_float(f"##{label}", float(now), speed, low, high, form, flags)
+        widgets.tooltip(hint)
+        if changed:
+            config = replace(config, **{name: type(now)(value)})
+    sheet.simulation = replace(sheet.simulation, config=config)
+    widgets.under_fields(em(NAMES))
+    hint = "Make the bodies now, and draw the parts in the picture before anything is written"
+    why_not = session.jobs.why_busy
+    if widgets.button("Show convex parts", why_not=why_not, hint=hint):
+        simulate.show_parts(session, sheet.simulation)
+        imgui.close_current_popup()
+    if simulate.shown_parts(session) is not None:
+        imgui.same_line()
+        if widgets.button("Hide them", hint="Draw the parts no longer"):
+            simulate.hide_parts(session)
+
+
+def _simulators(sheet: ExportSheet) -> None:
+    """Which files are written."""
+    widgets.field_name("Form", em(NAMES))
+    forms = sheet.simulation.forms
+    for form, label, hint in _SIMULATORS:
+        if widgets.toggle(label, form in forms, hint=hint):
+            chosen = tuple(f for f in SimulatorForm if (f in forms) != (f is form))
+            sheet.simulation = replace(sheet.simulation, forms=chosen)
+        imgui.same_line()
+    imgui.new_line()
+
+
 def _plan(sheet: ExportSheet) -> ExportPlan:
-    form: SplatFormat | MeshExport | CameraForm = sheet.form
+    form: SplatFormat | MeshExport | CameraForm | SimulationExport = sheet.form
+    if sheet.what == "simulation":
+        form = sheet.simulation
     if sheet.what == "cameras":
         form = sheet.cameras
     elif sheet.what == "objects" and sheet.solid is not None:
@@ -279,6 +347,9 @@ def _what_and_form(session: Session, sheet: ExportSheet) -> None:
             sheet.cameras = cameras
             _propose(session, sheet)
         return
+    if sheet.what == "simulation":
+        _simulators(sheet)
+        return
     if sheet.what == "objects":
         widgets.field_name("As", em(NAMES))
         sheet.solid = widgets.segmented("As", _SOLIDS, sheet.solid, why_not={})
@@ -286,7 +357,7 @@ def _what_and_form(session: Session, sheet: ExportSheet) -> None:
             sheet.mesh_file = _form("File", _FILES, sheet.mesh_file)
             return
     former, sheet.form = sheet.form, _form("Form", _FORMS, sheet.form)
-    if sheet.what != "objects" and sheet.path.endswith(former.suffix):
+    if not _is_folder(sheet) and sheet.path.endswith(former.suffix):
         sheet.path = sheet.path.removesuffix(former.suffix) + sheet.form.suffix
 
 
@@ -336,7 +407,7 @@ def _ask(sheet: ExportSheet, files: FilePicker) -> None:
 def _is_folder(sheet: ExportSheet) -> bool:
     if sheet.what == "cameras":
         return sheet.cameras is CameraForm.COLMAP
-    return sheet.what == "objects"
+    return sheet.what in ("objects", "simulation")
 
 
 def _follow_name(sheet: ExportSheet) -> None:
@@ -358,8 +429,11 @@ def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
     n_things = f"{summary.n_splats:,} splats"
     if sheet.what == "cameras":
         n_things = "1 camera" if summary.n_cameras == 1 else f"{summary.n_cameras:,} cameras"
-    imgui.text_unformatted(f"{n_things}{n_files}, about {size_text(summary.n_bytes)}")
     said = " ".join(summary.lost) or "Nothing is lost."
+    if sheet.what == "simulation":
+        said = " ".join(summary.lost)
+    else:
+        imgui.text_unformatted(f"{n_things}{n_files}, about {size_text(summary.n_bytes)}")
     widgets.dim(said, wrap=True)
     if not _is_folder(sheet) and _plan(sheet).path.is_file():
         imgui.text_wrapped("The file that is there is replaced.")
@@ -391,9 +465,18 @@ def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> st
         return "Nothing of it is visible, so nothing can be written."
     if not sheet.path.strip():
         return "Say where to write."
-    if sheet.what != "objects" and export.form_of_name(sheet.path) is None:
+    if sheet.what == "simulation":
+        return _why_no_bodies(session, sheet)
+    if not _is_folder(sheet) and export.form_of_name(sheet.path) is None:
         return f"The name must end in {sheet.form.suffix}."
     return ""
+
+
+def _why_no_bodies(session: Session, sheet: ExportSheet) -> str:
+    forms = sheet.simulation.forms
+    if SimulatorForm.URDF in forms and len(session.selected_groups()) != 1:
+        return "URDF is of one object: select one, or leave it out."
+    return "" if forms else "Choose a form."
 
 
 def _why_no_cameras(sheet: ExportSheet) -> str:

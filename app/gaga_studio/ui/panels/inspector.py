@@ -11,7 +11,17 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.scene.cleanup import DROPPED, TAKEN_IN
 from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.orientation import Pose, degrees_of, motion_between, with_degrees
-from gaga_studio.features import add_scene, cleanup, commands, fill, measure, simulate, transform
+from gaga_core.scene.scene import Weight, WeightKind
+from gaga_studio.features import (
+    add_scene,
+    cleanup,
+    commands,
+    fill,
+    measure,
+    objects,
+    simulate,
+    transform,
+)
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.selection import Uncertain
 from gaga_studio.features.transform import GradeSliders
@@ -416,6 +426,7 @@ class InspectorState:
 
     placement: PlacementState = field(default_factory=PlacementState)
     color: tuple[float, float, float] | None = None
+    weights: dict[WeightKind, float] = field(default_factory=dict)  # by kind
     grade: transform.GradeSliders = field(default_factory=transform.GradeSliders)
 
 
@@ -530,6 +541,29 @@ def _picker(session: Session, state: InspectorState, color: list[float]) -> None
         state.color = None
 
 
+_WEIGHTS: tuple[tuple[WeightKind, str, str, float, float], ...] = (
+    ("mass", "mass", "%.3f kg", 0.002, 1e5),
+    ("density", "density", "%.0f kg/m³", 5.0, 25_000.0),  # osmium has 22,600
+)
+
+
+def _weight(session: Session, group: int, state: InspectorState) -> None:
+    """Mass or density of the object: what was typed last counts."""
+    row("Weight", "In simulations: mass, or density. Without either, the density of the export")
+    own = session.need().scene.weights.get(group)
+    for kind, empty, form, speed, most in _WEIGHTS:
+        is_own = own is not None and own.kind == kind
+        shown = state.weights.get(kind, own.value if own is not None and is_own else 0.0)
+        limits = (0.0, most)
+        changed, value = number(kind.title(), shown, speed, form if shown > 0 else empty, limits)
+        if changed:
+            state.weights[kind] = value
+        if imgui.is_item_deactivated():
+            typed = state.weights.pop(kind, shown)
+            if imgui.is_item_deactivated_after_edit() and (typed > 0 or is_own):
+                objects.set_weight(session, group, Weight(kind, typed) if typed > 0 else None)
+
+
 def _properties(session: Session, document: Document, state: InspectorState) -> None:
     """Color, position, rotation, scale and size."""
     imgui.dummy(ImVec2(0, theme.scaled(2)))
@@ -541,5 +575,7 @@ def _properties(session: Session, document: Document, state: InspectorState) -> 
         imgui.table_setup_column(letter, imgui.TableColumnFlags_.width_stretch)
     _color(session, document, state)
     draw_rows(session, document, state.placement)
+    if len(groups := session.selected_groups()) == 1:
+        _weight(session, groups[0], state)
     imgui.end_table()
     draw_below(session, document, state.placement)

@@ -9,7 +9,8 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.scene.edits import How
-from gaga_studio.features import measure
+from gaga_core.scene.objects import group_colors
+from gaga_studio.features import measure, simulate
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, RectShape
@@ -97,6 +98,22 @@ def box(session: Session, camera: Camera, corner: ImVec2) -> None:
     for one, two in _EDGES:
         drawing.add_line(places[one], places[two], theme.u32(theme.BACK, 0.7), theme.scaled(3))
         drawing.add_line(places[one], places[two], theme.u32(theme.ACCENT, 0.95), theme.scaled(1.4))
+
+
+def parts(session: Session, camera: Camera, corner: ImVec2) -> None:
+    """The convex parts of bodies for simulators, each in a color, as lines in the picture."""
+    shown = simulate.shown_parts(session)
+    if shown is None or shown.edges is None or shown.parts is None or session.is_previewing:
+        return
+    depths = camera.project(shown.edges.reshape(-1, 3))[1].reshape(-1, 2)
+    in_front = (depths >= _NEAREST).all(axis=1)
+    palette = group_colors(np.arange(1, int(shown.parts.max(initial=0)) + 2, dtype=np.int32))
+    colors = [theme.u32(widgets.rgba(rgb), 0.9) for rgb in palette]
+    places = on_screen(shown.edges[in_front].reshape(-1, 3), camera, corner)
+    drawing, width = imgui.get_window_draw_list(), theme.scaled(1.2)
+    rows = shown.parts[in_front].tolist()
+    for one, two, part in zip(places[::2], places[1::2], rows, strict=True):
+        drawing.add_line(one, two, colors[part], width)
 
 
 # --- The points of the tool Measure with their lengths, and a card with the numbers and Set scale.

@@ -371,6 +371,7 @@ class ViewportPanel:
         follows = is_over and not self._on_handle and not self.controller.is_dragging
         overlays.ground(session, camera, corner, follows=follows)
         overlays.box(session, camera, corner)
+        overlays.parts(session, camera, corner)
         overlays.draw_marks(session, camera, corner, follows=follows)
         _name_under_mouse(session, is_over and not self.controller.is_dragging)
         _on_the_picture(session, state, area)

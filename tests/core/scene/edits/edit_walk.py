@@ -15,7 +15,7 @@ from gaga_core.scene.edits.splats import append_made
 from gaga_core.scene.folders import Folders, is_inside, name_of, parent_of
 from gaga_core.scene.frame import Frame
 from gaga_core.scene.named_arrays import identity_arrays
-from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.scene import Scene, State, Weight
 from tests.scenes import random_gaussians
 
 
@@ -26,6 +26,7 @@ class Snapshot:
     columns: dict[str, tuple[str, bytes]]
     names: dict[int, str]
     colors: dict[int, tuple[float, float, float]]
+    weights: dict[int, Weight]
     folders: Folders
     bank: MemoryBank | None
     sets: dict[str, bytes]
@@ -37,6 +38,7 @@ def snapshot(scene: Scene) -> Snapshot:
         {name: (str(a.dtype), a.tobytes()) for name, a in columns(scene).items()},
         dict(scene.names),
         dict(scene.colors),
+        dict(scene.weights),
         scene.folders,
         scene.bank,
         {name: kept.mask().tobytes() for name, kept in scene.named_selections.items()},
@@ -207,6 +209,9 @@ def builders() -> dict[str, Callable[[np.random.Generator, Scene], Edit | None]]
         "set_grouping": regroup,
         "set_color": lambda r, c: edits.set_color(
             c, int(r.integers(1, 5)), r.random(3).tolist() if r.random() < 0.7 else None
+        ),
+        "set_weight": lambda r, c: edits.set_weight(
+            c, int(r.integers(1, 5)), Weight("mass", r.random() + 0.1) if r.random() < 0.7 else None
         ),
         "rename": lambda r, c: edits.rename(c, int(r.integers(1, 9)), f"name {r.integers(3)}"),
         "merge_groups": lambda r, c: edits.merge_groups(c, r.integers(1, 9, 3).tolist()),
