@@ -1,5 +1,6 @@
 """The card of five steps: each ticks itself, and it stands where it covers nothing."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -82,23 +83,25 @@ def test_objects_that_a_project_brought_are_found_already(associated: Session) -
 
 @pytest.mark.parametrize("unit", [10.5, 15.0, 30.0])
 @pytest.mark.parametrize("size", [(300, 200), (500, 400), (700, 485), (1180, 790), (2000, 1300)])
-@pytest.mark.parametrize("offer", [0.0, 3.5, 6.0])
-def test_the_card_covers_neither_the_offer_nor_the_middle(
-    unit: float, size: tuple[int, int], offer: float
+def test_the_card_covers_neither_the_offer_nor_the_middle_nor_curves(
+    unit: float, size: tuple[int, int]
 ) -> None:
     left, top, (width, height) = 40.0, 60.0, size
-    foot = top + height - offer * unit if offer else float("inf")
-    where = place(PictureArea(left, top, width, height), foot, unit)
-    if where is None:
-        assert min(size) < 27 * unit, "only a tiny picture has no room"
-        return
-    high = (_HIGH if where.is_whole else 2.2) * unit
-    assert where.bottom <= min(foot, top + height)
-    assert where.bottom - high >= top
-    assert left <= where.left
-    assert where.left + where.width <= left + width
-    right, upper = where.left + where.width, where.bottom - high
-    assert right <= left + width / 3 or upper >= top + height * 2 / 3 - 1
+    for offer, training in itertools.product((0.0, 3.5, 6.0), (0.0, 0.6, 0.95)):
+        foot = top + height - offer * unit if offer else float("inf")
+        live_bottom = top + training * height if training else 0.0
+        area = PictureArea(left, top, width, height, live_bottom=live_bottom)
+        where = place(area, foot, unit)
+        if where is None:
+            assert min(size) < 27 * unit or training > 0.7, "only a tiny picture has no room"
+            continue
+        high = (_HIGH if where.is_whole else 2.2) * unit
+        assert where.bottom <= min(foot, top + height)
+        assert where.bottom - high >= max(top, live_bottom)
+        assert left <= where.left
+        assert where.left + where.width <= left + width
+        right, upper = where.left + where.width, where.bottom - high
+        assert right <= left + width / 3 or upper >= top + height * 2 / 3 - 1
 
 
 def test_help_brings_it_back(associated: Session) -> None:

@@ -92,17 +92,20 @@ class CardPlace:
 def place(area: PictureArea, foot: float, unit: float, n: int = len(STEPS)) -> CardPlace | None:
     """Where the card fits into the picture above the y of ``foot``; None: nowhere.
 
-    ``unit`` is one em. The ``n`` lines need room next to the middle third, or below it.
+    ``unit`` is one em. The ``n`` lines need room next to the middle third, or below it, and none of
+    the card of a training.
     """
     left, top, width, height = area.left, area.top, area.width, area.height
     bottom = min(foot, area.bottom) - _GAP * unit
     wide, high = _WIDTH * unit, (_HIGH + (n - len(STEPS)) * _LINE) * unit
     is_next_to = left + _GAP * unit + wide <= left + width / 3
     below = bottom - high >= top + height * 2 / 3
-    if (is_next_to and bottom - high >= top + 3 * unit) or below:
+    is_free = bottom - high >= area.live_bottom
+    if is_free and ((is_next_to and bottom - high >= top + 3 * unit) or below):
         return CardPlace(left + _GAP * unit, bottom, wide, True)
     strip = min(20 * unit, width - 2 * _GAP * unit)
-    if strip < 9 * unit or bottom - 2.2 * unit < top + height * 2 / 3:
+    highest = bottom - 2.2 * unit
+    if strip < 9 * unit or highest < max(top + height * 2 / 3, area.live_bottom):
         return None
     return CardPlace(left + _GAP * unit, bottom, strip, False)
 

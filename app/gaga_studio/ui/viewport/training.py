@@ -209,17 +209,21 @@ def _label(session: Session, found: "PhotoFind") -> str:
 # --- while it runs
 
 
-def draw_live(session: Session, corner: ImVec2, size: ImVec2) -> None:
-    """A card over the picture: how far the training is, its loss and its held-out quality."""
+def draw_live(session: Session, corner: ImVec2, size: ImVec2) -> float:
+    """A card over the picture: how far the training is, its loss and its held-out quality.
+
+    Returns the y of its lower edge; 0 where there is none.
+    """
     training = session.training
     if training is None:
-        return
+        return 0.0
     width = min(em(17), size.x - em(2))
     if width < em(10):
-        return
+        return 0.0
     at = ImVec2(corner.x + em(0.8), corner.y + em(0.8))
     imgui.set_next_window_pos(at, imgui.Cond_.always)
     widgets.card("Training", width, lambda: _card(session, training, small=size.y < em(22)))
+    return imgui.get_item_rect_max().y
 
 
 def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:

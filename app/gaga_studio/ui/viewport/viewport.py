@@ -536,7 +536,7 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
     overlays.draw_card(session, state.measure, corner, size)
     area.chip_bottom = _way_out_of_isolation(session, corner, size)
     _draw_next_stage(session, state, area)
-    training.draw_live(session, corner, size)
+    area.live_bottom = training.draw_live(session, corner, size)
     mask_evidence.draw(session, state.evidence, area)
 
 
