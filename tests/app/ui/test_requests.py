@@ -14,7 +14,7 @@ from gaga_studio.studio import SceneUi, UiState, openers
 from gaga_studio.ui.panels.film_strip import FilmStripState
 from tests.app.window.driver import KEY, Driver, drive
 
-_BY_MOUSE = {Request.OBJECT_MENU, Request.SCENE_MENU}
+_BY_MOUSE = {Request.OBJECT_MENU, Request.SCENE_MENU, Request.OBJECT_MASKS}
 _PANELS = {Request.TIMELINE}  # comes to the front when its job is done
 _KEYBOARD = {Request.RENAME, Request.FIND, Request.FIND_IN_VIEW}  # open nothing
 

@@ -24,7 +24,7 @@ from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState, PointerState
 
 pytestmark = pytest.mark.gl
-_COMMANDS, _STEPS = 700, 90  # commands altogether; steps of a round
+_COMMANDS, _STEPS = 850, 90  # commands altogether; steps of a round
 _MOST_SPLATS = 12_000  # a walk that selects all and duplicates would double them for ever
 _SECONDS_EACH = 1.5  # a command that has taken so long altogether has been tried enough
 _MOST_GROWTH = 24 << 20  # bytes, from the fourth round on

@@ -131,6 +131,8 @@ def test_a_bad_file_is_a_notice_and_what_is_open_stays(
     def test(d: Driver) -> None:
         before = d.session.scene
         d.studio.window.hooks.dropped([bad])  # as when it is dropped into the window
+        d.frames(3)
+        d.click("Question/###Open")  # not added to what is open
         d.settle()
         assert d.session.scene is before
         assert [notice.level for notice in d.session.notices] == [Level.ERROR]
