@@ -160,7 +160,8 @@ def _other_shape(array: Any, rng: random.Random, _: Path) -> Any:
 def _other_values(array: Any, rng: random.Random, _: Path) -> Any:
     if array.dtype.kind in "US":
         text = rng.choice(_TEXTS)[: max(_MOST_TEXT // max(array.size, 1), 1)]
-        return np.full(array.shape, text.encode() if array.dtype.kind == "S" else text)
+        as_bytes = text.encode(errors="surrogatepass")
+        return np.full(array.shape, as_bytes if array.dtype.kind == "S" else text)
     if array.dtype.kind not in "fiub":
         return array
     value, array = rng.choice(_WRONG), np.array(array)
