@@ -82,6 +82,7 @@ def take(pictures: Iterable[Picture], out: Path, size_name: str) -> None:
             path=_opened(picture.opens, scenes),
             size=size,
             settings=Settings(first_steps_done=True, ui_scale=scale),
+            fills_window=True,
             patience_s=_PATIENCE_S,
         )
 
