@@ -310,7 +310,7 @@ class Studio:
         self._has_focus = True
         self._document: object = None
         self._masks: object = None
-        self._pictured: object = None  # the document whose picture is in the recent list
+        self._has_picture = False  # in the recent list, of the document
         self._named: tuple[int, ...] | None = None  # state whose names have their glyphs
         self._has_new_letters = False  # what was drawn before is drawn again, at once
         self.never_idle = False  # tests want every frame at once
@@ -419,7 +419,7 @@ class Studio:
             self.session.render_requests.serve(self._paint)
         self._keep_picture()
         if self.session.document is not self._document:
-            self._document = self.session.document
+            self._document, self._has_picture = self.session.document, False
             self.ui.forget_scene()
             self._masks = None
         if self.session.masks is not self._masks:  # made again, they have the same names
@@ -440,11 +440,11 @@ class Studio:
         """Keep what is first seen of a scene as its picture in the recent list."""
         session, viewport = self.session, self.viewport
         document, recent = session.document, session.settings.recent
-        if document is None or document is self._pictured or viewport is None or not recent:
+        if document is None or self._has_picture or viewport is None or not recent:
             return
         if not self.is_settled or not viewport.texture or document is not self._document:
             return
-        self._pictured, project = document, document.project
+        self._has_picture, project = True, document.project
         root = project.folder.root if project.folder is not None else None
         places = (project.path, root, project.model_path)
         if not any(place is not None and str(place.resolve()) == recent[0] for place in places):

@@ -259,10 +259,12 @@ def _kept_in(shot: Shot, box: DoubleArray, pivot: DoubleArray, basis: DoubleArra
     place = basis @ np.array(shot.eye)
     kept = place.copy()
     kept[:2] = np.clip(place[:2], box[0], box[1])
+    if np.allclose(kept, place):
+        return shot
     eye = basis.T @ kept
     distance = float(np.linalg.norm(pivot - eye))
-    if np.allclose(kept, place) or distance < _NEAREST * shot.distance:
-        return shot if np.allclose(kept, place) else replace(shot, eye=_three(eye))
+    if distance < _NEAREST * shot.distance:
+        return replace(shot, eye=_three(eye))
     forward = (pivot - eye) / distance
     right = np.cross(forward, basis[2])
     if np.linalg.norm(right) < 1e-6:  # straight down
