@@ -154,7 +154,8 @@ def test_bounds_are_left_out_where_the_truth_or_masks_they_need_are_not(
         write_labels(gt / name, read_labels(root / "gt/instance" / name))
     for name in folder.train:
         write_labels(masks / name, read_labels(root / "masks/sim" / name))
-    config = CompareConfig(variants=("none", "per-frame", "true-masks", "true-maps"), sparse=())
+    bounds = ("per-frame", "true-masks", "true-maps")
+    config = CompareConfig(variants=("none", *bounds), sparse=(), lift="none")
     table = run_stage(compare_variants(folder, gt, masks, config))
     assert [row.variant for row in table.rows] == ["none"]
     with pytest.raises(GagaError, match="no true map"):

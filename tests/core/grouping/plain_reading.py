@@ -150,11 +150,10 @@ def _front(gaussians: Gaussians, camera: Camera, labels: IntArray) -> dict[int, 
     result = {}
     for mask in set(labels[labels > 0].tolist()):
         kept = [np.zeros(0, np.int64)]
-        for patch in range(32 * 32):
-            top, left = divmod(patch, 32)
-            there = inside & (labels[row, column] == mask)
-            there &= (row * 32 // camera.height == top) & (column * 32 // camera.width == left)
-            found = np.flatnonzero(there)
+        of_mask = np.flatnonzero(inside & (labels[row, column] == mask))
+        patch = row[of_mask] * 32 // camera.height * 32 + column[of_mask] * 32 // camera.width
+        for k in range(32 * 32):
+            found = of_mask[patch == k]
             nearest = found[np.argsort(z[found])]
             kept.append(nearest[: max(1, int(0.2 * len(found)))])
         result[mask] = np.sort(np.concatenate(kept))
