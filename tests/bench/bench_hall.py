@@ -3,14 +3,13 @@
 Views and splats grow with the boxes, so cost near linear means time in proportion to them. Every
 run is a process of its own (`hall`). Small halls show the growth; ``GAGA_BENCH_LONG=1`` adds 1,000
 boxes in 300 views, 4,000 in 1,000 views, and 125 in 5,000 views: some 1,000 CPU-seconds.
-`bench_before` compares with other versions.
 """
 
 import numpy as np
 
-from tests.bench.before import run_worker
 from tests.bench.figures import Figure, Line, is_long
 from tests.bench.hall import Cost
+from tests.bench.workers import run_worker
 
 _SIZES = ((125, 40), (250, 75), (500, 150))
 _LONG, _LARGEST = (1000, 300), (4000, 1000)

@@ -19,9 +19,9 @@ from gaga_core.grouping.associate import AssociateConfig, Association, associate
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Stage, run_stage
 from gaga_core.raster import choose
-from tests.bench.before import run_worker
 from tests.bench.figures import Figure
 from tests.bench.hall import cameras, draw_masks, hall
+from tests.bench.workers import run_worker
 
 _HALLS = ((125, 60, 0), (125, 60, 5), (100, 80, 9))  # boxes, views, seed
 _EVERY = 4

@@ -6,9 +6,9 @@
 import os
 import tempfile
 
-from tests.bench.before import call_worker, run_worker
 from tests.bench.figures import Figure
 from tests.bench.lod_worker import BUDGET, Cost
+from tests.bench.workers import call_worker, run_worker
 
 _ROW = 68  # bytes a splat in the file
 

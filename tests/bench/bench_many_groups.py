@@ -24,8 +24,8 @@ from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.objects import group_indices
 from gaga_studio.features.find.search import SearchState
 from tests.app.window.driver import Driver, drive
-from tests.bench.before import HERE, Costs, run_worker
 from tests.bench.figures import Figure
+from tests.bench.workers import Costs, run_worker
 from tests.display import xvfb
 from tests.scenes import orbit_cameras
 
@@ -37,7 +37,7 @@ _FRAMES = 30
 
 def figures() -> list[Figure]:
     """Milliseconds of processor time a frame; a bar of 60 frames a second."""
-    few, many = (run(n) for n in (_FEW, _MANY))
+    few, many = (_run(n) for n in (_FEW, _MANY))
     found = []
     for name, value in many.items():
         bar = "<= 16" if name in ("at rest", "memory bank") else ""
@@ -46,10 +46,9 @@ def figures() -> list[Figure]:
     return found
 
 
-def run(n_groups: int, where: Path = HERE) -> Costs:
-    """One window, by the code of this version or that of the checkout ``where``."""
+def _run(n_groups: int) -> Costs:
     with tempfile.TemporaryDirectory() as home, xvfb(), patch.dict(os.environ, GAGA_HOME=home):
-        return run_worker("tests.bench.bench_many_groups", [str(n_groups)], where)
+        return run_worker("tests.bench.bench_many_groups", [str(n_groups)])
 
 
 def write_scene(root: Path, n_groups: int) -> None:

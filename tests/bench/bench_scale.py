@@ -9,9 +9,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.bench.before import run_worker
 from tests.bench.figures import Figure
 from tests.bench.scale_worker import N_VIEWS, Cost, write_masks
+from tests.bench.workers import run_worker
 
 _FEW, _MANY = 10, 40
 _LIMIT_MIB = 8192

@@ -1,11 +1,11 @@
 """Association of many small views with 768 masks each: whether its cost is linear in the views.
 
 Every run is a process of its own (`small_views`). ``GAGA_BENCH_LONG=1`` adds 1,000, 2,000 and
-5,000 views: some 670 CPU-seconds in all. `bench_before` compares with other versions.
+5,000 views: some 670 CPU-seconds in all.
 """
 
-from tests.bench.before import Costs, run_worker
 from tests.bench.figures import Figure, Line, is_long
+from tests.bench.workers import Costs, run_worker
 
 _VIEWS, _LONG = (100, 250, 500), (1000, 2000, 5000)
 

@@ -19,15 +19,13 @@ def read_record(path: Path) -> Record:
 
 
 def write_record(path: Path, measured: Mapping[str, Sequence[Figure]]) -> None:
-    """Replace the figures of the benchmarks in ``measured``; those of all others stay, and of
-    those that had nothing to measure.
+    """Replace the figures of the benchmarks in ``measured``; those of all others stay.
 
     Four digits: more are noise, and a change of the file should mean something.
     """
     new = {
         name: {f.name: float(f"{f.value:.4g}") for f in figures}
         for name, figures in measured.items()
-        if figures
     }
     record = {**read_record(path), **new}
     path.write_text(json.dumps(record, indent=2, sort_keys=True) + "\n", encoding="utf-8")

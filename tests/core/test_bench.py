@@ -7,9 +7,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from tests.bench import before
 from tests.bench.__main__ import found, main
-from tests.bench.before import in_turns, run_worker
 from tests.bench.figures import Figure
 from tests.bench.record import change, read_record, write_record
 
@@ -90,43 +88,3 @@ def test_a_run_that_is_stopped_keeps_what_it_had_measured(tmp_path: Path) -> Non
     with pytest.raises(KeyboardInterrupt):
         main(["--record"], benchmarks, path, Console(file=io.StringIO()))
     assert read_record(path) == {"first": {"draw": 1.5}}
-
-
-def test_a_version_before_is_measured_by_its_own_worker_or_by_this_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("now", "was"):
-        files = {
-            "gaga_core/__init__.py": f"NAME = {name!r}\n",
-            "gaga_core/progress.py": "def run_stage(stage): print(stage)\n",
-            "gaga_core/pipeline/compile_kernels.py": "def warm_up_stage(): return 'warm'\n",
-            "app/gaga_studio/__init__.py": "",
-            "tests/__init__.py": "",
-            f"tests/{name}.py": _WORKER,
-        }
-        for path, text in files.items():
-            (tmp_path / name / path).parent.mkdir(parents=True, exist_ok=True)
-            (tmp_path / name / path).write_text(text)
-    now, was = tmp_path / "now", tmp_path / "was"
-    monkeypatch.setattr(before, "HERE", now)
-    assert run_worker("tests.was", ["3"], was) == {"code": "was", "worker": "was", "n": 3}
-    assert run_worker("tests.now", ["3"], was) == {"code": "was", "worker": "now", "n": 3}
-    assert run_worker("tests.now", ["3"], now) == {"code": "now", "worker": "now", "n": 3}
-    runs = iter([5.0, 40.0, 4.0, 50.0])
-    assert in_turns(lambda _: {"cpu_s": next(runs)}, was) == ({"cpu_s": 4}, {"cpu_s": 40})
-
-
-_WORKER = """
-import json, sys
-from pathlib import Path
-import gaga_core
-print("any other line\\n\\033[0m", end="")
-print(json.dumps({"code": gaga_core.NAME, "worker": Path(__file__).stem, "n": int(sys.argv[1])}))
-"""
-
-
-def test_what_had_nothing_to_measure_keeps_its_record(tmp_path: Path) -> None:
-    path = tmp_path / "record.json"
-    write_record(path, {"before": [Figure("kept", 2, "")]})
-    write_record(path, {"before": []})
-    assert read_record(path) == {"before": {"kept": 2}}
