@@ -11,11 +11,9 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.grouping.views import load_labels
 from gaga_core.grouping.votes import VOID_BELOW, associated_labels, vote_labels
-from gaga_core.identity.closed_form import Voted, code_book, vote_identity
+from gaga_core.identity.closed_form import Voted, code_book, fit_identity, vote_identity
 from gaga_core.identity.field import IdentityField, decode_view
-from gaga_core.identity.fit import fit_identity
-from gaga_core.identity.refine import refine_identity
-from gaga_core.identity.train import PaperConfig, train_identity
+from gaga_core.identity.train import PaperConfig, refine_identity, train_identity
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from tests.bench.figures import Figure, median_ms

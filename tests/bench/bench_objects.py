@@ -29,7 +29,7 @@ from gaga_core.raster import choose
 from gaga_core.segmentation.regions import FURTHER_STEPS, RegionsConfig, regions_at
 from tests.bench.figures import Figure
 from tests.bench.known_scenes import held_out_score, known_scenes, true_labels
-from tools.scenes.painted import PAINTED_KINDS, Painted, painted_scene
+from tools.scenes.parts import PAINTED_KINDS, Painted, painted_scene
 
 _BARS = {
     "ycb_table": (">= 0.87", ">= 0.82", ">= 0.95", ">= 0.97"),

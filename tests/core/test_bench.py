@@ -61,7 +61,7 @@ def test_recording_replaces_what_was_measured_and_keeps_the_rest(tmp_path: Path)
 def test_list_names_every_benchmark_and_runs_none(tmp_path: Path) -> None:
     status, text = _run(tmp_path / "record.json", "--list")
     assert (status, text.split()) == (0, ["broken", "size", "speed"])
-    assert {"raster", "associate", "kernels", "scale"} <= set(found())
+    assert {"raster", "associate", "kernels"} <= set(found())
 
 
 def test_a_wrong_name_is_said(tmp_path: Path) -> None:
