@@ -6,13 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.pipeline.settings import IdentitySettings
+from gaga_core.pipeline.reconstruct import reconstruct_scene
+from gaga_core.pipeline.settings import IdentitySettings, ReconstructConfig
+from gaga_core.progress import run_stage
 from gaga_studio.features import commands
 from gaga_studio.features.find import association
 from gaga_studio.features.find.association import FindState
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from tests.app.folders import write_scene
+from tests.core.placing.photo_scenes import write_photos
+from tests.made import made_once
 
 
 @pytest.fixture(scope="session")
@@ -29,6 +33,18 @@ def scene_folder(made_scene: Path, tmp_path: Path) -> Path:
     folder = tmp_path / "table"
     shutil.copytree(made_scene, folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def placed_photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene folder of six photos of a room with their places, and no splats; tests copy it."""
+
+    def make(root: Path) -> None:
+        write_photos(root / "room" / "images", 6)
+        config = ReconstructConfig(only="sfm", max_side=96)
+        run_stage(reconstruct_scene(None, root / "room", config))
+
+    return made_once(tmp_path_factory, "placed", make) / "room"
 
 
 @pytest.fixture

@@ -12,11 +12,11 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.io.images import write_rgb
 from gaga_core.pipeline import compile_kernels
-from gaga_core.pipeline.reconstruct import STEPS, look_at_photos, reconstruct_scene
+from gaga_core.pipeline.reconstruct import STEPS, look_at_photos
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing import ladder
 from gaga_core.placing.checks import Verdict
-from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.progress import Progress, Stage
 from gaga_studio.features import reconstruction
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
@@ -32,19 +32,10 @@ TINY = ReconstructConfig(iterations=30, max_side=96)
 LONG = replace(TINY, iterations=20_000)
 
 
-@pytest.fixture(scope="module")
-def placed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scene folder of six photos of a room with their places, and no splats."""
-    scene = tmp_path_factory.mktemp("placed") / "room"
-    write_photos(scene / "images", 6)
-    run_stage(reconstruct_scene(None, scene, replace(TINY, only="sfm")))
-    return scene
-
-
 @pytest.fixture
-def room(placed: Path, tmp_path: Path) -> Path:
+def room(placed_photos: Path, tmp_path: Path) -> Path:
     """A copy that a test may write to."""
-    shutil.copytree(placed, tmp_path / "room")
+    shutil.copytree(placed_photos, tmp_path / "room")
     return tmp_path / "room"
 
 

@@ -1,6 +1,7 @@
 """From photos without masks to a found and selected object, by mouse and keys."""
 
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,9 +9,7 @@ import numpy as np
 import pytest
 
 from gaga_core.io.cameras.transforms_json import write_transforms_json
-from gaga_core.pipeline.reconstruct import reconstruct_scene
-from gaga_core.pipeline.settings import GroupSettings, IdentitySettings, ReconstructConfig
-from gaga_core.progress import run_stage
+from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_studio.features.commands import command
 from gaga_studio.features.find.association import FindState
@@ -190,8 +189,6 @@ def test_objects_are_found_as_published(
 
 # --- A person opens photos, makes splats of them and sees them grow; then stops and goes on.
 
-_SMALL = ReconstructConfig(max_side=160)
-
 
 def _capture(d: Driver, name: str) -> None:
     """Keep a picture of the window where somebody wants to look at it."""
@@ -232,10 +229,11 @@ def test_poses_next_to_photos_are_named_and_their_use_is_chosen(
     drive(walk, path=tmp_path / "shots", settings=Settings(first_steps_done=True))
 
 
-def test_photos_become_splats_before_the_eyes(display: str, tmp_path: Path) -> None:
+def test_photos_become_splats_before_the_eyes(
+    display: str, tmp_path: Path, placed_photos: Path
+) -> None:
     scene = tmp_path / "room"
-    write_photos(scene / "images", 6)
-    run_stage(reconstruct_scene(None, scene, replace(_SMALL, only="sfm")))
+    shutil.copytree(placed_photos, scene)
 
     def walk(d: Driver) -> None:
         session = d.session

@@ -1,5 +1,6 @@
 """Photos of a textured room for tests of structure from motion: small, and rich in corners."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -38,8 +39,8 @@ def photograph(camera: Camera, *, seed: int = 0) -> UInt8Array:
         hit = (distance > 0) & (distance < nearest)
         where = eye + distance[..., None] * rays
         others = [i for i in range(3) if i != axis]
-        shade = texture(where[..., others], seed * 10 + k)
-        picture[hit], nearest[hit] = shade[hit], distance[hit]
+        picture[hit] = texture(where[hit][:, others], seed * 10 + k)
+        nearest[hit] = distance[hit]
     result: UInt8Array = np.clip(picture * 255, 0, 255).astype(np.uint8)
     return result
 
@@ -48,9 +49,14 @@ def write_photos(folder: Path, n: int, *, seed: int = 0) -> tuple[Camera, ...]:
     """``n`` photos in ``folder``; returns the true cameras."""
     folder.mkdir(parents=True, exist_ok=True)
     cameras = walk_cameras(n)
-    for camera in cameras:
-        Image.fromarray(photograph(camera, seed=seed)).save(folder / camera.name, quality=95)
+    for camera, picture in zip(cameras, _photographs(n, seed), strict=True):
+        Image.fromarray(picture).save(folder / camera.name, quality=95)
     return cameras
+
+
+@cache
+def _photographs(n: int, seed: int) -> list[UInt8Array]:
+    return [photograph(camera, seed=seed) for camera in walk_cameras(n)]
 
 
 def texture(places: DoubleArray, seed: int) -> DoubleArray:
