@@ -273,7 +273,6 @@ def compare_variants(
     masks: str | Path | None = None,
     config: CompareConfig | None = None,
     *,
-    gaussians: Gaussians | None = None,
     rasterizer: Rasterizer | None = None,
 ) -> Stage[VariantTable]:
     """Run every variant on one scene and score its group maps of the held-out views.
@@ -287,8 +286,7 @@ def compare_variants(
     left out. Raises ``GagaError`` when nothing can be scored.
     """
     config = config or CompareConfig()
-    if gaussians is None:
-        gaussians = yield from read_model(folder)
+    gaussians = yield from read_model(folder)
     names = [camera.name for camera in folder.cameras]
     truth = mask_folder(gt, names) if isinstance(gt, Path) else gt
     mask_set, others = mask_folder(mask_path_of(folder, masks), names), folder.mask_folders
@@ -340,8 +338,6 @@ def compare_dataset(
     out: Path,
     benchmark: BenchmarkConfig | None = None,
     config: CompareConfig | None = None,
-    *,
-    rasterizer: Rasterizer | None = None,
 ) -> Stage[tuple[VariantTable, ...]]:
     """The table of each scene of a data set, and after several that of the means.
 
@@ -350,7 +346,7 @@ def compare_dataset(
     measured alike (`published.departures`). Raises ``GagaError`` when no scene can be compared.
     """
     config, benchmark = config or CompareConfig(), benchmark or BenchmarkConfig()
-    engine, tables, apart = rasterizer or choose(), list[VariantTable](), list[str]()
+    engine, tables, apart = choose(), list[VariantTable](), list[str]()
     for i, scene in enumerate(dataset.scenes):
         stage = _compared_scene(scene, out / scene.name, benchmark, config, engine)
         found, of = yield from part(

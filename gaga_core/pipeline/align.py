@@ -90,13 +90,12 @@ def align_stage(
     second: Capture,
     config: AlignConfig,
     workspace: Path,  # a folder of its own, removed at the end
-    rasterizer: Rasterizer | None = None,
 ) -> Stage[Aligned]:
     """Bring ``second`` to ``first`` and say what changed.
 
     Raises ``NotAlignedError`` where that cannot be trusted.
     """
-    scenes, engine = (first.scene, second.scene), rasterizer
+    scenes, engine = (first.scene, second.scene), choose()
     has_photos = min(_n_photos(first), _n_photos(second)) >= FEWEST
     if config.by == "photos" and not has_photos:
         raise NotAlignedError(
@@ -107,7 +106,6 @@ def align_stage(
     try:
         shown = [first, second]
         if config.by == "surfaces" or not has_photos:
-            engine = engine or choose()
             for i, capture in enumerate(shown):
                 if capture.scene is None:
                     raise NotAlignedError(f"{capture.name} has neither photos on disk nor splats.")
@@ -122,7 +120,6 @@ def align_stage(
         shutil.rmtree(workspace, ignore_errors=True)
     changes = None
     if config.changes and all(scene is not None and scene.labels.any() for scene in scenes):
-        engine = engine or choose()
         changes = yield from find_changes_stage(first, second, found.world, engine)
     return Aligned(first.name, second.name, found, changes)
 

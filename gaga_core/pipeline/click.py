@@ -69,7 +69,6 @@ def click_stage(
     clicks: Sequence[ViewClick],
     box: ViewBox | None = None,
     *,
-    rasterizer: Rasterizer | None = None,
     prompter: Prompter | None = None,
 ) -> Stage[ClickedObject]:
     """The splats that clicks on an object and off it, in their order, select; a box comes first.
@@ -79,7 +78,7 @@ def click_stage(
     ``GagaError`` for a view that is not there, a place outside of it, one without a surface, and a
     box that holds no whole object.
     """
-    scene, engine = project.scene, rasterizer or choose()
+    scene, engine = project.scene, choose()
     if box is None and not any(click.is_on for click in clicks[:1]):
         raise GagaError("Click the object first: give --click or --box before --not.")
     folder = project.placed_folder

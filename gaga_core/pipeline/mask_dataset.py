@@ -35,7 +35,6 @@ from gaga_core.io.masks.label_maps import view_key, view_keys, write_labels
 from gaga_core.masks import resize_labels
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
-from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.objects import group_colors, group_name
 from gaga_core.scene.project import Project
@@ -69,9 +68,7 @@ class MaskDataset:
         }
 
 
-def export_mask_dataset(
-    project: Project, out: Path, form: Form = "dataset", *, rasterizer: Rasterizer | None = None
-) -> Stage[MaskDataset]:
+def export_mask_dataset(project: Project, out: Path, form: Form = "dataset") -> Stage[MaskDataset]:
     """Write the groups as every view shows them, as the edited scene stands, into ``out``.
 
     "coco": instances.json, COCO's instance format with compressed run lengths. "dataset": images/
@@ -95,7 +92,7 @@ def export_mask_dataset(
         raise GagaError(f"There are no photos in {folder.root / 'images'}. Put them back.")
     view_keys(camera.name for camera in cameras)
     gaussians = yield from bake_stage(project.scene, indices=shown)
-    labels, engine = project.scene.labels[shown], rasterizer or choose()
+    labels, engine = project.scene.labels[shown], choose()
     pictures = []
     with staging_folder(out) as staging:
         for i, camera in enumerate(cameras):

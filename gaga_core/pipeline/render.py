@@ -102,9 +102,7 @@ def _paint_views(
     return tuple(target / names[camera.name] for camera in cameras)
 
 
-def export_masks(
-    project: Project, out: Path, *, rasterizer: Rasterizer | None = None
-) -> Stage[tuple[Path, ...]]:
+def export_masks(project: Project, out: Path) -> Stage[tuple[Path, ...]]:
     """Group maps of every view as the edited scene shows them: one uint16 <stem>.png a view.
 
     Maps of photos in a subfolder lie in one of its name (`view_key`). Hidden and deleted splats
@@ -118,7 +116,7 @@ def export_masks(
     if len(shown) == 0:
         raise GagaError("Nothing is visible, so there are no group maps to export.")
     gaussians = yield from bake_stage(project.scene, indices=shown)
-    labels, engine = project.scene.labels[shown], rasterizer or choose()
+    labels, engine = project.scene.labels[shown], choose()
 
     def paint(path: Path, camera: Camera) -> None:
         write_labels(path, splat_groups(engine, gaussians, camera, labels))

@@ -18,14 +18,13 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.images import read_rgb
 from gaga_core.progress import Progress, Stage
-from gaga_core.query.auto_names import NameConfig, name_by_nouns
+from gaga_core.query.auto_names import name_by_nouns
 from gaga_core.query.descriptions import describe_groups
 from gaga_core.query.detector import DetectConfig, Detector, vote_boxes
 from gaga_core.query.embed import Embedder
 from gaga_core.query.group_facts import GroupFacts, facts_of, group_digests
 from gaga_core.query.index import (
     GroupIndex,
-    IndexConfig,
     IndexedViews,
     TextVectors,
     index_stage,
@@ -118,25 +117,21 @@ def find_in_view(
     text: str,
     detector: Detector,
     *,
-    picture_of: Callable[[Camera], UInt8Array] | None = None,
     rasterizer: Rasterizer | None = None,
-    config: DetectConfig | None = None,
 ) -> Stage[Answer]:
     """Groups whose picture in ``views`` (one, as a rule) the detector's boxes of ``text`` mean.
 
-    ``picture_of`` gives a view's picture (H, W, 3) at its size; rendered splats by default. Several
-    views vote, weighted by the detector's scores.
+    Several views vote, weighted by the detector's scores.
     """
     if not views:
         raise ValueError("views: expected at least one camera")
-    engine, config = rasterizer or choose(), config or DetectConfig()
+    engine, config = rasterizer or choose(), DetectConfig()
     gaussians, labels = yield from _shown(scene)
     votes = []
     n_boxes = 0
     for i, camera in enumerate(views):
         yield Progress("Find in view", i, len(views), camera.name)
-        picture = picture_of(camera) if picture_of else _rendered(engine, gaussians, camera)
-        boxes = detector.detect(picture, text, config)
+        boxes = detector.detect(_rendered(engine, gaussians, camera), text, config)
         n_boxes += len(boxes)
         votes.append((splat_groups(engine, gaussians, camera, labels), boxes))
     found = vote_boxes(votes)
@@ -159,7 +154,6 @@ def index_scene(
     previous: GroupIndex | None = None,
     photo_of: Callable[[Camera], UInt8Array] | None = None,
     rasterizer: Rasterizer | None = None,
-    config: IndexConfig | None = None,
 ) -> Stage[GroupIndex]:
     """Index all groups of ``scene`` that ``previous`` does not know.
 
@@ -184,17 +178,11 @@ def index_scene(
 
     seen = [camera.at_most(LONGEST_SIDE) for camera in _spread(cameras, MAX_VIEWS)]
     views = IndexedViews(seen, labels_of, picture_of)
-    stage = index_stage(groups, digests, views, embedder, previous=previous, config=config)
+    stage = index_stage(groups, digests, views, embedder, previous=previous)
     return (yield from stage)
 
 
-def refresh_index(
-    project: Project,
-    embedder: Embedder,
-    *,
-    rasterizer: Rasterizer | None = None,
-    config: IndexConfig | None = None,
-) -> Stage[GroupIndex]:
+def refresh_index(project: Project, embedder: Embedder) -> Stage[GroupIndex]:
     """`index_scene` for a project, kept in its folder; only what changed is indexed again.
 
     A damaged index is built again. The file is replaced at the end: cancelling keeps the last one.
@@ -219,8 +207,6 @@ def refresh_index(
         embedder,
         previous=previous,
         photo_of=photo_of if have else None,
-        rasterizer=rasterizer,
-        config=config,
     )
     save_index(path, index)
     return index
@@ -244,11 +230,9 @@ def stale_groups(scene: Scene, index: GroupIndex | None) -> int:
     return n_stale(index, group_digests(scene)[1])
 
 
-def suggested_names(
-    scene: Scene, pictures: Pictures, config: NameConfig | None = None
-) -> dict[int, str]:
+def suggested_names(scene: Scene, pictures: Pictures) -> dict[int, str]:
     """Names for the groups without one that the index is sure of; see `query.names`."""
-    found = name_by_nouns(pictures.index, pictures.texts, taken=scene.names, config=config)
+    found = name_by_nouns(pictures.index, pictures.texts, taken=scene.names)
     live = set(np.unique(scene.labels).tolist())
     return {group: name for group, name in found.items() if group in live}
 

@@ -60,6 +60,9 @@ class BridgeConfig:
     off: float = 0.1  # of the extent of all cameras: how far a cluster may lie off
 
 
+_BRIDGE = BridgeConfig()
+
+
 @dataclass(frozen=True)
 class Bridge:
     """The weakest joint of a model."""
@@ -72,29 +75,27 @@ class Bridge:
     off: float
     spread: float  # standard deviation of that move over draws, x extent
 
-    def holds(self, config: BridgeConfig | None = None) -> bool:
+    def holds(self) -> bool:
         """Whether enough points of both sides agree with how the sides lie."""
-        config = config or BridgeConfig()
-        return self.off + 2 * self.spread < config.off
+        return self.off + 2 * self.spread < _BRIDGE.off
 
 
-def weakest_bridge(facts: SfmFacts, config: BridgeConfig | None = None) -> Bridge | None:
+def weakest_bridge(facts: SfmFacts) -> Bridge | None:
     """The joint between two clusters that hold each other badly; None when there is none."""
-    config = config or BridgeConfig()
-    split = _weakest_split(facts, config)
+    split = _weakest_split(facts)
     if split is None:
         return None
     side, n_common = split
-    ours, theirs = _known_twice(facts, side, config)
+    ours, theirs = _known_twice(facts, side)
     centres = centres_of(facts)
     extent = float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
-    if len(ours) < config.fewest or extent == 0:
+    if len(ours) < _BRIDGE.fewest or extent == 0:
         return Bridge(side, n_common, len(ours), np.inf, np.inf)
     rng = np.random.default_rng(0)
     moves = []
     for draw in range(_BOOTSTRAP_DRAWS):
         rows = np.arange(len(ours)) if draw == 0 else rng.integers(0, len(ours), len(ours))
-        moves.append(_moved(centres[side], theirs[rows], ours[rows], config) - centres[side])
+        moves.append(_moved(centres[side], theirs[rows], ours[rows]) - centres[side])
     # (draws, views, 3): by the fit to all points, and how it varies
     lengths = np.linalg.norm(np.array(moves), axis=2).mean(axis=1)
     varied = np.array(moves) - np.mean(moves, axis=0)
@@ -102,14 +103,14 @@ def weakest_bridge(facts: SfmFacts, config: BridgeConfig | None = None) -> Bridg
     return Bridge(side, n_common, len(ours), float(lengths[0]) / extent, spread / extent)
 
 
-def _weakest_split(facts: SfmFacts, config: BridgeConfig) -> tuple[BoolArray, int] | None:
+def _weakest_split(facts: SfmFacts) -> tuple[BoolArray, int] | None:
     """Views (V,) behind the weakest edge of the tree of the pairs with most common points, and its
     points.
 
     None when that edge is not weak next to the others, or leaves too few views on a side.
     """
     n = len(facts.names)
-    if n < 2 * config.fewest_views or not len(facts.points):
+    if n < 2 * _BRIDGE.fewest_views or not len(facts.points):
         return None
     common = common_points(facts).astype(np.float64)
     common.setdiag(0)
@@ -117,7 +118,7 @@ def _weakest_split(facts: SfmFacts, config: BridgeConfig) -> tuple[BoolArray, in
     tree = minimum_spanning_tree(csr_matrix((-common.data, common.indices, common.indptr), (n, n)))
     edges = tree.tocoo()
     for number in np.argsort(-edges.data, kind="stable"):  # the weakest first
-        if -edges.data[number] >= config.weak * float(np.median(-edges.data)):
+        if -edges.data[number] >= _BRIDGE.weak * float(np.median(-edges.data)):
             return None
         keep = np.arange(len(edges.data)) != number
         cut = coo_matrix((edges.data[keep], (edges.row[keep], edges.col[keep])), (n, n))
@@ -125,19 +126,15 @@ def _weakest_split(facts: SfmFacts, config: BridgeConfig) -> tuple[BoolArray, in
         side: BoolArray = labels == labels[edges.row[number]]
         if 2 * side.sum() > n:
             side = labels == labels[edges.col[number]]
-        if side.sum() >= config.fewest_views:
+        if side.sum() >= _BRIDGE.fewest_views:
             return side, int(-edges.data[number])
     return None
 
 
-def _known_twice(
-    facts: SfmFacts, side: BoolArray, config: BridgeConfig
-) -> tuple[DoubleArray, DoubleArray]:
+def _known_twice(facts: SfmFacts, side: BoolArray) -> tuple[DoubleArray, DoubleArray]:
     """Places (K, 3), (K, 3) of the points that both sides triangulate alone: the rest, ``side``."""
     n = len(facts.points)
-    places, good = zip(
-        *(_triangulated(facts, side == s, config) for s in (False, True)), strict=True
-    )
+    places, good = zip(*(_triangulated(facts, side == s) for s in (False, True)), strict=True)
     pairs = [np.stack([np.arange(n), np.arange(n)], axis=1)]
     for a, b in ((0, 1), (1, 0)):  # matches across whose two sides became two points
         of_rest, of_side = facts.match_points[:, a], facts.match_points[:, b]
@@ -149,9 +146,7 @@ def _known_twice(
     return places[0][rows[:, 0]], places[1][rows[:, 1]]
 
 
-def _triangulated(
-    facts: SfmFacts, views: BoolArray, config: BridgeConfig
-) -> tuple[DoubleArray, BoolArray]:
+def _triangulated(facts: SfmFacts, views: BoolArray) -> tuple[DoubleArray, BoolArray]:
     """Points (P, 3) as the chosen ``views`` (V,) see them alone, and which are well known."""
     view, point = facts.match_views.ravel(), facts.match_points.ravel()
     rays = facts.match_rays.reshape(-1, 3)
@@ -167,22 +162,20 @@ def _triangulated(
     np.add.at(right, point, np.einsum("oij,oj->oi", across, centres_of(facts)[view]))
     counts = np.bincount(point, minlength=n)
     least = np.linalg.eigvalsh(normal)[:, 0]
-    error = config.pixels / float(np.median(facts.focal)) / np.sqrt(np.maximum(least, 1e-12))
-    good: BoolArray = (counts >= 2) & (error < config.depth_error)
+    error = _BRIDGE.pixels / float(np.median(facts.focal)) / np.sqrt(np.maximum(least, 1e-12))
+    good: BoolArray = (counts >= 2) & (error < _BRIDGE.depth_error)
     places = np.zeros((n, 3))
     places[good] = np.linalg.solve(normal[good], right[good][:, :, None])[:, :, 0]
     return places, good
 
 
-def _moved(
-    points: DoubleArray, source: DoubleArray, target: DoubleArray, config: BridgeConfig
-) -> DoubleArray:
+def _moved(points: DoubleArray, source: DoubleArray, target: DoubleArray) -> DoubleArray:
     """``points`` under the similarity that takes most of ``source`` (K, 3) to ``target``."""
     rows: LongArray = np.arange(len(source))
     for _ in range(4):
         moved = fit_similarity(source[rows], target[rows])
         off = np.linalg.norm(source @ moved[:, :3].T + moved[:, 3] - target, axis=1)
-        rows = np.argsort(off, kind="stable")[: max(3, int(config.kept * len(source)))]
+        rows = np.argsort(off, kind="stable")[: max(3, int(_BRIDGE.kept * len(source)))]
     return points @ moved[:, :3].T + moved[:, 3]
 
 
@@ -208,6 +201,9 @@ class CheckConfig:
     doubled: tuple[float, float] = (0.05, 0.12)  # share of matches between two separate points
 
 
+_CHECK = CheckConfig()
+
+
 @dataclass(frozen=True)
 class Verdict:
     """One finding: what is odd and what to try."""
@@ -221,20 +217,18 @@ def check_model(
     facts: SfmFacts,
     summary: SfmSummary,
     priors: Mapping[str, float] | None = None,  # focal lengths in pixels by photo, where known
-    config: CheckConfig | None = None,
 ) -> tuple[Verdict, ...]:
     """Everything odd about a model; errors first. An empty tuple: it looks right."""
-    config = config or CheckConfig()
     found = [
-        *_check_registered(facts, summary, config),
-        *_check_contradictions(summary, config),
-        *_check_shape(summary, config),
-        *_check_focal(facts, priors or {}, config),
+        *_check_registered(facts, summary),
+        *_check_contradictions(summary),
+        *_check_shape(summary),
+        *_check_focal(facts, priors or {}),
     ]
     return tuple(sorted(found, key=lambda verdict: verdict.level != "error"))
 
 
-def _check_registered(facts: SfmFacts, s: SfmSummary, c: CheckConfig) -> list[Verdict]:
+def _check_registered(facts: SfmFacts, s: SfmSummary) -> list[Verdict]:
     left = [name for name in facts.all_names if name not in set(facts.names)]
     share = s.registered / max(s.photos, 1)
     found = []
@@ -242,9 +236,9 @@ def _check_registered(facts: SfmFacts, s: SfmSummary, c: CheckConfig) -> list[Ve
         named = ", ".join(left[:_NAMED]) + (" ..." if len(left) > _NAMED else "")
         text = f"{s.registered} of {s.photos} photos were placed; left out: {named}."
         others = [int(n) for n in facts.model_sizes[1:]]
-        if share < c.registered[0] and others:
+        if share < _CHECK.registered[0] and others:
             text += f" {others[0]} of them make a scene of their own."
-        level = "error" if share <= c.registered[1] else level_below(share, c.registered)
+        level = "error" if share <= _CHECK.registered[1] else level_below(share, _CHECK.registered)
         if level is None and share < 1:
             level = "warning"
         cure = " Add photos between these and the others, with more than half in common."
@@ -270,7 +264,7 @@ def _check_registered(facts: SfmFacts, s: SfmSummary, c: CheckConfig) -> list[Ve
     return found
 
 
-def _check_contradictions(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
+def _check_contradictions(s: SfmSummary) -> list[Verdict]:
     cure = (
         f"Try {option('--quality', 'full')}, leave out photos that look alike but show another "
         "place, or add "
@@ -286,37 +280,37 @@ def _check_contradictions(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
     )
     behind = f"{s.behind:.1%} of the points are behind the camera that sees them. {cure}"
     return [
-        *_verdict("pairs", level_below(s.agreeing, c.agreeing), agree),
-        *_verdict("doubled", _above(s.doubled, c.doubled), twice),
-        *_verdict("behind", _above(s.behind, c.behind), behind),
+        *_verdict("pairs", level_below(s.agreeing, _CHECK.agreeing), agree),
+        *_verdict("doubled", _above(s.doubled, _CHECK.doubled), twice),
+        *_verdict("behind", _above(s.behind, _CHECK.behind), behind),
     ]
 
 
-def _check_shape(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
+def _check_shape(s: SfmSummary) -> list[Verdict]:
     per_view = s.points * s.track / max(s.registered, 1)
     return [
         *_verdict(
             "reprojection",
-            _above(s.reprojection, c.reprojection),
+            _above(s.reprojection, _CHECK.reprojection),
             f"Points are {s.reprojection:.1f} pixels off in the photos on average. Are there "
             "photos of another lens or zoom, or moving objects? Leave them out, or give "
             f"{option('--focal')}.",
         ),
         *_verdict(
             "track",
-            level_below(s.track, c.track),
+            level_below(s.track, _CHECK.track),
             f"A point is seen in {s.track:.1f} photos on average. Take more photos, in smaller "
             "steps, so that each detail is in at least three.",
         ),
         *_verdict(
             "points",
-            level_below(per_view, c.points_per_view),
+            level_below(per_view, _CHECK.points_per_view),
             f"A photo holds {per_view:.0f} points on average. Sharper photos or "
             f"{option('--quality', 'full')} give more; bare walls and glass give none.",
         ),
         *_verdict(
             "collapse",
-            level_below(s.parallax, c.parallax),
+            level_below(s.parallax, _CHECK.parallax),
             f"The photos see a point under {s.parallax:.1f} degrees at most: the cameras are "
             "almost at one place for what they see. Walk around the scene; turning on the spot is "
             "not enough.",
@@ -324,14 +318,14 @@ def _check_shape(s: SfmSummary, c: CheckConfig) -> list[Verdict]:
     ]
 
 
-def _check_focal(facts: SfmFacts, priors: Mapping[str, float], c: CheckConfig) -> list[Verdict]:
+def _check_focal(facts: SfmFacts, priors: Mapping[str, float]) -> list[Verdict]:
     if not len(facts.focal):
         return []
     found = []
     mean = facts.focal.mean(axis=1)
     ratio = mean / facts.sizes.max(axis=1)
     worst = float(ratio[np.abs(np.log(ratio)).argmax()])
-    level = level_below(worst, c.focal_range) or _above(worst, c.focal_long)
+    level = level_below(worst, _CHECK.focal_range) or _above(worst, _CHECK.focal_long)
     found += _verdict(
         "focal",
         level,
@@ -340,7 +334,7 @@ def _check_focal(facts: SfmFacts, priors: Mapping[str, float], c: CheckConfig) -
         "EXIF data.",
     )
     apart = float(np.abs(np.log(facts.focal[:, 0] / facts.focal[:, 1])).max())
-    if apart > c.axes_apart:
+    if apart > _CHECK.axes_apart:
         found += _verdict(
             "axes",
             "warning",
@@ -353,7 +347,7 @@ def _check_focal(facts: SfmFacts, priors: Mapping[str, float], c: CheckConfig) -
         off = float(np.abs(values[:, 0] / values[:, 1] - 1).max())
         found += _verdict(
             "prior",
-            _above(off, c.focal_apart),
+            _above(off, _CHECK.focal_apart),
             f"The focal length was estimated {off:.0%} away from what EXIF or --focal says. Check "
             f"{option('--focal')}, or leave out photos that were cropped or zoomed.",
         )
@@ -394,17 +388,18 @@ class PoseCheckConfig:
     fewest_pairs: int = 5  # strong pairs from which a verdict is given
 
 
+_POSES = PoseCheckConfig()
+
+
 def check_poses_stage(
     cameras: Sequence[Camera],
     photos: Mapping[str, Path],  # of each camera's name
     workspace: Path,  # a folder of the check's own; removed at the end
     *,
     threads: int = 0,
-    config: PoseCheckConfig | None = None,
 ) -> Stage[tuple[Verdict, ...]]:
     """What the photos say of the poses; nothing when they fit, or too few pairs match to judge."""
-    config = config or PoseCheckConfig()
-    chosen = [camera for camera in sampled(cameras, config) if camera.name in photos]
+    chosen = [camera for camera in sampled(cameras) if camera.name in photos]
     if not chosen:
         return ()
     refuse_links(workspace)
@@ -415,22 +410,22 @@ def check_poses_stage(
         )
     finally:
         shutil.rmtree(workspace, ignore_errors=True)
-    return () if facts is None else judge_poses(facts, config)
+    return () if facts is None else judge_poses(facts)
 
 
-def sampled(cameras: Sequence[Camera], config: PoseCheckConfig) -> list[Camera]:
+def sampled(cameras: Sequence[Camera]) -> list[Camera]:
     """Some cameras, in short runs by name, as neighbours by name mostly overlap."""
     order = sorted(cameras, key=lambda camera: camera.name)
-    starts = np.linspace(0, max(len(order) - config.length, 0), config.runs).astype(int)
-    indices = sorted({int(s) + k for s in starts for k in range(config.length)})
+    starts = np.linspace(0, max(len(order) - _POSES.length, 0), _POSES.runs).astype(int)
+    indices = sorted({int(s) + k for s in starts for k in range(_POSES.length)})
     return [order[i] for i in indices if i < len(order)]
 
 
-def judge_poses(facts: SfmFacts, config: PoseCheckConfig) -> tuple[Verdict, ...]:
+def judge_poses(facts: SfmFacts) -> tuple[Verdict, ...]:
     """The verdict on the poses in ``facts``."""
-    share, n_pairs = pair_agreement(facts, MeasureConfig())
-    level = level_below(share, CheckConfig().agreeing)
-    if n_pairs < config.fewest_pairs or level is None:
+    share, n_pairs = pair_agreement(facts)
+    level = level_below(share, _CHECK.agreeing)
+    if n_pairs < _POSES.fewest_pairs or level is None:
         return ()
     text = (
         f"{1 - share:.0%} of the photo pairs contradict the given poses: the poses belong to other "

@@ -121,6 +121,9 @@ class DiagnosisConfig:
     fewest_cycles: int = 20  # triplets below which nothing is said
 
 
+_CONFIG = DiagnosisConfig()
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """Reasons that may keep photos from being placed."""
@@ -192,33 +195,29 @@ class Diagnosis:
         return "too few details in common with the others"
 
 
-def diagnose(
-    photos: PhotoSet, matches: MatchFacts, config: DiagnosisConfig | None = None
-) -> Diagnosis:
+def diagnose(photos: PhotoSet, matches: MatchFacts) -> Diagnosis:
     """Look for the known causes."""
-    config = config or DiagnosisConfig()
     features = float(np.median(matches.n_features)) if len(matches.n_features) else 0.0
     covered = float(np.median(matches.coverage)) if len(matches.coverage) else 0.0
-    repeats, alike = repetition(matches, config)
+    repeats, alike = repetition(matches)
     return Diagnosis(
-        blurred=blurred_photos(photos, config),
-        groups=linked_groups(matches, config.linked),
-        few_features=features < config.few_features,
-        featureless=covered < config.covered,
-        still=is_still(matches, config),
+        blurred=blurred_photos(photos),
+        groups=linked_groups(matches, _CONFIG.linked),
+        few_features=features < _CONFIG.few_features,
+        featureless=covered < _CONFIG.covered,
+        still=is_still(matches),
         repeats=repeats,
         alike=alike,
     )
 
 
-def blurred_photos(photos: PhotoSet, config: DiagnosisConfig | None = None) -> tuple[str, ...]:
+def blurred_photos(photos: PhotoSet) -> tuple[str, ...]:
     """Names of the photos that are far less sharp than the sharpest quarter of them."""
-    config = config or DiagnosisConfig()
     measured = [photo for photo in photos.photos if photo.sharpness > 0]
     if not measured:
         return ()
     sharp = float(np.quantile([photo.sharpness for photo in measured], 0.75))
-    bound = min(config.blurred, config.blurred_share * sharp)
+    bound = min(_CONFIG.blurred, _CONFIG.blurred_share * sharp)
     return tuple(photo.name for photo in measured if photo.sharpness < bound)
 
 
@@ -232,12 +231,9 @@ def linked_groups(matches: MatchFacts, linked: int) -> tuple[tuple[str, ...], ..
     return tuple(tuple(names) for names in sorted(found, key=len, reverse=True))
 
 
-def chain_breaks(
-    matches: MatchFacts, config: DiagnosisConfig | None = None
-) -> tuple[tuple[str, str], ...]:
+def chain_breaks(matches: MatchFacts) -> tuple[tuple[str, str], ...]:
     """Neighbours by name, as frames of a film are, that matches do not link."""
-    config = config or DiagnosisConfig()
-    strong = matches.pairs[matches.pair_matches >= config.linked]
+    strong = matches.pairs[matches.pair_matches >= _CONFIG.linked]
     linked = {(min(i, j), max(i, j)) for i, j in strong.tolist()}
     names = matches.names
     return tuple(
@@ -245,22 +241,21 @@ def chain_breaks(
     )
 
 
-def is_still(matches: MatchFacts, config: DiagnosisConfig | None = None) -> bool:
+def is_still(matches: MatchFacts) -> bool:
     """Whether the camera stood still in front of most of what the photos show."""
-    config = config or DiagnosisConfig()
     known = ~np.isnan(matches.still)
     if known.sum() < len(matches.names):
         return False
     # A film that rests has still pairs too, but of neighbours only.
     far = known & (np.abs(np.diff(matches.pairs, axis=1)[:, 0]) > max(2, len(matches.names) // 8))
-    return bool(far.any() and (matches.still[far] > config.still).mean() > config.still_pairs)
+    return bool(far.any() and (matches.still[far] > _CONFIG.still).mean() > _CONFIG.still_pairs)
 
 
-def repetition(matches: MatchFacts, config: DiagnosisConfig) -> tuple[float, tuple[str, ...]]:
+def repetition(matches: MatchFacts) -> tuple[float, tuple[str, ...]]:
     """Share of the triplets that contradict each other, and the worst; 0 when they are few."""
     cycles = photo_cycles(len(matches.names), matches.pairs, matches.turns)
-    share = float(cycles.open(config.open_cycle).mean()) if len(cycles.errors) else 0.0
-    if len(cycles.errors) < config.fewest_cycles or share < config.open_share:
+    share = float(cycles.open(_CONFIG.open_cycle).mean()) if len(cycles.errors) else 0.0
+    if len(cycles.errors) < _CONFIG.fewest_cycles or share < _CONFIG.open_share:
         return 0.0, ()
     worst = cycles.photos[int(cycles.errors.argmax())]
     return share, tuple(matches.names[i] for i in worst)

@@ -78,6 +78,9 @@ class MeasureConfig:
     shared: int = 15  # points that two views must share to hold each other
 
 
+_CONFIG = MeasureConfig()
+
+
 @dataclass(frozen=True)
 class SfmSummary:
     """The figures behind the verdicts, for the report."""
@@ -99,9 +102,8 @@ class SfmSummary:
         return {k: round(v, 4) if isinstance(v, float) else v for k, v in asdict(self).items()}
 
 
-def summarize(facts: SfmFacts, config: MeasureConfig | None = None) -> SfmSummary:
+def summarize(facts: SfmFacts) -> SfmSummary:
     """Measure a model."""
-    config = config or MeasureConfig()
     return SfmSummary(
         photos=len(facts.all_names),
         registered=len(facts.names),
@@ -110,10 +112,10 @@ def summarize(facts: SfmFacts, config: MeasureConfig | None = None) -> SfmSummar
         track=_mean(facts.track_lengths),
         focal=float(np.median(facts.focal)) if len(facts.focal) else 0.0,
         parallax=_parallax(facts),
-        agreeing=pair_agreement(facts, config)[0],
-        doubled=_doubled(facts, config),
+        agreeing=pair_agreement(facts)[0],
+        doubled=_doubled(facts),
         behind=_mean(_seen_depths(facts) <= 0),
-        parts=_parts(facts, config.shared),
+        parts=_parts(facts, _CONFIG.shared),
     )
 
 
@@ -167,7 +169,7 @@ def _tolerance(facts: SfmFacts, pixels: float) -> DoubleArray:
     return result
 
 
-def pair_agreement(facts: SfmFacts, config: MeasureConfig) -> tuple[float, int]:
+def pair_agreement(facts: SfmFacts) -> tuple[float, int]:
     """Share of strong pairs that agree with the poses, and how many strong pairs there are.
 
     A pair agrees when at least half of its matches lie on their epipolar lines.
@@ -175,7 +177,7 @@ def pair_agreement(facts: SfmFacts, config: MeasureConfig) -> tuple[float, int]:
     Weak pairs are left out: tiles and windows repeat, and some false pairs pass the verification
     even where the model is right. Rays that coincide agree whatever the baseline.
     """
-    strong = _strong_matches(facts, config)
+    strong = _strong_matches(facts)
     if not strong.any():
         return 1.0, 0
     first, second = facts.match_views[strong].T
@@ -186,7 +188,7 @@ def pair_agreement(facts: SfmFacts, config: MeasureConfig) -> tuple[float, int]:
     length = np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
     off_line = np.abs((normal * other).sum(axis=1)) / length
     apart = np.linalg.norm(turned - other, axis=1)
-    tolerance = _tolerance(facts, config.pair_pixels)[strong]
+    tolerance = _tolerance(facts, _CONFIG.pair_pixels)[strong]
     # Depths at which the rays meet, times a positive number: behind a camera they see no point.
     across = np.cross(turned, other)
     first_depth = -(np.cross(offset, other) * across).sum(axis=1)
@@ -200,7 +202,7 @@ def pair_agreement(facts: SfmFacts, config: MeasureConfig) -> tuple[float, int]:
     return float(agree.mean()), len(agree)
 
 
-def _strong_matches(facts: SfmFacts, config: MeasureConfig) -> BoolArray:
+def _strong_matches(facts: SfmFacts) -> BoolArray:
     """Which matches (M,) are of a pair of placed views with many verified matches."""
     n = len(facts.names)
     place = {name: i for i, name in enumerate(facts.names)}
@@ -210,18 +212,18 @@ def _strong_matches(facts: SfmFacts, config: MeasureConfig) -> BoolArray:
     if not placed.any():
         return np.zeros(len(facts.match_views), bool)
     counts = facts.pair_matches[placed]
-    chosen = pairs[placed][counts >= min(config.strong, float(np.median(counts)))]
+    chosen = pairs[placed][counts >= min(_CONFIG.strong, float(np.median(counts)))]
     keys = np.concatenate([chosen[:, 0] * n + chosen[:, 1], chosen[:, 1] * n + chosen[:, 0]])
     return np.isin(facts.match_views[:, 0] * n + facts.match_views[:, 1], keys)
 
 
-def _doubled(facts: SfmFacts, config: MeasureConfig) -> float:
+def _doubled(facts: SfmFacts) -> float:
     """Share of the matches of strong pairs whose two sides became points that do not coincide.
 
     The point of the first side, looked at from the second view, is further than the tolerance
     from where the second view saw it.
     """
-    both = (facts.match_points >= 0).all(axis=1) & _strong_matches(facts, config)
+    both = (facts.match_points >= 0).all(axis=1) & _strong_matches(facts)
     if not both.any():
         return 0.0
     second = facts.match_views[both, 1]
@@ -231,7 +233,7 @@ def _doubled(facts: SfmFacts, config: MeasureConfig) -> float:
     seen /= np.maximum(np.linalg.norm(seen, axis=1, keepdims=True), 1e-12)
     off = np.linalg.norm(seen - facts.match_rays[both, 1], axis=1)
     other = facts.match_points[both, 0] != facts.match_points[both, 1]
-    return float((other & (off > _tolerance(facts, config.pair_pixels)[both])).mean())
+    return float((other & (off > _tolerance(facts, _CONFIG.pair_pixels)[both])).mean())
 
 
 def _parts(facts: SfmFacts, shared: int) -> int:

@@ -45,6 +45,9 @@ class MotionConfig:
     fewest: int = 24
 
 
+_CONFIG = MotionConfig()
+
+
 @dataclass(frozen=True, eq=False)
 class FilmMotion:
     """The frames of a film at a steady rate. C frames."""
@@ -59,17 +62,15 @@ def look_through(
     seconds: float,
     native_rate: float,
     size: tuple[int, int],  # pixels
-    config: MotionConfig | None = None,
 ) -> Stage[FilmMotion]:
     """Read the film once, small, and measure each frame. An unreadable film has no frames."""
-    config = config or MotionConfig()
-    rate = min(native_rate, config.rate, config.most_looked / max(seconds, 1e-3))
+    rate = min(native_rate, _CONFIG.rate, _CONFIG.most_looked / max(seconds, 1e-3))
     width = _LOOK_WIDTH
     height = round(width * size[1] / max(size[0], 1) / 2) * 2
     height = min(max(_BLOCK * 2, height), _LOOK_HEIGHT)
     command = [ffmpeg_program(), "-nostdin", "-v", "error", *video_input(video)]
     command += ["-vf", f"fps={rate:.6g},scale={width}:{height}:flags=area", "-pix_fmt", "rgb24"]
-    command += ["-frames:v", str(config.most_looked), "-f", "rawvideo", "pipe:1"]
+    command += ["-frames:v", str(_CONFIG.most_looked), "-f", "rawvideo", "pipe:1"]
     sharp, motion = list[float](), list[float]()
     before: FloatArray | None = None
     expected = max(1, int(seconds * rate))
@@ -82,7 +83,7 @@ def look_through(
                 frame: UInt8Array = np.frombuffer(data, np.uint8).reshape(height, width, 3)
                 small = _halved(frame)
                 sharp.append(sharpness(frame))
-                motion.append(0.0 if before is None else displacement(before, small, config.lost))
+                motion.append(0.0 if before is None else displacement(before, small, _CONFIG.lost))
                 before, moved_at = small, time.monotonic()
             elif time.monotonic() - moved_at > patience:
                 raise _stalled(video, patience)
@@ -114,14 +115,13 @@ def displacement(before: FloatArray, after: FloatArray, lost: float) -> float:
     return min(float(np.median(found)), lost) if len(found) > enough else lost
 
 
-def choose_frames(film: FilmMotion, config: MotionConfig | None = None) -> tuple[int, ...]:
+def choose_frames(film: FilmMotion) -> tuple[int, ...]:
     """Indices of the frames to place, ascending: one about every `MotionConfig.step`."""
-    config = config or MotionConfig()
     if len(film.motion) == 0:
         return ()
     way = np.cumsum(film.motion)
-    step = max(config.step, way[-1] / max(config.most - 1, 1))
-    step = min(step, max(way[-1] / max(config.fewest - 1, 1), 1e-6))
+    step = max(_CONFIG.step, way[-1] / max(_CONFIG.most - 1, 1))
+    step = min(step, max(way[-1] / max(_CONFIG.fewest - 1, 1), 1e-6))
     return _sharpest(film, way, 0.0, way[-1] + step / 2, step)
 
 

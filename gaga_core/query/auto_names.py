@@ -117,15 +117,10 @@ def suggest_names(
 
 
 def name_by_nouns(
-    index: GroupIndex,
-    texts: TextVectors,
-    *,
-    taken: Mapping[int, str] | None = None,
-    nouns: Sequence[str] = NOUNS,
-    config: NameConfig | None = None,
+    index: GroupIndex, texts: TextVectors, *, taken: Mapping[int, str] | None = None
 ) -> dict[int, str]:
     """`suggest_names` with our own list; the nouns' vectors are made once and kept by ``texts``."""
-    return suggest_names(index, nouns, texts.nouns(nouns), taken=taken, config=config)
+    return suggest_names(index, NOUNS, texts.nouns(NOUNS), taken=taken)
 
 
 def _best_nouns(

@@ -397,7 +397,7 @@ def clean_object(
     )
 
 
-def cleaned_labels(scene: Scene, preview: CleanPreview, title: str = "Clean") -> SetLabels | None:
+def cleaned_labels(scene: Scene, preview: CleanPreview) -> SetLabels | None:
     """The edit that gives and takes the splats of ``preview``; None when nothing changes.
 
     Raises ``GagaError`` for a free choice of splats, which has no group to join.
@@ -408,7 +408,7 @@ def cleaned_labels(scene: Scene, preview: CleanPreview, title: str = "Clean") ->
     rows = np.concatenate([preview.add, preview.remove])
     labels = np.concatenate([joined, preview.remove_groups])
     order = np.argsort(rows, kind="stable")
-    return set_labels(scene, rows[order], labels[order], title)
+    return set_labels(scene, rows[order], labels[order], "Clean")
 
 
 @dataclass(frozen=True, eq=False)
@@ -547,10 +547,10 @@ def cleaning_tint(scene: Scene, preview: CleanPreview) -> Edit | None:
     )
 
 
-def relabel(scene: Scene, labels: IntArray, title: str = "Clean") -> Edit | None:
+def relabel(scene: Scene, labels: IntArray) -> Edit | None:
     """Take the labels (N,) of cleaned objects over."""
     rows = np.flatnonzero(labels != scene.labels)
-    return set_labels(scene, rows, labels[rows], title)
+    return set_labels(scene, rows, labels[rows], "Clean")
 
 
 def cleaned_edit(scene: Scene, preview: CleanPreview, title: str) -> Edit | None:

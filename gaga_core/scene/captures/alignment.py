@@ -42,6 +42,9 @@ class TrustConfig:
     scale: float = 0.005  # one standard error of the scale, relative
 
 
+_TRUST = TrustConfig()
+
+
 @dataclass(frozen=True, eq=False)
 class Alignment:
     """How the second capture lies in the world of the first."""
@@ -91,15 +94,14 @@ class Alignment:
         }
 
 
-def trusted(found: Alignment, config: TrustConfig | None = None) -> Alignment:
+def trusted(found: Alignment) -> Alignment:
     """``found``. Raises ``NotAlignedError`` with the reason where it cannot be trusted."""
-    c = config or TrustConfig()
     what = f"The captures share too little: {found.n_points:,} {found.by} points fit"
-    if found.n_points < c.fewest:
-        text = f"it takes {c.fewest}."
-    elif found.share < c.share:
+    if found.n_points < _TRUST.fewest:
+        text = f"it takes {_TRUST.fewest}."
+    elif found.share < _TRUST.share:
         text = f"{found.share:.0%} of those that look alike; the others contradict."
-    elif not (np.degrees(found.turn_error) <= c.degrees and found.scale_error <= c.scale):
+    elif not (np.degrees(found.turn_error) <= _TRUST.degrees and found.scale_error <= _TRUST.scale):
         text = "from too few places to say how they lie to each other."
     else:
         return found

@@ -56,6 +56,9 @@ class PhotoConfig:
     bootstrap: int = 24  # draws of photos
 
 
+_CONFIG = PhotoConfig()
+
+
 @dataclass(frozen=True, eq=False)
 class Shared:
     """M features that match across: one point in both worlds, side by side (first, second)."""
@@ -82,16 +85,14 @@ def align_by_photos_stage(
     *,
     threads: int = 0,
     seed: int = 0,
-    config: PhotoConfig | None = None,
 ) -> Stage[Alignment]:
     """How ``second`` lies in the world of ``first``.
 
     Raises ``NotAlignedError`` where the photos do not say.
     """
-    config = config or PhotoConfig()
-    shared = yield from _matched(first, second, workspace, threads, seed, config)
+    shared = yield from _matched(first, second, workspace, threads, seed)
     yield Progress(STAGE, 0, 0, f"{len(shared):,} shared features")
-    return trusted(align_shared(shared, seed=seed, config=config))
+    return trusted(align_shared(shared, seed=seed))
 
 
 def _matched(
@@ -100,14 +101,13 @@ def _matched(
     workspace: Path,
     threads: int,
     seed: int,
-    config: PhotoConfig,
 ) -> Stage[Shared]:
     sets: list[Photo] = []
     posed: dict[str, Camera] = {}
     for side, capture in zip(_SIDES, (first, second), strict=True):
         shown = [camera for camera in capture.cameras if camera.name in capture.photos]
         shown.sort(key=lambda camera: natural_order(camera.name))
-        rows = np.linspace(0, len(shown) - 1, min(len(shown), config.most_photos)).round()
+        rows = np.linspace(0, len(shown) - 1, min(len(shown), _CONFIG.most_photos)).round()
         chosen = {capture.photos[shown[k].name]: shown[k] for k in rows.astype(int)}
         root = Path(os.path.commonpath([path.parent for path in chosen]))
         # Each by itself: a photo that both captures have is no copy that is left out.
@@ -125,12 +125,10 @@ def _matched(
     yield from run_matching(photos, workspace, sfm)
     yield from run_step("export_features", photos, workspace, sfm)
     arrays = read_columns(workspace / "features.npz", "Try again.", _FEATURES)
-    return shared_of(arrays, posed, config)
+    return shared_of(arrays, posed)
 
 
-def shared_of(
-    arrays: Mapping[str, np.ndarray], posed: Mapping[str, Camera], config: PhotoConfig
-) -> Shared:
+def shared_of(arrays: Mapping[str, np.ndarray], posed: Mapping[str, Camera]) -> Shared:
     """Points that both captures know, from the features of `placing.worker.write_features`."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -150,12 +148,12 @@ def shared_of(
     n = len(photo)
     graph = coo_matrix((np.ones(len(i), np.bool_), (i, j)), (n, n))
     track: LongArray = connected_components(graph, directed=False)[1].astype(np.int64)
-    points, good = _triangulated(track, photo, seen, poses, config)
+    points, good = _triangulated(track, photo, seen, poses)
     across = matches[is_across]
     across = np.where(is_second[across[:, :1]], across[:, ::-1], across).T  # (2, M)
     known = good[track[across]].all(axis=0)
     error = _errors(points[track[across]], poses[photo[across]], seen[across])
-    across = across[:, known & (error < config.track_error).all(axis=0)]
+    across = across[:, known & (error < _CONFIG.track_error).all(axis=0)]
     at = photo[across]
     return Shared(points[track[across]], poses[at], seen[across], focal[at, 0], at, track[across])
 
@@ -171,7 +169,7 @@ def _errors(points: DoubleArray, poses: DoubleArray, seen: DoubleArray) -> Doubl
 
 
 def _triangulated(
-    track: LongArray, photo: LongArray, seen: DoubleArray, poses: DoubleArray, config: PhotoConfig
+    track: LongArray, photo: LongArray, seen: DoubleArray, poses: DoubleArray
 ) -> tuple[DoubleArray, BoolArray]:
     """Points (T, 3) of the tracks, and which are well known: rays that do not fit are left out."""
     n = int(track.max(initial=-1)) + 1
@@ -187,35 +185,34 @@ def _triangulated(
         np.add.at(normal, track[used], across[used])
         np.add.at(right, track[used], side[used])
         # The least eigenvalue of two rays at an angle t is 1 - cos(t), about t^2 / 2.
-        good = np.linalg.eigvalsh(normal)[:, 0] > config.least_angle**2 / 2
+        good = np.linalg.eigvalsh(normal)[:, 0] > _CONFIG.least_angle**2 / 2
         points[good] = np.linalg.solve(normal[good], right[good][:, :, None])[:, :, 0]
         error = _errors(points[track], poses[photo], seen)
         worst = np.zeros(n)
         np.maximum.at(worst, track[used], np.minimum(error[used], 1e9))
-        good &= worst < config.track_error
-        used &= (error < config.track_error) | (error < 0.5 * worst[track])
+        good &= worst < _CONFIG.track_error
+        used &= (error < _CONFIG.track_error) | (error < 0.5 * worst[track])
     return points, good
 
 
-def align_shared(shared: Shared, *, seed: int = 0, config: PhotoConfig | None = None) -> Alignment:
+def align_shared(shared: Shared, *, seed: int = 0) -> Alignment:
     """The similarity that most of the shared points fit. Raises ``NotAlignedError`` without any."""
-    config = config or PhotoConfig()
     n_all = len(np.unique(shared.tracks[0]))
     rng = np.random.default_rng(seed)
-    best = _ransac(shared, rng, config) if n_all >= _LEAST else np.eye(4)
+    best = _ransac(shared, rng) if n_all >= _LEAST else np.eye(4)
     for _ in range(3):
-        fits = np.flatnonzero(_fit_errors(best, shared).max(axis=0) < config.fit_error)
+        fits = np.flatnonzero(_fit_errors(best, shared).max(axis=0) < _CONFIG.fit_error)
         if n_all < _LEAST or len(fits) < _LEAST:
             raise NotAlignedError(
                 "No photo of one capture shows what photos of the other show. Add photos that show "
                 "both, or place it by hand."
             )
-        best = _refined(best, shared.take(fits), config)
+        best = _refined(best, shared.take(fits))
     moved = shared.points[1, fits] @ best[:3, :3].T + best[:3, 3]
     apart = np.linalg.norm(moved - shared.points[0, fits], axis=1)
     n_points = len(np.unique(shared.tracks[0, fits]))
     pixels = _fit_errors(best, shared)[:, fits] * shared.focal[:, fits]
-    turn, scale = _spread(best, shared.take(fits), rng, config)
+    turn, scale = _spread(best, shared.take(fits), rng)
     residual = float(np.median(apart)), float(np.median(pixels))
     return Alignment(best, "photos", n_points, n_points / n_all, *residual, turn, scale)
 
@@ -228,25 +225,25 @@ def _fit_errors(world: DoubleArray, shared: Shared) -> DoubleArray:
     return _errors(np.stack([first, second]), shared.poses, shared.seen)
 
 
-def _ransac(shared: Shared, rng: np.random.Generator, config: PhotoConfig) -> DoubleArray:
+def _ransac(shared: Shared, rng: np.random.Generator) -> DoubleArray:
     """The best of many similarities (4, 4) that fit three points exactly."""
     _, rows = np.unique(shared.tracks[0], return_index=True)  # each point once
     rows = rng.permutation(rows)[:_SCORED]
     some = shared.take(rows)
-    chosen = np.array([rng.choice(len(rows), 3, replace=False) for _ in range(config.draws)])
+    chosen = np.array([rng.choice(len(rows), 3, replace=False) for _ in range(_CONFIG.draws)])
     source, target = some.points[1][chosen], some.points[0][chosen]
     best, most = np.eye(4), -1
     for linear in fit_similarity(source, target):
         world = np.vstack([linear, [0, 0, 0, 1]])
         if not np.linalg.det(linear[:, :3]) > _FLAT:
             continue
-        n = int((_fit_errors(world, some).max(axis=0) < config.fit_error).sum())
+        n = int((_fit_errors(world, some).max(axis=0) < _CONFIG.fit_error).sum())
         if n > most:
             best, most = world, n
     return best
 
 
-def _refined(start: DoubleArray, shared: Shared, config: PhotoConfig) -> DoubleArray:
+def _refined(start: DoubleArray, shared: Shared) -> DoubleArray:
     """The similarity (4, 4) near ``start`` with the least errors in the photos, outliers damped."""
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation
@@ -263,25 +260,23 @@ def _refined(start: DoubleArray, shared: Shared, config: PhotoConfig) -> DoubleA
     def errors(x: DoubleArray) -> DoubleArray:
         return np.minimum(_fit_errors(changed(x), shared), 1.0).ravel()
 
-    damped = config.fit_error / 4
+    damped = _CONFIG.fit_error / 4
     found = least_squares(errors, np.zeros(7), loss="soft_l1", f_scale=damped, max_nfev=20)
     return changed(found.x)
 
 
-def _spread(
-    best: DoubleArray, shared: Shared, rng: np.random.Generator, config: PhotoConfig
-) -> tuple[float, float]:
+def _spread(best: DoubleArray, shared: Shared, rng: np.random.Generator) -> tuple[float, float]:
     """Standard errors of rotation (radians) and scale (relative), by draws of the photos."""
     views = np.unique(shared.photos)
     off = []
-    for _ in range(config.bootstrap):
+    for _ in range(_CONFIG.bootstrap):
         weight = np.bincount(rng.choice(views, len(views)), minlength=int(views.max()) + 1)
         count = weight[shared.photos].prod(axis=0)  # of each feature in this draw
         rows = np.repeat(np.arange(len(count)), count)
         if len(np.unique(shared.tracks[0, rows])) >= _LEAST:
             rows = rng.permutation(rows)[:_SCORED]
-            off.append(difference(best, _refined(best, shared.take(rows), config)))
-    if len(off) < config.bootstrap / 2:  # two or three photos hold all of it
+            off.append(difference(best, _refined(best, shared.take(rows))))
+    if len(off) < _CONFIG.bootstrap / 2:  # two or three photos hold all of it
         return np.inf, np.inf
     turn, scale = np.sqrt(np.mean(np.square(off), axis=0)).tolist()
     return turn, scale

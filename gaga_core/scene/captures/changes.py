@@ -53,6 +53,9 @@ class ChangeConfig:
     hues: float = 0.45  # least share of colors in common of one thing that moved
 
 
+_CONFIG = ChangeConfig()
+
+
 @dataclass(frozen=True)
 class Change:
     """One object that is not where it was."""
@@ -100,22 +103,20 @@ def find_changes_stage(
     second: Capture,
     world: DoubleArray,  # (4, 4) first_from_second
     rasterizer: Rasterizer,
-    config: ChangeConfig | None = None,
 ) -> Stage[tuple[Change, ...]]:
     """Objects that came, went or moved, by kind and name.
 
     Both captures need splats; one without groups has no objects that could have changed.
     """
-    config = config or ChangeConfig()
-    a = yield from _side(first, config)
-    b = yield from _side(second, config)
-    gone_a = yield from _gone(a, b, inverse(world), rasterizer, config)
-    gone_b = yield from _gone(b, a, world, rasterizer, config)
+    a = yield from _side(first)
+    b = yield from _side(second)
+    gone_a = yield from _gone(a, b, inverse(world), rasterizer)
+    gone_b = yield from _gone(b, a, world, rasterizer)
     scale = scale_of(world)
     went = [_Thing.of(a, *one, 1.0) for one in gone_a]
     came = [_Thing.of(b, *one, scale) for one in gone_b]
     found, taken = [], set[int]()
-    pairs = _pairs(went, came, config)
+    pairs = _pairs(went, came)
     for i, thing in enumerate(went):
         if (j := pairs.get(i)) is not None:
             far = float(
@@ -124,26 +125,26 @@ def find_changes_stage(
                 )
             )
             taken.add(j)
-            if far >= config.least_move * thing.size:
+            if far >= _CONFIG.least_move * thing.size:
                 found.append(Change("moved", thing.name, thing.group, came[j].group, far))
-        elif thing.share >= config.gone:
+        elif thing.share >= _CONFIG.gone:
             found.append(Change("went", thing.name, thing.group, None))
     for j, thing in enumerate(came):
-        if j not in taken and thing.share >= config.gone:
+        if j not in taken and thing.share >= _CONFIG.gone:
             found.append(Change("came", thing.name, None, thing.group))
     return tuple(sorted(found, key=lambda change: (change.kind, change.name)))
 
 
-def _side(capture: Capture, config: ChangeConfig) -> Stage[_Side]:
+def _side(capture: Capture) -> Stage[_Side]:
     assert capture.scene is not None
     scene = capture.scene
     shown = np.flatnonzero(scene.visible)
     gaussians = yield from bake_stage(scene)
     labels = scene.labels[shown]
-    rows = np.flatnonzero((labels > 0) & (gaussians.opacities >= config.opaque))
+    rows = np.flatnonzero((labels > 0) & (gaussians.opacities >= _CONFIG.opaque))
     colors = np.clip(rgb_from_dc(gaussians.sh[rows, 0]), 0, 1).astype(np.float64)
     views = tuple(
-        view.at_most(config.side) for view in click_views(capture.cameras, gaussians.means)
+        view.at_most(_CONFIG.side) for view in click_views(capture.cameras, gaussians.means)
     )
     means = gaussians.means[rows].astype(np.float64)
     return _Side(capture, gaussians, rows, labels[rows], means, colors, views)
@@ -154,7 +155,6 @@ def _gone(
     other: _Side,
     other_from_side: DoubleArray,  # (4, 4)
     rasterizer: Rasterizer,
-    config: ChangeConfig,
 ) -> Stage[list[tuple[int, float]]]:
     """Groups of ``side`` of which the views of ``other`` see a part not to be there, and how large
     that is, as a share of what they see."""
@@ -169,24 +169,24 @@ def _gone(
         pixels, depths = view.project(points)
         inside = np.flatnonzero(view.shows(pixels, depths))
         u, v = pixels[inside].astype(np.int64).T
-        depth, surface = frame.median_depth[v, u], frame.alpha[v, u] >= config.sees
+        depth, surface = frame.median_depth[v, u], frame.alpha[v, u] >= _CONFIG.sees
         off = depth / depths[inside] - 1
-        near = config.thin * size[of[inside]] / depths[inside]
-        near = np.clip(near, config.finest, config.depth)
+        near = _CONFIG.thin * size[of[inside]] / depths[inside]
+        near = np.clip(near, _CONFIG.finest, _CONFIG.depth)
         same = surface & (np.abs(off) <= near)
-        differs = np.abs(frame.image[v, u] - side.colors[inside]).mean(axis=1) > config.color
+        differs = np.abs(frame.image[v, u] - side.colors[inside]).mean(axis=1) > _CONFIG.color
         looks[inside] += 1
         there[inside] += same & ~differs
         away[inside] += (surface & (off > near)) | (same & differs)
-    seen, gone = there + away >= config.views, away > there
+    seen, gone = there + away >= _CONFIG.views, away > there
     n_seen = np.bincount(of[seen], minlength=len(groups))
     share = np.bincount(of[seen & gone], minlength=len(groups)) / np.maximum(n_seen, 1)
-    is_known = (n_all >= config.fewest) & (n_seen >= config.seen * n_all)
+    is_known = (n_all >= _CONFIG.fewest) & (n_seen >= _CONFIG.seen * n_all)
     n_looks, n_free = np.bincount(of, weights=looks), np.bincount(of, weights=there + away)
-    is_known &= n_free >= config.free * n_looks
+    is_known &= n_free >= _CONFIG.free * n_looks
     found = zip(groups[is_known].tolist(), share[is_known].tolist(), strict=True)
     return [
-        (g, part) for g, part in found if part >= config.partly and g not in side.capture.behind
+        (g, part) for g, part in found if part >= _CONFIG.partly and g not in side.capture.behind
     ]
 
 
@@ -234,14 +234,14 @@ _LEVELS = 5  # of each channel, of which colors are counted
 _BLUR = 0.7  # levels, standard deviation
 
 
-def _pairs(went: Sequence[_Thing], came: Sequence[_Thing], config: ChangeConfig) -> dict[int, int]:
+def _pairs(went: Sequence[_Thing], came: Sequence[_Thing]) -> dict[int, int]:
     """Which of ``came`` is which of ``went``: the same shape and color."""
     if not went or not came:
         return {}
     shape = np.array([[np.abs(a.extents - b.extents).mean() for b in came] for a in went])
     hues = np.array([[np.minimum(a.hues, b.hues).sum() for b in came] for a in went])
     share = np.array([[(a.share, b.share) for b in came] for a in went])
-    fits = (shape <= config.shape) & (hues >= config.hues) & (share.max(axis=2) >= config.gone)
-    cost = np.where(fits, shape / config.shape + (1 - hues) + 2 - share.sum(axis=2), 1e6)
+    fits = (shape <= _CONFIG.shape) & (hues >= _CONFIG.hues) & (share.max(axis=2) >= _CONFIG.gone)
+    cost = np.where(fits, shape / _CONFIG.shape + (1 - hues) + 2 - share.sum(axis=2), 1e6)
     rows, columns = linear_sum_assignment(cost)
     return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if fits[i, j]}

@@ -13,7 +13,6 @@ from gaga_core.geometry import look_at
 from gaga_core.placing import checks
 from gaga_core.placing.checks import (
     Bridge,
-    PoseCheckConfig,
     Verdict,
     check_model,
     check_poses_stage,
@@ -333,9 +332,9 @@ def test_poses_of_other_photos_are_refused(
         wrong.append(replace(camera, cam_from_world=pose))
     judged: list[SfmFacts] = []
 
-    def judge(facts: SfmFacts, config: PoseCheckConfig) -> tuple[Verdict, ...]:
+    def judge(facts: SfmFacts) -> tuple[Verdict, ...]:
         judged.append(facts)
-        return judge_poses(facts, config)
+        return judge_poses(facts)
 
     monkeypatch.setattr(checks, "judge_poses", judge)
     (verdict,) = run_stage(check_poses_stage(wrong, photos, tmp_path / "work"))
@@ -344,4 +343,4 @@ def test_poses_of_other_photos_are_refused(
     assert "contradict the given poses" in verdict.text
     poses = {camera.name: camera.cam_from_world[:3] for camera in placed_room.cameras}
     right = replace(judged[0], poses=np.array([poses[name] for name in judged[0].names]))
-    assert judge_poses(right, PoseCheckConfig()) == ()
+    assert judge_poses(right) == ()
