@@ -104,7 +104,7 @@ class LodCommand:
             rows_of,
             rows_of_files,
         )
-        from gaga_core.scene.lod.streamed import write_streamed_sog_stage
+        from gaga_core.scene.lod.tree import write_streamed_sog_stage
 
         project = out.open_project(self.scene)
         tree = None if self.again else open_project_lod(project)

@@ -18,9 +18,7 @@ import tyro
 from tyro.conf import arg, subcommand
 
 from gaga_core.cli import output as out
-from gaga_core.cli.benchmark import BenchmarkCommand
-from gaga_core.cli.dataset import DatasetCommand
-from gaga_core.cli.export import ExportCommand
+from gaga_core.cli.export import DatasetCommand, ExportCommand
 from gaga_core.cli.files import DemoCommand, DoctorCommand, EditCommand, InfoCommand, LodCommand
 from gaga_core.cli.masks import MasksCommand, SegmentCommand
 from gaga_core.cli.models import ModelsCommand
@@ -30,6 +28,7 @@ from gaga_core.cli.run import ReconstructCommand, RunCommand
 from gaga_core.cli.scene import (
     AlignCommand,
     AssociateCommand,
+    BenchmarkCommand,
     CompareCommand,
     EvaluateCommand,
     LiftCommand,

@@ -15,12 +15,17 @@ from gaga_core.grouping.bank_file import bank_digest
 from gaga_core.grouping.memory_bank import MemoryBank, Preset, groups_of_masks
 from gaga_core.grouping.views import load_labels, views_with_masks
 from gaga_core.grouping.votes import LabelMap, associated_labels, splat_groups
-from gaga_core.identity.closed_form import VoteConfig, Voted, vote_identity
+from gaga_core.identity.closed_form import (
+    FitConfig,
+    Fitted,
+    VoteConfig,
+    Voted,
+    fit_identity,
+    vote_identity,
+)
 from gaga_core.identity.field import Identity, LiftFigures
-from gaga_core.identity.fit import FitConfig, Fitted, fit_identity
-from gaga_core.identity.refine import RefineConfig, refine_identity
 from gaga_core.identity.rows import RowConfig
-from gaga_core.identity.train import PaperConfig, train_identity
+from gaga_core.identity.train import PaperConfig, RefineConfig, refine_identity, train_identity
 from gaga_core.identity.training_step import IdentityRates
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Stage

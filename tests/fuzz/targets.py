@@ -68,8 +68,7 @@ from gaga_core.scene.folders import Folders
 from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.cut import choose_cut, drawn_nodes
 from gaga_core.scene.lod.edited import merged_again, node_facts
-from gaga_core.scene.lod.streamed import write_streamed_sog_stage
-from gaga_core.scene.lod.tree import open_lod
+from gaga_core.scene.lod.tree import open_lod, write_streamed_sog_stage
 from gaga_core.scene.project import open_path_stage, save_project, saved_scene
 from gaga_core.scene.scene import Scene, Weight
 from gaga_core.segmentation.models.catalogue import known_model

@@ -40,7 +40,7 @@ from tools.learn_objects.samples import (
 )
 from tools.scenes.arrange import KINDS, kind_of
 from tools.scenes.make import SceneConfig, Split, make_scene
-from tools.scenes.painted import PAINTED_KINDS
+from tools.scenes.parts import PAINTED_KINDS
 
 _SAME_ROWS = 6000  # borders of small pieces of one object that a scene gives, at most
 _ROOM = 0.5  # weight of borders inside of the room

@@ -31,7 +31,7 @@ from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.segmentation.regions import FURTHER_STEPS, RegionsConfig, regions_at
-from tools.scenes.painted import PaintedKind, painted_scene
+from tools.scenes.parts import PaintedKind, painted_scene
 
 _MISS = 0.02  # share of its depth by which a sample may miss the surface that a view shows
 _FEW_VIEWS = (28, 10, 20, 28, 14, 36)  # of a scene, by its seed

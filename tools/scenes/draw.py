@@ -9,8 +9,7 @@ from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.color import dc_from_rgb
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats
-from tools.scenes.arrange import Arrangement
-from tools.scenes.drop import Block
+from tools.scenes.arrange import Arrangement, Block
 
 _LEAST, _MOST = 1500, 6000  # splats of an object
 _PER_AREA = 90_000  # splats per square metre of an object, between these

@@ -8,19 +8,23 @@ melt, small things are missing. How easily an object falls into parts is its own
 a real segmenter, so a wrong split comes again in the next view. Truth is the whole object.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal, get_args
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
+from gaga_core.color import dc_from_rgb
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import quats_to_matrices
 from gaga_core.masks import MaskSet
 from gaga_core.raster import choose
 from tools.demo.scene import Faults, SimulatedMask, merged, painted, posed, room_parts, segments_of
 from tools.demo.shapes import Item
-from tools.scenes.rooms import Bench, grey_splats, solid, splats_under_test, surface_of
+from tools.scenes.rooms import Bench, bench_scene, grey_splats, solid, splats_under_test, surface_of
 
 N_OBJECTS, N_TRAIN, N_TEST = 150, 20, 6
 SIZE = (480, 360)  # pixels
@@ -192,3 +196,54 @@ def _thing(
     if kind == "topped":
         return at("box", (w, w, tall), tall / 2), at("ball", (0.6 * w,) * 3, tall + 0.28 * w)
     return (at(kind, (w, w, tall), tall / 2),)
+
+
+PaintedKind = Literal["room", "table", "contents", "parts"]
+PAINTED_KINDS: tuple[PaintedKind, ...] = get_args(PaintedKind)
+_ROOM_PARTS = 3  # labels of floor and walls, after those of the objects
+_N_TRAIN, _SIZE = 40, (480, 360)  # views; pixels
+
+
+@dataclass(frozen=True, eq=False)
+class Painted:
+    """A scene with photos and truth."""
+
+    gaussians: Gaussians  # in the colors of the photos
+    labels: IntArray  # (N,) object 1.., 0 = room and floaters
+    photos: Mapping[str, UInt8Array]  # (H, W, 3) of the train views
+    train: tuple[Camera, ...]
+    test: tuple[Camera, ...]
+    truth: Mapping[str, IntArray]  # (H, W) of the test views, 0 = room
+
+
+def painted_scene(kind: PaintedKind, seed: int) -> Painted:
+    """The scene of one seed: rooms, tables and contents of 40 photos, objects of parts of 20."""
+    made = (
+        parts_scene(seed)
+        if kind == "parts"
+        else bench_scene(kind, seed, n_train=_N_TRAIN, size=_SIZE)
+    )
+    n_things = int(made.labels.max()) - _ROOM_PARTS
+    labels = np.where(made.labels > n_things, 0, made.labels).astype(np.int32)
+    colors = _colors(made.gaussians, labels, np.random.default_rng(seed))
+    photos = {}
+    for camera in made.train:
+        image = choose("cpu").render(made.gaussians, camera, channels=colors).image
+        photos[camera.name] = (np.clip(image, 0, 1) * 255).astype(np.uint8)
+    truth = {c.name: made.truth[c.name] for c in made.test}
+    objects = {name: np.where(t > n_things, 0, t).astype(np.int32) for name, t in truth.items()}
+    painted = replace(made.gaussians, sh=np.ascontiguousarray(dc_from_rgb(colors)[:, None]))
+    return Painted(painted, labels, photos, made.train, made.test, objects)
+
+
+def _colors(gaussians: Gaussians, labels: IntArray, rng: np.random.Generator) -> FloatArray:
+    """Colors (N, 3) by label, with stripes and light."""
+    n = int(labels.max()) + 1
+    one = rng.uniform(0.1, 0.9, (n, 3))
+    two = np.clip(one + rng.normal(0, 0.2, (n, 3)), 0, 1)
+    wave: DoubleArray = (gaussians.means * rng.uniform(10, 60, (n, 3))[labels]).sum(axis=1)
+    thinnest = gaussians.log_scales.argmin(axis=1)
+    normals = quats_to_matrices(gaussians.quats)[np.arange(len(labels)), :, thinnest]
+    light = 0.45 + 0.55 * np.abs(normals @ np.array([0.3, -0.5, 0.8]))
+    color = np.where(np.sin(wave)[:, None] > 0, one[labels], two[labels]) * light[:, None]
+    return np.ascontiguousarray(color, dtype=np.float32)

@@ -28,8 +28,7 @@ from gaga_core.io.arrays_file import TEXT, Column, checked, read_arrays
 from gaga_core.io.files import atomic_write, set_aside
 from gaga_core.io.json_file import PathText, read_json
 from gaga_core.progress import Progress, Stage
-from gaga_core.scene.edits.history import History, HistoryRecord
-from gaga_core.scene.edits.history_file import history_arrays, history_of
+from gaga_core.scene.edits.history import History, HistoryRecord, history_arrays, history_of
 from gaga_core.scene.project import (
     PROJECT_FILE,
     Project,

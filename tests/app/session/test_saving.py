@@ -16,7 +16,7 @@ from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.io.splats.splat_files import model_fingerprint
 from gaga_core.progress import run_stage
 from gaga_core.scene.lod.build import build_lod_stage
-from gaga_core.scene.lod.streamed import write_streamed_sog_stage
+from gaga_core.scene.lod.tree import write_streamed_sog_stage
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.selection import algebra
 from gaga_studio.features import objects

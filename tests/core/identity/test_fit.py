@@ -10,8 +10,7 @@ from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.grouping.votes import LabelMap
-from gaga_core.identity.closed_form import ClosedForm, code_book
-from gaga_core.identity.fit import FitConfig, Fitted, fit_identity
+from gaga_core.identity.closed_form import ClosedForm, FitConfig, Fitted, code_book, fit_identity
 from gaga_core.identity.linear_kernels import D, keep_labels
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose

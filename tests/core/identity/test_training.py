@@ -12,9 +12,14 @@ from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.closed_form import ClosedForm
 from gaga_core.identity.field import Identity, LiftFigures
 from gaga_core.identity.lift import LiftConfig
-from gaga_core.identity.refine import RefineConfig, refine_identity
 from gaga_core.identity.rows import RowConfig, WholeViews, whole_views
-from gaga_core.identity.train import PaperConfig, TimeEstimate, train_identity
+from gaga_core.identity.train import (
+    PaperConfig,
+    RefineConfig,
+    TimeEstimate,
+    refine_identity,
+    train_identity,
+)
 from gaga_core.pipeline.settings import IdentitySettings
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose

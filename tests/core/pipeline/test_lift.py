@@ -18,10 +18,9 @@ from gaga_core.grouping.votes import splat_groups
 from gaga_core.identity.closed_form import Voted, vote_identity
 from gaga_core.identity.field import encoding_colors
 from gaga_core.identity.lift import LiftConfig, Mode
-from gaga_core.identity.refine import RefineConfig
 from gaga_core.identity.rows import RowConfig
 from gaga_core.identity.train import FILE as CHECKPOINT
-from gaga_core.identity.train import PaperConfig
+from gaga_core.identity.train import PaperConfig, RefineConfig
 from gaga_core.io.folder.scene_folder import (
     SceneFolder,
     open_scene_folder,

@@ -22,5 +22,5 @@ def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> b
         return CudaRasterizer()
     gsplat_stand_in.install(monkeypatch)
     monkeypatch.setattr("gaga_core.raster.cuda.rasterizer._ENTRIES", 100_000)
-    monkeypatch.setattr("gaga_core.raster.cuda.view._ROWS", 300)
+    monkeypatch.setattr("gaga_core.raster.cuda.rasterizer._ROWS", 300)
     return CudaRasterizer("cpu")

@@ -68,7 +68,7 @@ def test_the_look_is_said_once_and_other_comments_stay() -> None:
 def test_what_is_sent_to_gsplat_has_the_look() -> None:
     import torch
 
-    from gaga_core.raster.cuda.view import project_rows
+    from gaga_core.raster.cuda.rasterizer import project_rows
     from gaga_core.raster.reference import blend
 
     gaussians = _mip(60)

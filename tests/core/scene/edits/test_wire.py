@@ -12,8 +12,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
-from gaga_core.scene.edits.history import History, HistoryRecord
-from gaga_core.scene.edits.history_file import history_arrays, history_of
+from gaga_core.scene.edits.history import History, HistoryRecord, history_arrays, history_of
 from gaga_core.scene.edits.values import (
     AnyEdit,
     Edit,

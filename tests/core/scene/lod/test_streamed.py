@@ -15,8 +15,7 @@ from gaga_core.io.splats.sog import LOD_META, read_sog_stage
 from gaga_core.io.splats.splat_files import read_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene.lod.build import build_lod_stage
-from gaga_core.scene.lod.streamed import write_streamed_sog_stage
-from gaga_core.scene.lod.tree import LodTree
+from gaga_core.scene.lod.tree import LodTree, write_streamed_sog_stage
 from tests.scenes import random_gaussians
 
 N = 40_000
