@@ -56,13 +56,10 @@ def test_a_killed_program_leaves_the_old_result_or_the_new_one(
     fresh = tmp_path / "fresh"
     shutil.copytree(root, fresh)
     seconds, results = 0.0, {}
-    for version in "BA":  # the second time all is compiled
-        if not program.has_versions:
-            shutil.rmtree(root)
-            shutil.copytree(fresh, root)
+    for version in "BA" if program.has_versions else "B":
         seconds = run_whole(name, root, version)
         results[version] = program.result(root)
-    assert (results["A"] != results["B"]) == program.has_versions
+    assert len({*results.values()}) == len(results)
     rng = np.random.default_rng(11)
     for kill in range(_KILLS or _FEW.get(name, 1)):
         if not program.has_versions:

@@ -19,9 +19,11 @@ from tests.fuzz.targets import TARGETS, Target
 from tests.fuzz.worker import faults_of
 
 _READERS = (
-    "splats.ply",
-    "splats.spz",
-    "splats.sog",
+    *(
+        f"splats.{form}"
+        for form in ("ply", "compressed.ply", "splat", "spz", "sog", "glb", "ksplat")
+    ),
+    "bank",
     "masks coco.json",
     "project",
     "index",

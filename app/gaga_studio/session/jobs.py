@@ -37,7 +37,6 @@ class Job:
     message: str
     fraction: float  # 0..1; -1 while unknown
     eta_s: float | None  # seconds left; None while unknown
-    elapsed_s: float
     is_cancelling: bool
 
 
@@ -375,9 +374,8 @@ class _Worker(threading.Thread):
     def describe(self) -> Job:
         """The current status."""
         progress = self.delivery.latest
-        elapsed = time.monotonic() - self._started_at
         if progress is None:
-            return Job(self.title, self.title, "", -1.0, None, elapsed, self.is_cancelling)
+            return Job(self.title, self.title, "", -1.0, None, self.is_cancelling)
         fraction = min(progress.done / progress.total, 1.0) if progress.total > 0 else -1.0
         return Job(
             self.title,
@@ -385,6 +383,5 @@ class _Worker(threading.Thread):
             progress.message,
             fraction,
             self.delivery.seconds_left(),
-            elapsed,
             self.is_cancelling,
         )

@@ -218,16 +218,6 @@ class Neighbourhood:
         near = (length > 0) & (length <= _FAR * np.minimum(spacing[a], spacing[b]))
         return Neighbourhood(nearest, spacing, a[near], b[near], length[near])
 
-    def adjacency(self, rows: LongArray) -> csr_matrix:
-        """The edges among some samples (K,), as a sparse matrix (K, K)."""
-        n = len(self.spacing)
-        place = np.full(n, -1, np.int64)
-        place[rows] = np.arange(len(rows))
-        a, b = place[self.first], place[self.second]
-        both = (a >= 0) & (b >= 0)
-        ones = np.ones(int(both.sum()), np.int8)
-        return coo_matrix((ones, (a[both], b[both])), shape=(len(rows), len(rows))).tocsr()
-
 
 def dense(ids: AnyArray) -> LongArray:
     """The same ids as 0, 1, ... in their order."""

@@ -193,7 +193,7 @@ def test_opening_a_scene_prepares_the_kernels_beside(
     ("seconds", "text"), [(0.2, "1 s"), (12.2, "12 s"), (61, "61 s"), (200, "3 min 20 s")]
 )
 def test_a_running_job_says_what_how_far_and_how_long(seconds: float, text: str) -> None:
-    job = Job("Associate masks", "Associate masks", "", -1.0, None, 0.0, False)
+    job = Job("Associate masks", "Associate masks", "", -1.0, None, False)
     assert status.job_text(job) == "Associate masks", "not known how far"
     job = replace(job, fraction=0.456)
     assert status.job_text(job) == "Associate masks  46 %"

@@ -3,17 +3,14 @@
 import inspect
 import io
 import json
-import random
 import struct
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from gaga_core.arrays import AnyArray
-from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.io.splats.ply import write_ply_stage
@@ -38,27 +35,6 @@ def write_unchecked(path: Path, gaussians: Gaussians) -> None:
     """A .ply or .splat as another program may write it, of numbers that our writers refuse."""
     write = {".ply": write_ply_stage, ".splat": write_splat_stage}[path.suffix]
     run_stage(inspect.unwrap(write)(path, gaussians))
-
-
-def one_sentence_or_result(path: Path, read: Callable[[], object], seed: int) -> int:
-    """Flip and cut bytes of ``path`` in many ways: each time ``read`` gives a result or one
-    sentence, never a traceback. Returns how often it was refused."""
-    good, rng = path.read_bytes(), random.Random(seed)
-    said = []
-    for i in range(250):
-        bad = bytearray(good)
-        if i % 3 == 0:
-            bad = bad[: rng.randrange(len(bad))]
-        for _ in range(rng.choice((1, 3, 20)) if i % 3 else 0):
-            bad[rng.randrange(len(bad))] = rng.randrange(256)
-        path.write_bytes(bad)
-        try:
-            read()
-        except GagaError as error:
-            said.append(str(error))
-    path.write_bytes(good)
-    assert not any("\n" in text for text in said)
-    return len(said)
 
 
 def ksplat(level: int, degree: int) -> tuple[bytes, np.ndarray]:

@@ -12,65 +12,20 @@ from PIL import Image
 
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.group_scores import UNANSWERED, evaluate, score_pairs
-from gaga_core.grouping.bank_file import load_bank, save_bank
-from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.io.arrays_file import read_array, read_arrays
 from gaga_core.io.cameras.cameras_json import read_cameras_json, write_cameras_json
 from gaga_core.io.cameras.colmap import read_colmap, write_colmap
 from gaga_core.io.folder.scene_folder import open_scene_folder, with_entry
 from gaga_core.io.masks.label_maps import read_labels, write_labels
 from gaga_core.io.splats.ply import read_ply, write_ply
-from gaga_core.io.splats.splat_files import read_splats, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene.camera_path import load_path
 from gaga_core.scene.project import ModelChangedError, Project, open_path_stage, save_project
-from tests.core.io.splat_parts import ksplat, one_sentence_or_result
 from tests.scenes import orbit_cameras, random_gaussians
 
 
 def opened(path: Path) -> Project:
     return run_stage(open_path_stage(path))
-
-
-# How many of 250 damaged copies of a file are refused, at least; .splat has nothing to check.
-_REFUSED = {
-    "a.compressed.ply": 20, "a.splat": 60, "a.spz": 20, "a.glb": 10, "a.sog": 10, "a.ksplat": 10,
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", _REFUSED)
-def test_damaged_splats_are_refused_in_one_sentence(tmp_path: Path, name: str) -> None:
-    path, n = tmp_path / name, 300
-    if name == "a.ksplat":
-        content, where = ksplat(2, 1)
-        path.write_bytes(content)
-        n = len(where)
-    else:
-        write_splats(path, random_gaussians(n, sh_degree=1))
-    assert one_sentence_or_result(path, lambda: read_splats(path), 5) > _REFUSED[name]
-    assert len(read_splats(path)) == n
-
-
-def bank_of(n: int) -> MemoryBank:
-    log = tuple(Decision(f"{i}.jpg", i, i % 5 + 1, i < 5, 0.3, 0, 0.1, 40) for i in range(60))
-    return MemoryBank((np.arange(n) % 5 + 1).astype(np.int32), 5, log, preset="paper")
-
-
-def test_a_damaged_bank_is_refused_in_words(tmp_path: Path) -> None:
-    path = tmp_path / "bank.npz"
-    save_bank(path, bank_of(500))
-    assert one_sentence_or_result(path, lambda: load_bank(path), 1) > 100
-    assert load_bank(path).log == bank_of(500).log
-
-
-def test_a_damaged_scene_file_is_refused_in_words(tmp_path: Path) -> None:
-    write_ply(tmp_path / "a.ply", random_gaussians(400))
-    project = opened(tmp_path / "a.ply")
-    project.scene.labels[:] = np.arange(400) % 7
-    where = save_project(project)
-    path = next(where.glob("scene-*.npz"))
-    assert one_sentence_or_result(path, lambda: opened(where), 2) > 100
-    assert (opened(where).scene.labels == project.scene.labels).all()
 
 
 def test_arrays_of_another_kind_are_damage(tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
 """One process of a team that torchrun starts: trains a small scene and writes what it holds.
 
-torchrun --nproc-per-node 2 -m tests.core.training.train_worker FOLDER [ITERATIONS]
-
-Without torchrun it is a training of one process.
+torchrun --nproc-per-node 2 -m tests.core.training.train_worker FOLDER
 """
 
 import sys
@@ -26,7 +24,7 @@ def main() -> None:
         if team.size > 1:
             check_means(team)
         known = known_scene()
-        config = worker_config(*map(int, sys.argv[2:]))
+        config = worker_config()
         stage = train_stage(
             known.initial,
             known.views,
@@ -47,9 +45,9 @@ def main() -> None:
         )
 
 
-def worker_config(iterations: int = 60) -> TrainConfig:
+def worker_config() -> TrainConfig:
     """What each process of this file trains; a checkpoint as often as can be."""
-    return short(iterations, exposure=True, checkpoint_seconds=0.0)
+    return short(60, exposure=True, checkpoint_seconds=0.0)
 
 
 def check_means(team: Team) -> None:
