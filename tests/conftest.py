@@ -30,7 +30,7 @@ _SLOW_FILES = frozenset(
         *("test_commands", "test_compare", "test_entry_points", "test_fill", "test_first_steps"),
         *("test_masks", "test_operators", "test_packaging", "test_probe", "test_readme"),
         *("test_reconstruction", "test_requests", "test_search", "test_session"),
-        *("test_splat_files", "test_truncated_while_read", "test_two_writers"),
+        *("test_splat_files", "test_two_writers"),
     )
 )
 _SLOW_FIXTURES = frozenset(("gl", "display", "ycb_table", "garden", "placed_room"))

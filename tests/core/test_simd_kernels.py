@@ -1,5 +1,8 @@
 """Vectors of 16 numbers in kernels: each function against numpy, lane by lane."""
 
+from typing import Any
+
+import llvmlite.binding
 import numpy as np
 import pytest
 
@@ -92,3 +95,21 @@ def test_a_reciprocal_is_right_over_all_magnitudes() -> None:
     out = np.zeros_like(values)
     reciprocals(values, out)
     np.testing.assert_allclose(out * values.astype(np.float64), 1, atol=1e-5)
+
+
+# --- Kernels use the full vectors of a processor that has them.
+
+
+@kernel
+def _double(values: FloatArray) -> None:
+    for x in range(len(values)):
+        values[x] *= np.float32(2)
+
+
+def test_sixteen_numbers_are_one_vector_where_the_processor_has_such() -> None:
+    if not llvmlite.binding.get_host_cpu_features().get("avx512vbmi2", False):
+        pytest.skip("this processor has no vectors of 512 bits, or slows down with them")
+    _double(np.ones(16, np.float32))
+    compiled: Any = _double
+    compiled.recompile()  # code from the cache cannot be looked at
+    assert "zmm" in compiled.inspect_asm(compiled.signatures[0])

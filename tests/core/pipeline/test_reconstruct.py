@@ -1,5 +1,6 @@
 """From photos to a scene folder: complete, taken up after a stop, never over a person's files."""
 
+import json
 import shutil
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,9 +12,14 @@ from PIL import Image
 
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras.cameras_json import read_cameras_json
-from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.folder.scene_folder import (
+    AssociateEntry,
+    open_scene_folder,
+    read_report_entry,
+    with_entry,
+)
 from gaga_core.io.splats.ply import read_ply
-from gaga_core.pipeline.place import WORKSPACE, find_photos, read_entry
+from gaga_core.pipeline.place import WORKSPACE, find_photos, notes_of, placement_of, read_entry
 from gaga_core.pipeline.reconstruct import STEPS, TRAINS, Estimate, PhotoFind, reconstruct_scene
 from gaga_core.pipeline.run import missing_stages
 from gaga_core.pipeline.settings import ReconstructConfig
@@ -274,3 +280,52 @@ def test_what_a_machine_took_is_what_it_is_expected_to_take_next() -> None:
     assert again == pytest.approx(rates, rel=0.1)
     resumed, _ = _estimated(speeds, rates, iteration=ReconstructConfig().train().iterations // 2)
     assert _worst(resumed) < 1.5
+
+
+# --- What is read again of a report, whatever its entries hold.
+
+
+_GOOD = {"names": ["a", "b"], "why_out": {"b": "dark"}, "links": [[0, 1, 40]], "notes": ["x"]}
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"names": 3},
+        {"links": [[0, 1]]},
+        {"links": [[-1, 1, 4]]},
+        {"why_out": ["b"]},
+    ],
+)
+def test_a_damaged_placement_is_none(damage: dict[str, object]) -> None:
+    assert placement_of({"sfm": _GOOD}) is not None
+    assert placement_of({"sfm": {**_GOOD, **damage}}) is None
+
+
+def test_links_to_photos_that_are_not_there_are_left_out() -> None:
+    found = placement_of({"sfm": {**_GOOD, "links": [[0, 1, 40], [1, 7, 30]]}})
+    assert found is not None
+    assert found.links == ((0, 1, 40),)
+
+
+def test_damaged_remarks_are_none() -> None:
+    assert notes_of({**_GOOD, "checks": [{"text": "good"}]}) == ("x", "good")
+    assert notes_of({**_GOOD, "notes": [3]}) == ()
+    assert notes_of({**_GOOD, "checks": ["good"]}) == ()
+
+
+def test_one_damaged_entry_does_not_cost_the_others(tmp_path: Path) -> None:
+    file = tmp_path / "report.json"
+    content = {"associate": {"mask_folder": 3}, "lift": {"x": float("nan")}}
+    file.write_text(json.dumps(content))
+    assert read_report_entry(file, "associate", AssociateEntry) is None
+    again = json.loads(with_entry(file, "run", {"seconds": 1.0}))
+    assert set(again) == {"associate", "lift", "run"}
+
+
+def test_half_a_surrogate_pair_is_damage_and_a_whole_one_is_text(tmp_path: Path) -> None:
+    file = tmp_path / "report.json"
+    file.write_text('{"reconstruct": {"sfm": "\\ud83d\\ude00"}}')  # one character in two halves
+    assert read_report_entry(file, "reconstruct", dict[str, object]) == {"sfm": "\U0001f600"}
+    file.write_text('{"reconstruct": {"sfm": "\\ud83d"}}')
+    assert read_report_entry(file, "reconstruct", dict[str, object]) is None
