@@ -1,4 +1,4 @@
-"""Groups are the same on every processor: computed in processes that take their for another one."""
+"""Groups are the same on every processor: computed in a process that takes its for another one."""
 
 import json
 import os
@@ -7,30 +7,27 @@ import sys
 
 import pytest
 
-_OTHERS = {
-    "no AVX in numpy and BLAS, one thread": {
-        "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
-        "OPENBLAS_CORETYPE": "Nehalem",
-        "GAGA_THREADS": "1",
-    },
-    "BLAS of Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
+_OTHER = {
+    "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",  # no AVX
+    "OPENBLAS_CORETYPE": "Nehalem",
+    "GAGA_THREADS": "1",
 }
-_KERNELS = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")  # set by `make test-portable`
+# Set by `make test-portable`, which so compares kernels and BLAS of yet other processors: to
+# compile all kernels for one takes most of a minute.
+_KERNELS = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 
 
-def _started(extra: dict[str, str]) -> "subprocess.Popen[str]":
-    """With kernels of this processor; where those of another one are asked for, only "this one"
-    has them: to compile all of them takes most of a minute."""
-    own = {name: value for name, value in os.environ.items() if not extra or name not in _KERNELS}
+def _started(environment: dict[str, str]) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "tests.core.grouping.same_groups"]
-    return subprocess.Popen(command, env=own | extra, stdout=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
 
 
 @pytest.mark.slow
 def test_groups_repairs_and_scores_are_the_same_on_every_processor() -> None:
-    running = {name: _started(extra) for name, extra in {"this one": {}, **_OTHERS}.items()}
-    found = {name: json.loads(process.communicate()[0]) for name, process in running.items()}
-    here = found.pop("this one")
+    other = {name: value for name, value in os.environ.items() if name not in _KERNELS} | _OTHER
+    here, there = (
+        json.loads(process.communicate()[0])
+        for process in [_started(dict(os.environ)), _started(other)]
+    )
     assert len(here) > 40
-    for name, there in found.items():
-        assert [key for key in here if there[key] != here[key]] == [], name
+    assert [key for key in here if there[key] != here[key]] == []
