@@ -61,8 +61,7 @@ class Camera:
     def position(self) -> DoubleArray:
         """Centre of projection (3,), world."""
         rotation = self.cam_from_world[:3, :3]
-        position: DoubleArray = -turned(self.cam_from_world[None, :3, 3], rotation.T)[0]
-        return position
+        return -turned(self.cam_from_world[None, :3, 3], rotation.T)[0]
 
     @cached_property
     def forward(self) -> DoubleArray:
@@ -112,5 +111,4 @@ class Camera:
         """World point (3,) at pixel (u, v) and ``depth`` along the viewing direction."""
         x = (u - self.K[0, 2]) / self.K[0, 0] * depth
         y = (v - self.K[1, 2]) / self.K[1, 1] * depth
-        result: DoubleArray = (self.world_from_cam @ np.array([x, y, depth, 1.0]))[:3]
-        return result
+        return (self.world_from_cam @ np.array([x, y, depth, 1.0]))[:3]

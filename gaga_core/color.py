@@ -130,8 +130,7 @@ def _group_colors(hue: AnyArray, shade: AnyArray, chroma: DoubleArray) -> Double
 
 def linear_of_srgb(rgb: AnyArray) -> AnyArray:
     """Linear light of sRGB colors, both 0..1, of any shape (IEC 61966-2-1)."""
-    linear: AnyArray = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    return linear
+    return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
 
 
 def lab_from_rgb(rgb: AnyArray) -> DoubleArray:
@@ -151,10 +150,7 @@ def _rgb_from_lab(lab: DoubleArray) -> DoubleArray:
     )
     xyz = np.where(root > 6 / 29, root**3, 3 * (6 / 29) ** 2 * (root - 4 / 29))
     linear = np.clip(xyz * _WHITE @ _RGB_FROM_XYZ.T, 0, 1)
-    rgb: DoubleArray = np.where(
-        linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055
-    )
-    return rgb
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def colorize_labels(labels: IntArray) -> FloatArray:

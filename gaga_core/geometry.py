@@ -22,8 +22,7 @@ def turned(points: DoubleArray, matrix: DoubleArray) -> DoubleArray:
 def along(points: DoubleArray, axis: DoubleArray) -> DoubleArray:
     """Products (N,) of points (N, 3) and an axis (3,): ``points @ axis``."""
     x, y, z = points.T
-    result: DoubleArray = x * axis[0] + y * axis[1] + z * axis[2]
-    return result
+    return x * axis[0] + y * axis[1] + z * axis[2]
 
 
 def principal_axes(moments: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
@@ -46,8 +45,7 @@ def axes_of_points(points: DoubleArray) -> DoubleArray:
     x, y, z = np.ascontiguousarray((points - points.mean(axis=0)).T, np.float64)
     xy, xz, yz = (x * y).sum(), (x * z).sum(), (y * z).sum()
     moments = [[(x * x).sum(), xy, xz], [xy, (y * y).sum(), yz], [xz, yz, (z * z).sum()]]
-    axes: DoubleArray = principal_axes(np.array([moments]))[1][0]
-    return axes
+    return principal_axes(np.array([moments]))[1][0]
 
 
 # --- Rotations.
@@ -85,8 +83,7 @@ def matrices_to_quats(matrices: FloatArray | DoubleArray) -> DoubleArray:
     diagonal = candidates[:, np.arange(4), np.arange(4)]
     best = candidates[np.arange(len(m)), diagonal.argmax(axis=1)]
     best /= np.linalg.norm(best, axis=1, keepdims=True)
-    result: DoubleArray = np.where(best[:, :1] < 0, -best, best)
-    return result
+    return np.where(best[:, :1] < 0, -best, best)
 
 
 def multiply_quats(a: DoubleArray, b: DoubleArray) -> DoubleArray:

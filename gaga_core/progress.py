@@ -57,8 +57,7 @@ def run_stage(stage: Stage[T], on_progress: Callable[[Progress], None] | None = 
         try:
             progress = next(stage)
         except StopIteration as end:
-            value: T = end.value
-            return value
+            return end.value
         if on_progress is not None:
             on_progress(progress)
 
@@ -109,8 +108,7 @@ def mapped(stage: Stage[T], change: Callable[[Progress], Progress]) -> Stage[T]:
             try:
                 step = next(stage)
             except StopIteration as end:
-                value: T = end.value
-                return value
+                return end.value
             yield change(step)
 
 

@@ -58,7 +58,7 @@ def setting(
 
 def setting_of(config: Any, name: str) -> Setting:  # a settings dataclass, or a value of one
     """The description of a field; ``KeyError`` when there is no such field or it has none."""
-    return {f.name: f for f in fields(config)}[name].metadata["setting"]  # type: ignore[no-any-return]
+    return {f.name: f for f in fields(config)}[name].metadata["setting"]
 
 
 def check_limits(config: Any) -> None:  # a value of a settings dataclass

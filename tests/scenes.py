@@ -97,8 +97,7 @@ def _facing(normals: DoubleArray) -> DoubleArray:
     w = 1 + normals[:, 2]
     quats = np.stack([w, -normals[:, 1], normals[:, 0], np.zeros(len(w))], axis=1)
     quats[w < 1e-6] = [0, 1, 0, 0]
-    result: DoubleArray = quats / np.linalg.norm(quats, axis=1, keepdims=True)
-    return result
+    return quats / np.linalg.norm(quats, axis=1, keepdims=True)
 
 
 def box_on_table(gap: float = 0.0) -> Gaussians:

@@ -129,5 +129,4 @@ def sh_basis(directions: torch.Tensor) -> torch.Tensor:
 def gradient(leaf: torch.Tensor) -> DoubleArray:
     """What ``backward`` left in a leaf."""
     assert leaf.grad is not None
-    result: DoubleArray = leaf.grad.numpy()
-    return result
+    return leaf.grad.numpy()

@@ -364,8 +364,7 @@ def _chained(
 def _joint(a: IntArray, b: IntArray, n_a: int, n_b: int) -> LongArray:
     """Counts (n_a + 1, n_b + 1) of items that are i in ``a`` and j in ``b``."""
     cells = a.astype(np.int64) * (n_b + 1) + b
-    table: LongArray = np.bincount(cells, minlength=(n_a + 1) * (n_b + 1)).reshape(n_a + 1, n_b + 1)
-    return table
+    return np.bincount(cells, minlength=(n_a + 1) * (n_b + 1)).reshape(n_a + 1, n_b + 1)
 
 
 def _iou(table: LongArray) -> DoubleArray:

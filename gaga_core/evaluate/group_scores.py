@@ -240,8 +240,7 @@ def _union(ids: Sequence[LongArray]) -> LongArray:
 def _iou(joint: LongArray, true_area: LongArray, predicted_area: LongArray) -> DoubleArray:
     """IoU (T, P) of every pair."""
     union = true_area[:, None] + predicted_area[None, :] - joint
-    result: DoubleArray = joint / np.maximum(union, 1)
-    return result
+    return joint / np.maximum(union, 1)
 
 
 def _pair(iou: DoubleArray) -> tuple[DoubleArray, LongArray]:

@@ -58,8 +58,7 @@ def truth_picture(folder: Path, name: str, side: int) -> UInt8Array:
     labels = true_labels(folder, name, side)
     colors = group_palette(int(labels.max(initial=0)))
     colors[0] = 0
-    picture: UInt8Array = (colors[labels] * 255).astype(np.uint8)
-    return picture
+    return (colors[labels] * 255).astype(np.uint8)
 
 
 def error_picture(photo: UInt8Array, groups: IntArray, truth: IntArray) -> tuple[UInt8Array, float]:

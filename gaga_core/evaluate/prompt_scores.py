@@ -127,8 +127,7 @@ def boundary_of(mask: BoolArray) -> BoolArray:
     """
     d = max(1, round(BAND * float(np.hypot(*mask.shape))))
     eroded = minimum_filter(mask.view(np.uint8), size=2 * d + 1, mode="constant", cval=0)
-    band: BoolArray = mask & (eroded == 0)
-    return band
+    return mask & (eroded == 0)
 
 
 def _percents(*values: float) -> list[str]:

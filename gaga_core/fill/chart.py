@@ -91,8 +91,7 @@ def smooth_base(color: DoubleArray, known: BoolArray, hole: BoolArray, sigma: fl
     trend = terms @ trend_weights
     left = np.where(known[:, :, None], color - trend, 0)
     low = blurred(left, known.astype(float), sigma)
-    result: DoubleArray = trend + continued(low, known, hole)
-    return result
+    return trend + continued(low, known, hole)
 
 
 # --- A surface as a picture in its own plane: which cells are known, and which are a hole.

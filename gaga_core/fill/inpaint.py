@@ -159,8 +159,7 @@ def _load(path: Path) -> "ScriptModule":
         raise GagaError(
             f"{path} is no inpainting model: it must be a TorchScript file, such as big-lama.pt."
         ) from error
-    loaded: ScriptModule = model.eval()
-    return loaded
+    return model.eval()
 
 
 def _run(name: str, model: "ScriptModule", image: DoubleArray, mask: BoolArray) -> DoubleArray:

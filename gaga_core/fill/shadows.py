@@ -122,8 +122,7 @@ def _steps(mask: BoolArray, bright: DoubleArray, free: BoolArray) -> tuple[Doubl
 
     def at(values: DoubleArray, side: int) -> DoubleArray:
         places = np.stack([row, column]) + side * way
-        found: DoubleArray = ndimage.map_coordinates(values, places, order=1, mode="nearest")
-        return found
+        return ndimage.map_coordinates(values, places, order=1, mode="nearest")
 
     both = (at(free.astype(float), 1) > _FREE) & (at(free.astype(float), -1) > _FREE)
     share = both.sum() / max(len(row), 1) if both.sum() >= _LEAST_CELLS else 0.0
@@ -349,8 +348,7 @@ def _falloff(log: DoubleArray, far: BoolArray) -> DoubleArray:
     if np.abs(b - a @ fit).mean() > _EXPLAINED * np.abs(b - np.median(b)).mean():
         return np.zeros(far.shape)
     trend = terms @ fit
-    result: DoubleArray = trend - trend[far].mean()
-    return result
+    return trend - trend[far].mean()
 
 
 def splat_gains(
@@ -365,8 +363,7 @@ def splat_gains(
     if not clean.any():
         return result
     top = np.percentile(rgb[clean], _BRIGHT, axis=0)
-    capped: DoubleArray = np.clip(np.minimum(result, top / np.maximum(rgb, _DARK)), 1.0, None)
-    return capped
+    return np.clip(np.minimum(result, top / np.maximum(rgb, _DARK)), 1.0, None)
 
 
 def taken_cells(chart: Chart, points: DoubleArray, height: float) -> BoolArray:

@@ -87,8 +87,7 @@ def code_book(n_groups: int, *, seed: int = 0) -> CodeBook:
 def _unit(vectors: FloatArray) -> FloatArray:
     """Each row divided by its length."""
     lengths = np.linalg.norm(vectors.astype(np.float64), axis=1, keepdims=True)
-    result: FloatArray = (vectors / lengths).astype(np.float32)
-    return result
+    return (vectors / lengths).astype(np.float32)
 
 
 _BLOCK = 1 << 16  # rows of the majority at a time: temporaries are (rows, k, k)

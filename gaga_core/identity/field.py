@@ -45,8 +45,7 @@ def encoding_colors(encodings: FloatArray) -> UInt8Array:
     span = np.where(high - low > 1e-9, high - low, np.inf)
     projected = (np.nan_to_num(encodings) - mean.astype(np.float32)) @ axes.astype(np.float32)
     shares = np.where(np.isinf(span), 0.5, (projected - low) / np.where(np.isinf(span), 1, span))
-    colors: UInt8Array = np.rint(np.clip(shares, 0, 1) * 255).astype(np.uint8)
-    return colors
+    return np.rint(np.clip(shares, 0, 1) * 255).astype(np.uint8)
 
 
 FILE = "identity.npz"  # in the work folder of a scene

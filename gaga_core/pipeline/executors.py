@@ -578,8 +578,7 @@ def _dask_outcome(future: "Future[SceneOutcome]", task: SceneTask) -> SceneOutco
     from distributed import KilledWorker
 
     if future.status == "finished":
-        outcome: SceneOutcome = future.result()
-        return outcome
+        return future.result()
     problem: BaseException | None = None
     if future.status == "error":
         problem = future.exception()  # type: ignore[no-untyped-call]

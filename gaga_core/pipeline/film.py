@@ -260,5 +260,4 @@ def painted_labels(labels: IntArray) -> UInt8Array:
 
 def as_bytes(image: FloatArray) -> UInt8Array:
     """A picture of colors 0..1 as 8-bit values."""
-    result: UInt8Array = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
-    return result
+    return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)

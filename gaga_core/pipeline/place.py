@@ -232,8 +232,7 @@ def _links(facts: SfmFacts) -> list[list[int]]:
     order = np.argsort(-facts.pair_matches, kind="stable")[:_MOST_LINKS]
     chosen = order[facts.pair_matches[order] >= _LINKED]
     rows = np.c_[facts.pairs[chosen], facts.pair_matches[chosen]]
-    found: list[list[int]] = rows.tolist()
-    return found
+    return rows.tolist()
 
 
 def notes_of(entry: Mapping[str, object]) -> tuple[str, ...]:

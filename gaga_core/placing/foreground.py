@@ -307,8 +307,7 @@ def object_mask(
 def _steps(picture: FloatArray) -> UInt8Array:
     """Strength of the edges (H, W)."""
     found = [gaussian_gradient_magnitude(picture[..., c], 1.0) for c in range(3)]
-    result: UInt8Array = np.clip(4 * np.max(found, axis=0), 0, 255).astype(np.uint8)
-    return result
+    return np.clip(4 * np.max(found, axis=0), 0, 255).astype(np.uint8)
 
 
 def _mask_of(photo: Photo, files: dict[str, Path]) -> Path | None:

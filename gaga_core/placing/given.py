@@ -244,8 +244,7 @@ def pairs_by_pose(poses: DoubleArray, neighbours: int) -> list[tuple[int, int]]:
 
 def centres(poses: DoubleArray) -> DoubleArray:
     """Camera centres (V, 3), world, of poses (V, 3, 4)."""
-    result: DoubleArray = -np.einsum("vij,vi->vj", poses[:, :, :3], poses[:, :, 3])
-    return result
+    return -np.einsum("vij,vi->vj", poses[:, :, :3], poses[:, :, 3])
 
 
 def similarity_between(source: DoubleArray, target: DoubleArray) -> DoubleArray:

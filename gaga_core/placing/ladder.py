@@ -70,8 +70,7 @@ def _owners(scenes: Sequence[SfmFacts]) -> LongArray:
             member[first.pairs[:, other]] * first.pair_matches[:, None],
         )
     votes[member.any(axis=1)] = 0
-    owner: LongArray = (votes + member).argmax(axis=1)
-    return owner
+    return (votes + member).argmax(axis=1)
 
 
 def _only(facts: SfmFacts, mine: np.ndarray) -> SfmFacts:

@@ -127,15 +127,13 @@ def _seen_depths(facts: SfmFacts) -> DoubleArray:
     """Depth (O,) of each observed point in the camera that sees it."""
     rows = facts.poses[facts.seen_views, 2]
     xyz = facts.points[facts.seen_points]
-    result: DoubleArray = (rows[:, :3] * xyz).sum(axis=1) + rows[:, 3]
-    return result
+    return (rows[:, :3] * xyz).sum(axis=1) + rows[:, 3]
 
 
 def centres_of(facts: SfmFacts) -> DoubleArray:
     """Camera centres (V, 3), world."""
     rotations, offsets = facts.poses[:, :, :3], facts.poses[:, :, 3]
-    result: DoubleArray = -np.einsum("vij,vi->vj", rotations, offsets)
-    return result
+    return -np.einsum("vij,vi->vj", rotations, offsets)
 
 
 def _parallax(facts: SfmFacts) -> float:
@@ -165,8 +163,7 @@ def _relative(facts: SfmFacts, first: LongArray, second: LongArray) -> tuple[Dou
 
 def _tolerance(facts: SfmFacts, pixels: float) -> DoubleArray:
     """``pixels`` as an angle (M,), radians, in the second view of each match."""
-    result: DoubleArray = pixels / facts.focal.mean(axis=1)[facts.match_views[:, 1]]
-    return result
+    return pixels / facts.focal.mean(axis=1)[facts.match_views[:, 1]]
 
 
 def pair_agreement(facts: SfmFacts) -> tuple[float, int]:

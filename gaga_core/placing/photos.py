@@ -70,8 +70,7 @@ def _looks(picture: UInt8Array, side: int) -> FloatArray:
     """Brightness (side, side) with mean 0 and standard deviation 1."""
     image = Image.fromarray(picture).convert("L").resize((side, side), Image.Resampling.BOX)
     gray = np.asarray(image, np.float32)
-    result: FloatArray = (gray - gray.mean()) / max(float(gray.std()), 1.0)
-    return result
+    return (gray - gray.mean()) / max(float(gray.std()), 1.0)
 
 
 # --- Sharpness of a picture: the strength of its finest detail.
@@ -309,8 +308,7 @@ def _sampled(picture: UInt8Array, row: DoubleArray, column: DoubleArray) -> UInt
     left %= width
     upper = picture[top, left] * (1 - across) + picture[top, right] * across
     lower = picture[bottom, left] * (1 - across) + picture[bottom, right] * across
-    result: UInt8Array = (upper * (1 - down) + lower * down + 0.5).astype(np.uint8)
-    return result
+    return (upper * (1 - down) + lower * down + 0.5).astype(np.uint8)
 
 
 def _cut(path: Path, picture: UInt8Array, target: Path, longest_side: int) -> list[Photo]:

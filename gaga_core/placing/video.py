@@ -170,8 +170,7 @@ def _halved(frame: UInt8Array) -> FloatArray:
     gray = frame.mean(axis=2, dtype=np.float32)
     height, width = gray.shape[0] // 2 * 2, gray.shape[1] // 2 * 2
     cells = gray[:height, :width].reshape(height // 2, 2, width // 2, 2)
-    result: FloatArray = cells.mean(axis=(1, 3))
-    return result
+    return cells.mean(axis=(1, 3))
 
 
 STAGE = "Read video"

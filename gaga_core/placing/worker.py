@@ -295,8 +295,7 @@ def _rays(model: pycolmap.Reconstruction, image: pycolmap.Image) -> DoubleArray:
     pixels = np.array([p.xy for p in image.points2D], np.float64).reshape(-1, 2)
     flat = np.asarray(model.cameras[image.camera_id].cam_from_img(pixels))
     rays = np.c_[flat, np.ones(len(flat))]
-    result: DoubleArray = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    return result
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
 
 def _point_rows(image: pycolmap.Image, points: dict[int, int]) -> LongArray:

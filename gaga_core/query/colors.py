@@ -74,8 +74,7 @@ def name_weights(rgb: AnyArray) -> FloatArray:
         distance[..., k] = np.linalg.norm(gap, axis=-1).min(axis=-1)
     nearest = distance.min(axis=-1, keepdims=True)
     weight = np.exp(-(distance - nearest) / _SOFTNESS)
-    result: FloatArray = (weight / weight.sum(axis=-1, keepdims=True)).astype(np.float32)
-    return result
+    return (weight / weight.sum(axis=-1, keepdims=True)).astype(np.float32)
 
 
 def typicality(rgb: AnyArray) -> FloatArray:
@@ -119,5 +118,4 @@ def _rgb_of(codes: tuple[str, ...]) -> DoubleArray:
 
 
 def _weighted(lab: DoubleArray) -> DoubleArray:
-    result: DoubleArray = lab * np.array([_LIGHTNESS_WEIGHT, 1, 1])
-    return result
+    return lab * np.array([_LIGHTNESS_WEIGHT, 1, 1])

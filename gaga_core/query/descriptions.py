@@ -67,8 +67,7 @@ def _upright(scene: Scene, facts: GroupFacts, row: int, splats: AnyArray) -> Dou
     means = scene.gaussians.means[there]
     points = np.einsum("kij,kj->ki", matrix[:, :, :3], means) + matrix[:, :, 3]
     inside = ((points >= facts.lo[row]) & (points <= facts.hi[row])).all(axis=1)
-    result: DoubleArray = points[inside]
-    return result
+    return points[inside]
 
 
 def _body(points: DoubleArray, thin: float) -> Shape:
@@ -91,8 +90,7 @@ def _body(points: DoubleArray, thin: float) -> Shape:
 def _normalized(points: DoubleArray) -> DoubleArray:
     """Coordinates that are -1 and 1 at the sides."""
     low, high = np.percentile(points, [100 - _EDGE, _EDGE], axis=0)
-    result: DoubleArray = (2 * points - low - high) / np.maximum(high - low, 1e-12)
-    return result
+    return (2 * points - low - high) / np.maximum(high - low, 1e-12)
 
 
 def _variation(values: DoubleArray) -> float:

@@ -222,8 +222,7 @@ def _unit(found: object) -> FloatArray:
     rows = cast("torch.Tensor", getattr(found, "pooler_output", found))
     values = rows.float().cpu().numpy()
     length = np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1e-12)
-    result: FloatArray = (values / length).astype(np.float32)
-    return result
+    return (values / length).astype(np.float32)
 
 
 # --- Which model is meant: a folder, or one known by name that the user has put in its place.

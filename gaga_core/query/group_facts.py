@@ -60,8 +60,7 @@ class GroupFacts:
     @property
     def size(self) -> DoubleArray:
         """Edge (G,) of a cube as large as the group."""
-        result: DoubleArray = np.cbrt(self.extents.prod(axis=1))
-        return result
+        return np.cbrt(self.extents.prod(axis=1))
 
     @property
     def height(self) -> DoubleArray:
@@ -193,8 +192,7 @@ def _quantile(bins: FloatArray, share: float) -> DoubleArray:
     upto = np.take_along_axis(total, at[..., None], axis=-1)[..., 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         part = np.nan_to_num((wanted[..., 0] - (upto - inside)) / inside)
-    result: DoubleArray = at + np.clip(part, 0, 1)
-    return result
+    return at + np.clip(part, 0, 1)
 
 
 def _shape(moments: DoubleArray, sides: DoubleArray) -> tuple[DoubleArray, DoubleArray]:

@@ -148,8 +148,7 @@ def color_scores(facts: GroupFacts, color: str) -> DoubleArray:
     others = 0.6 * facts.colors[:, columns] + 0.4 * facts.vivid[:, columns]
     rival = np.maximum(others.max(axis=1), _MIXED * others.sum(axis=1))
     prevails = np.clip(share / np.maximum(rival, 1e-9), 0, 1) ** 3
-    result: DoubleArray = (1 - np.exp(-share / 0.22)) * (0.25 + 0.75 * prevails)
-    return result
+    return (1 - np.exp(-share / 0.22)) * (0.25 + 0.75 * prevails)
 
 
 def presence(facts: GroupFacts, color: str) -> DoubleArray:

@@ -72,8 +72,7 @@ def _colorfulness(facts: GroupFacts) -> DoubleArray:
     total = hues.sum(axis=1, keepdims=True)
     p = hues / np.maximum(total, 1e-12)
     entropy = -(p * np.log(np.maximum(p, 1e-12))).sum(axis=1)
-    result: DoubleArray = np.exp(entropy) * total[:, 0]
-    return result
+    return np.exp(entropy) * total[:, 0]
 
 
 _IN_SPACE: dict[str, Callable[[GroupFacts], DoubleArray]] = {
@@ -124,8 +123,7 @@ def _beyond(facts: GroupFacts, a: int, seen: Sight, sign: int) -> DoubleArray:
     reach = 2 * (seen.half_width + seen.half_width[a])
     with np.errstate(invalid="ignore"):
         aside = np.nan_to_num(np.abs(seen.u - seen.u[a]) / reach)
-    result: DoubleArray = away * np.exp(-(np.maximum(aside - 0.5, 0) ** 2) * 2) * seen.inside
-    return result
+    return away * np.exp(-(np.maximum(aside - 0.5, 0) ** 2) * 2) * seen.inside
 
 
 _IN_VIEW = {
@@ -184,8 +182,7 @@ def _between(facts: GroupFacts, a: int, b: int) -> DoubleArray:
     ends = facts.centre[[a, b], None, :2]
     under = ((facts.lo[:, :2] < ends) & (ends < facts.hi[:, :2])).all(axis=(0, 2))
     along = along * ~under  # what both stand on is not between them
-    result: DoubleArray = along * np.exp(-((off / (0.35 * length + 0.5 * facts.size)) ** 2))
-    return result
+    return along * np.exp(-((off / (0.35 * length + 0.5 * facts.size)) ** 2))
 
 
 def _gap(facts: GroupFacts, a: int) -> DoubleArray:
@@ -193,8 +190,7 @@ def _gap(facts: GroupFacts, a: int) -> DoubleArray:
     between = np.maximum(facts.lo - facts.hi[a], facts.lo[a] - facts.hi)
     apart = np.linalg.norm(np.maximum(between, 0), axis=1)
     size = np.minimum(facts.size, 2 * facts.size[a])
-    result: DoubleArray = apart / np.maximum(0.5 * (size + facts.size[a]), 1e-12)
-    return result
+    return apart / np.maximum(0.5 * (size + facts.size[a]), 1e-12)
 
 
 def _overlap(facts: GroupFacts, a: int) -> DoubleArray:
@@ -206,8 +202,7 @@ def _overlap(facts: GroupFacts, a: int) -> DoubleArray:
     share = (np.maximum(high - low, 0) / sides).prod(axis=1)
     middle = facts.centre[:, :2]
     over = ((facts.lo[a, :2] < middle) & (middle < facts.hi[a, :2])).all(axis=1)
-    result: DoubleArray = np.where(over, np.maximum(share, _CENTRED), share)
-    return result
+    return np.where(over, np.maximum(share, _CENTRED), share)
 
 
 def _ramp(margin: DoubleArray, width: DoubleArray) -> DoubleArray:

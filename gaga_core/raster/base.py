@@ -322,8 +322,7 @@ class SpatialChunks:
         value += self.halves @ np.abs(world[:, :3]).T
         with np.errstate(invalid="ignore"):  # a size that is infinite, at the near plane: 0 * inf
             value += np.nan_to_num(self.longest[:, None] * reach, nan=0.0, posinf=np.inf)
-        seen: BoolArray = np.all(value + _ROUNDING * terms >= 0, axis=1)
-        return seen
+        return np.all(value + _ROUNDING * terms >= 0, axis=1)
 
 
 def _divided(means: FloatArray, rows: IntArray) -> list[IntArray]:

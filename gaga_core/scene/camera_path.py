@@ -299,13 +299,12 @@ def _hermite(
     i = np.clip(np.searchsorted(knots, times, "right") - 1, 0, len(span) - 1)
     h = span[i]
     s = (times - knots[i])[:, None] / h
-    result: DoubleArray = (
+    return (
         (1 + 2 * s) * (1 - s) ** 2 * values[i]
         + s * (1 - s) ** 2 * h * tangents[i]
         + s**2 * (3 - 2 * s) * values[i + 1]
         + s**2 * (s - 1) * h * tangents[i + 1]
     )
-    return result
 
 
 def _tangent(

@@ -178,15 +178,13 @@ def _vote_weights(pool: _Pool, which: LongArray, near: IntArray) -> FloatArray:
     weights += np.float32(1e-6)  # with no neighbour of its color, all of them decide
     weights *= pool.opacities[near] + np.float32(1e-3)
     weights[near == which[:, None]] = 0
-    result: FloatArray = weights
-    return result
+    return weights
 
 
 def _share_of(agrees: BoolArray, weights: FloatArray) -> FloatArray:
     """Share (Q,) of the neighbours' weight (Q, k) that agrees."""
     total = weights.sum(axis=1)
-    result: FloatArray = (weights * agrees).sum(axis=1) / np.maximum(total, np.float32(1e-20))
-    return result
+    return (weights * agrees).sum(axis=1) / np.maximum(total, np.float32(1e-20))
 
 
 def _strongest(labels: IntArray, weights: FloatArray) -> IntArray:
@@ -194,8 +192,7 @@ def _strongest(labels: IntArray, weights: FloatArray) -> IntArray:
     sums = np.zeros(labels.shape, np.float32)
     for j in range(labels.shape[1]):
         sums += weights[:, j : j + 1] * (labels == labels[:, j : j + 1])
-    best: IntArray = labels[np.arange(len(labels)), sums.argmax(axis=1)]
-    return best
+    return labels[np.arange(len(labels)), sums.argmax(axis=1)]
 
 
 def _inside_hull(points: DoubleArray, hull_of: DoubleArray) -> BoolArray:
@@ -305,8 +302,7 @@ def _small_parts(
         joined[part_of[left[np.isfinite(distance)]]] = True
         small &= ~joined
         fresh = points[joined[part_of]]
-    result: BoolArray = small[part_of]
-    return result
+    return small[part_of]
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,8 +51,7 @@ class IndexSet:
     def mask(self) -> BoolArray:
         """The set as (n,) bool."""
         if self.form is Storage.BITS:
-            bits: BoolArray = np.unpackbits(self.data, count=self.n).view(np.bool_)
-            return bits
+            return np.unpackbits(self.data, count=self.n).view(np.bool_)
         mask = np.zeros(self.n, np.bool_)
         if self.form is Storage.RUNS and len(self.data) < 64:
             for start, stop in self.data:
@@ -64,8 +63,7 @@ class IndexSet:
     def indices(self) -> IntArray:
         """The set as sorted (K,) int32."""
         if self.form is Storage.LIST:
-            listed: IntArray = self.data
-            return listed
+            return self.data
         if self.form is Storage.BITS:
             return np.flatnonzero(self.mask()).astype(np.int32)
         # Steps of one inside a run, a jump at each start: the cumulative sum is the list.

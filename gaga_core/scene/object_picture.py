@@ -63,15 +63,13 @@ def _towards(cameras: Sequence[Camera], centre: DoubleArray, up: DoubleArray) ->
         side = np.cross(up, [0.0, 0.0, 1.0] if abs(up[2]) < 0.9 else [1.0, 0.0, 0.0])
         front = np.cross(side, up)
         direction = side / np.linalg.norm(side) + front / np.linalg.norm(front) + 0.7 * up
-        result: DoubleArray = direction / np.linalg.norm(direction)
-        return result
+        return direction / np.linalg.norm(direction)
     away = np.stack([camera.position for camera in cameras]) - centre
     distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
     away = away / distance[:, None]
     elevation = np.arcsin(np.clip(away @ up, -1, 1))
     cost = np.abs(elevation - _STEEP) + _FAR * distance / np.median(distance)
-    best: DoubleArray = away[int(cost.argmin())]
-    return best
+    return away[int(cost.argmin())]
 
 
 def _tight(camera: Camera, splats: Gaussians) -> Camera:

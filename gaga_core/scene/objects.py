@@ -79,8 +79,7 @@ def object_table(scene: Scene) -> ObjectTable:
     shown = ids[rows].astype(np.int32)
 
     def having(bit: State) -> LongArray:
-        total: LongArray = counts[:, np.arange(16) & bit != 0].sum(axis=1)
-        return total
+        return counts[:, np.arange(16) & bit != 0].sum(axis=1)
 
     n = counts.sum(axis=1)
     centre = spread[:, 6:9] / n[:, None]
@@ -184,8 +183,7 @@ def _calm(
     share = np.clip((radius / max(spread, 1e-12) - _SMALL) / (_LARGE - _SMALL), 0, 1)
     share[np.isin(ids, [0, *own])] = 0
     gray = (colors @ _LUMA)[:, None]
-    calm: FloatArray = (colors + _MUTED * share[:, None] * (gray - colors)).astype(np.float32)
-    return calm
+    return (colors + _MUTED * share[:, None] * (gray - colors)).astype(np.float32)
 
 
 @lru_cache(maxsize=4)

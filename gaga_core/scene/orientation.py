@@ -244,8 +244,7 @@ def turn_between(start: DoubleArray, stop: DoubleArray) -> DoubleArray:
         return 2 * np.outer(side, side) - np.eye(3)
     x, y, z = axis
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turn: DoubleArray = np.eye(3) + skew + skew @ skew / (1 + cosine)
-    return turn
+    return np.eye(3) + skew + skew @ skew / (1 + cosine)
 
 
 # --- The placement of splats as a whole: absolute position, rotation and scale, and the motion

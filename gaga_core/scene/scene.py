@@ -212,8 +212,7 @@ class Scene:
 
     def has(self, bits: State) -> BoolArray:
         """Splats (N,) with any of these bits."""
-        result: BoolArray = (self.state & np.uint8(bits)) != 0
-        return result
+        return (self.state & np.uint8(bits)) != 0
 
     def confidence_of(self) -> UInt8Array | None:
         """Confidence (N,) of each splat in its group, 0..255; a duplicate has its original's.

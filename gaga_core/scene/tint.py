@@ -73,8 +73,7 @@ _NARROWEST = 0.01  # white stays this far above black
 
 
 def _within(default: float, low: float, high: float) -> float:
-    limited: float = field(default=default, metadata={"limits": (low, high)})
-    return limited
+    return field(default=default, metadata={"limits": (low, high)})
 
 
 @dataclass(frozen=True)

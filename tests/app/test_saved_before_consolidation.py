@@ -73,8 +73,7 @@ def saved(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def expected(saved: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((saved / "expected.json").read_text())
-    return content
+    return json.loads((saved / "expected.json").read_text())
 
 
 def opened(path: Path) -> Scene:

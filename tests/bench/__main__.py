@@ -114,8 +114,7 @@ def _table(measured: Mapping[str, Sequence[Figure]], record: Record) -> Table:
 
 
 def _figures_of(name: str) -> list[Figure]:
-    figures: list[Figure] = importlib.import_module(f"tests.bench.bench_{name}").figures()
-    return figures
+    return importlib.import_module(f"tests.bench.bench_{name}").figures()
 
 
 def found() -> dict[str, Benchmark]:

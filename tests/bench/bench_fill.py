@@ -115,11 +115,9 @@ def score(case: FillCase) -> Score:
 
 def _opened(left: Frame, truth: Frame) -> BoolArray:
     deeper = left.median_depth > truth.median_depth * (1 + _DEEPER)
-    result: BoolArray = (deeper | (left.alpha < 0.5)) & (truth.alpha > 0.5)
-    return result
+    return (deeper | (left.alpha < 0.5)) & (truth.alpha > 0.5)
 
 
 def _errors(frame: Frame, truth: Frame) -> DoubleArray:
     difference = np.clip(frame.image, 0, 1) - np.clip(truth.image, 0, 1)
-    result: DoubleArray = (difference.astype(np.float64) ** 2).sum(axis=2)
-    return result
+    return (difference.astype(np.float64) ** 2).sum(axis=2)

@@ -194,8 +194,7 @@ class _Rasterize(torch.autograd.Function):
         given = (*size, xys, conics, colors, opacities, torch.zeros(3), cov2d, depths)
         image, rest, lists = kernels.draw(*given)
         ctx.kept = (kernels, given, rest, lists)
-        result: Tensor = image
-        return result
+        return image
 
     @staticmethod
     def backward(ctx: Any, *by_output: Tensor) -> Any:

@@ -184,8 +184,7 @@ def _true_labels(gaussians: Gaussians, root: Path, cameras: Sequence[Camera]) ->
     votes = np.zeros((len(gaussians), int(max(t.max() for t in truth)) + 1), np.float32)
     for camera, found in zip(cameras, truth, strict=True):
         choose("cpu").vote(gaussians, camera, found, votes)
-    labels: IntArray = votes.argmax(axis=1).astype(np.int32)
-    return labels
+    return votes.argmax(axis=1).astype(np.int32)
 
 
 def _on_empty_place(

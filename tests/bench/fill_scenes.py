@@ -228,8 +228,7 @@ def _thing(rng: np.random.Generator) -> tuple[str, tuple[Part, ...], float]:
 
 def _raised(patch: Patch, by: float) -> Callable[[DoubleArray, DoubleArray], DoubleArray]:
     def position(u: DoubleArray, v: DoubleArray) -> DoubleArray:
-        result: DoubleArray = patch.position(u, v) + np.array([0, 0, by])
-        return result
+        return patch.position(u, v) + np.array([0, 0, by])
 
     return position
 

@@ -191,8 +191,7 @@ def _draw_box(
 
 
 def _load(path: Path) -> IntArray:
-    ids: IntArray = np.load(path).astype(np.int32)
-    return ids
+    return np.load(path).astype(np.int32)
 
 
 def score(labels: IntArray, truth: IntArray, n_boxes: int) -> tuple[float, float]:

@@ -14,8 +14,7 @@ def read_record(path: Path) -> Record:
     """The recorded figures; empty when none were recorded yet."""
     if not path.is_file():
         return {}
-    record: dict[str, dict[str, float]] = json.loads(path.read_text(encoding="utf-8"))
-    return record
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def write_record(path: Path, measured: Mapping[str, Sequence[Figure]]) -> None:

@@ -81,8 +81,7 @@ def draw_masks(corner: IntArray, rng: np.random.Generator) -> IntArray:
     rows, columns = np.divmod(np.arange(WIDTH * HEIGHT), WIDTH)
     tile = rows // _PIXELS * wide + columns // _PIXELS
     is_left = columns % _PIXELS < _PIXELS // 2
-    labels: IntArray = np.where(is_left, left[tile], right[tile]).reshape(HEIGHT, WIDTH)
-    return labels
+    return np.where(is_left, left[tile], right[tile]).reshape(HEIGHT, WIDTH)
 
 
 def main(arguments: list[str]) -> None:

@@ -20,8 +20,7 @@ def run_worker(module: str, arguments: Sequence[str]) -> Costs:
     Raises ``subprocess.CalledProcessError`` when it fails.
     """
     last = call_worker(module, arguments).splitlines()[-1]
-    costs: Costs = json.loads(last[last.index("{") :])  # behind what ends the color of a log
-    return costs
+    return json.loads(last[last.index("{") :])  # behind what ends the color of a log
 
 
 def call_worker(module: str, arguments: Sequence[str]) -> str:

@@ -48,8 +48,7 @@ def photograph(camera: Camera, gaussians: Gaussians | None = None) -> tuple[Floa
 def eight_bit(picture: AnyArray) -> UInt8Array:
     """A picture of 0..1 as bytes."""
     values = np.clip(np.asarray(picture, np.float64), 0, 1)
-    result: UInt8Array = np.round(values * 255).astype(np.uint8)
-    return result
+    return np.round(values * 255).astype(np.uint8)
 
 
 def save(path: Path, picture: UInt8Array, quality: int = 93) -> None:

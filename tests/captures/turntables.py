@@ -115,8 +115,7 @@ def _hand(rng: np.random.Generator) -> BoolArray:
     side, end = rng.choice([-1, 1]), rng.uniform(0.32, 0.42)
     x = (u if side < 0 else width - u) / width
     middle = rng.uniform(0.55, 0.75) + 0.2 * (end - x)
-    result: BoolArray = (x < end) & (np.abs(v / height - middle) < 0.06)
-    return result
+    return (x < end) & (np.abs(v / height - middle) < 0.06)
 
 
 def photograph_turntable(

@@ -72,10 +72,7 @@ def _as_seen_without_green(rgb: DoubleArray) -> DoubleArray:
     )
     seen = np.array([[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]])
     flat = np.clip(linear @ (np.linalg.inv(lms_from_rgb) @ seen @ lms_from_rgb).T, 0, 1)
-    result: DoubleArray = np.where(
-        flat <= 0.0031308, 12.92 * flat, 1.055 * flat ** (1 / 2.4) - 0.055
-    )
-    return result
+    return np.where(flat <= 0.0031308, 12.92 * flat, 1.055 * flat ** (1 / 2.4) - 0.055)
 
 
 def test_group_colors_are_calm_and_tell_neighbours_apart_for_every_eye() -> None:

@@ -50,8 +50,7 @@ def run_in(site: Path, code: str) -> list[object]:
     environment.pop("NUMBA_CACHE_DIR", None)
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    answer: list[object] = json.loads(done.stdout.splitlines()[-1])
-    return answer
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def test_registered_kernels_name_the_cache_and_are_not_imported(site: Path) -> None:

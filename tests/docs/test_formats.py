@@ -84,8 +84,7 @@ def _pattern(name: str) -> re.Pattern[str]:
 
 
 def _json(path: Path) -> dict[str, dict[str, object]]:
-    content: dict[str, dict[str, object]] = json.loads(path.read_text(encoding="utf-8"))
-    return content
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def _names(path: Path) -> list[str]:

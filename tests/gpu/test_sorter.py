@@ -103,8 +103,7 @@ def _weights(scene: Scene) -> DoubleArray:
     """Root of opacity times the largest cross-section (N,)."""
     gaussians = scene.gaussians
     logs = np.sort(gaussians.log_scales.astype(np.float64), axis=1)
-    result: DoubleArray = np.sqrt(np.exp(logs[:, 1] + logs[:, 2]) * gaussians.opacities)
-    return result
+    return np.sqrt(np.exp(logs[:, 1] + logs[:, 2]) * gaussians.opacities)
 
 
 def test_a_smaller_budget_is_a_part_of_a_larger_one() -> None:

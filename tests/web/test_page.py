@@ -80,8 +80,7 @@ def _picture(page: "Page") -> FloatArray:
     clip: Any = {"x": x, "y": y, "width": width, "height": height}
     pixels = Image.open(io.BytesIO(page.screenshot(clip=clip))).convert("RGB")
     page.evaluate("document.getElementById('views').style.visibility = ''")
-    picture: FloatArray = np.asarray(pixels, np.float32) / np.float32(255)
-    return picture
+    return np.asarray(pixels, np.float32) / np.float32(255)
 
 
 def _selected(page: "Page") -> int:

@@ -56,8 +56,7 @@ def lit_share(
     free = [(nearest[at + k] < depth).astype(np.float32) for k in (0, 1, width, width + 1)]
     top = free[0] * (1 - fx) + free[1] * fx
     bottom = free[2] * (1 - fx) + free[3] * fx
-    result: FloatArray = (top * (1 - fy) + bottom * fy).astype(np.float32)
-    return result
+    return (top * (1 - fy) + bottom * fy).astype(np.float32)
 
 
 def cone(axis: DoubleArray, half_angle: float, n: int) -> DoubleArray:
@@ -68,8 +67,7 @@ def cone(axis: DoubleArray, half_angle: float, n: int) -> DoubleArray:
     angle = k * np.pi * (3 - np.sqrt(5))
     a, b = _plane(axis)
     spread = (sine * np.cos(angle))[:, None] * a + (sine * np.sin(angle))[:, None] * b
-    result: DoubleArray = cosine[:, None] * axis + spread
-    return result
+    return cosine[:, None] * axis + spread
 
 
 def sphere(n: int) -> DoubleArray:
@@ -86,8 +84,7 @@ def _plane(axis: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
 
 def _unit(x: float, y: float, z: float) -> DoubleArray:
     v = np.array([x, y, z])
-    result: DoubleArray = v / np.linalg.norm(v)
-    return result
+    return v / np.linalg.norm(v)
 
 
 @dataclass(frozen=True)
@@ -187,8 +184,7 @@ def _gloss(
     half /= np.linalg.norm(half)
     spot = np.maximum(n @ half, 0)[:, None] ** (4 * shine)
     key = spot * (0.35 + 0.65 * sun[part, None]) * np.array(lights.key_color) * 1.0
-    result: DoubleArray = gloss * (fresnel * sky * 1.6 + key)
-    return result
+    return gloss * (fresnel * sky * 1.6 + key)
 
 
 def _anchor(view: DoubleArray) -> DoubleArray:
@@ -249,5 +245,4 @@ def lamp_light(points: DoubleArray, normals: DoubleArray) -> DoubleArray:
     way = LAMP - points
     distance = np.linalg.norm(way, axis=1, keepdims=True)
     facing = np.maximum((normals * way).sum(axis=1, keepdims=True) / distance, 0)
-    result: DoubleArray = 0.055 * facing / (distance**2 + 0.02) * np.array([1.0, 0.72, 0.40])
-    return result
+    return 0.055 * facing / (distance**2 + 0.02) * np.array([1.0, 0.72, 0.40])

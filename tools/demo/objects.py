@@ -60,8 +60,7 @@ def _hash(cell: LongArray, seed: int) -> DoubleArray:
         )
         h = (h ^ (h >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
         h = (h ^ (h >> np.uint64(32))) * np.uint64(0x94D049BB133111EB)
-    result: DoubleArray = (h >> np.uint64(40)).astype(np.float64) / float(1 << 24)
-    return result
+    return (h >> np.uint64(40)).astype(np.float64) / float(1 << 24)
 
 
 def noise(points: DoubleArray, seed: int = 0) -> DoubleArray:
@@ -142,8 +141,7 @@ def weave(base: Paint, *, thread: float = 0.01, depth: float = 0.12) -> Paint:
         a = np.sin(np.pi * d.points[:, 0] / thread)
         b = np.sin(np.pi * d.points[:, 1] / thread)
         fuzz = fractal(d.points / (0.6 * thread), 2, 3) - 0.5
-        result: DoubleArray = base(d) * (1 + depth * (0.5 * np.sign(a * b) + fuzz))[:, None]
-        return result
+        return base(d) * (1 + depth * (0.5 * np.sign(a * b) + fuzz))[:, None]
 
     return paint
 
@@ -511,8 +509,7 @@ def _bumpy(patch: Patch, height: float, scale: float, seed: int) -> Patch:
     def position(u: DoubleArray, v: DoubleArray) -> DoubleArray:
         p = patch.position(u, v)
         out = p / np.maximum(np.linalg.norm(p, axis=1, keepdims=True), 1e-9)
-        result: DoubleArray = p + height * (noise(p / scale, seed) - 0.5)[:, None] * out
-        return result
+        return p + height * (noise(p / scale, seed) - 0.5)[:, None] * out
 
     return replace(patch, position=position)
 

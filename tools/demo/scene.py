@@ -352,8 +352,7 @@ def _raggedness(shape: tuple[int, ...], rng: np.random.Generator) -> IntArray:
     """By how much edges move outwards, pixel by pixel: -1 to 2, in patches of a few pixels."""
     rough: DoubleArray = ndimage.gaussian_filter(rng.normal(size=shape), 2.5)
     level = np.digitize(rough / rough.std(), [-0.6, 0.5, 1.2])
-    result: IntArray = (level - 1).astype(np.int32)
-    return result
+    return (level - 1).astype(np.int32)
 
 
 def _ragged(mask: BoolArray, outwards: IntArray) -> BoolArray:

@@ -73,8 +73,7 @@ def ellipsoid(radii: Coordinates, centre: Coordinates = (0, 0, 0)) -> Patch:
         angle, polar = 2 * np.pi * u, np.pi * (1 - v)
         ring = np.sin(polar)
         unit = np.stack([ring * np.cos(angle), ring * np.sin(angle), np.cos(polar)], axis=1)
-        result: DoubleArray = c + r * unit
-        return result
+        return c + r * unit
 
     return Patch(position, closed=True)
 
@@ -138,8 +137,7 @@ def rounded_box(size: Coordinates, radius: float, faces: str = ALL_FACES) -> lis
             core = np.clip(q, -inner, inner)
             out = q - core
             reach = np.linalg.norm(out, axis=1, keepdims=True)
-            result: DoubleArray = core + (half - inner).min() * out / reach
-            return result
+            return core + (half - inner).min() * out / reach
 
         return Patch(position)
 
@@ -320,8 +318,7 @@ def _steps(
         wanted[:, k] = np.minimum(wanted[:, k], wanted[:, k - 1] + GRADE * length[:, k - 1])
     for k in range(shape[1] - 3, -1, -1):
         wanted[:, k] = np.minimum(wanted[:, k], wanted[:, k + 1] + GRADE * length[:, k + 1])
-    result: DoubleArray = length / wanted
-    return result
+    return length / wanted
 
 
 def _frame(patch: Patch, u: DoubleArray, v: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
@@ -348,8 +345,7 @@ def _chord(
         kept = np.maximum(high[0] - low[0], 1e-9)
         cut = np.where(b[0] > a[0], np.maximum((b[0] - a[0]) / kept, 1.0), 1.0)
     way = patch.position(*high) - patch.position(*low)
-    result: DoubleArray = np.linalg.norm(way, axis=1) * cut
-    return result
+    return np.linalg.norm(way, axis=1) * cut
 
 
 Paint = Callable[[Discs], DoubleArray]  # -> (N, 3) gamma-space albedo 0..1

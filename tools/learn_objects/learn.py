@@ -216,8 +216,7 @@ def best_ious(scene: Labelled, tree: Tree) -> DoubleArray:
     of_leaves = _table(tree.leaf, scene)
     of_nodes = np.asarray(tree.leaves() @ of_leaves)
     every = of_nodes.sum(axis=1)[:, None] + of_leaves.sum(axis=0) - of_nodes
-    result: DoubleArray = (of_nodes / np.maximum(every, 1e-9))[:, 1:].max(axis=1, initial=0.0)
-    return result
+    return (of_nodes / np.maximum(every, 1e-9))[:, 1:].max(axis=1, initial=0.0)
 
 
 def _log_odds(

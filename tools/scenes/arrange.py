@@ -329,8 +329,7 @@ def _turn(rng: np.random.Generator, *, upright: bool) -> DoubleArray:
     if upright:
         a = rng.uniform(0, 2 * np.pi)
         return np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1.0]])
-    result: DoubleArray = quats_to_matrices(rng.normal(size=(1, 4)))[0]
-    return result
+    return quats_to_matrices(rng.normal(size=(1, 4)))[0]
 
 
 def _spot(

@@ -113,8 +113,7 @@ def _ground(
 
     def weight(points: DoubleArray) -> DoubleArray:
         away = np.linalg.norm(points - middle, axis=1) / reach
-        result: DoubleArray = 1 / np.maximum(away, 1) ** 2
-        return result
+        return 1 / np.maximum(away, 1) ** 2
 
     found, trial = [], []
     for b, axis, sign, u, v, low, high in sides:
@@ -155,8 +154,7 @@ def _printed(b: int, u: DoubleArray, v: DoubleArray, look: Look) -> DoubleArray:
         share = np.zeros(len(u))
     one, two = look.colors[b]
     mixed = one + share[:, None] * (two - one)
-    result: DoubleArray = np.clip(mixed * (1 + 0.05 * cells[:, None]), 0, 1)
-    return result
+    return np.clip(mixed * (1 + 0.05 * cells[:, None]), 0, 1)
 
 
 def _lit(surface: Discs, things: DoubleArray, look: Look) -> Discs:
@@ -168,15 +166,13 @@ def _lit(surface: Discs, things: DoubleArray, look: Look) -> Discs:
 
     def cells(points: DoubleArray) -> IntArray:
         flat = points[:, :2] - look.light[:2] / look.light[2] * points[:, 2:]
-        result: IntArray = np.clip((flat - low) / _SHADOW, 0, n - 1).astype(np.int32)
-        return result
+        return np.clip((flat - low) / _SHADOW, 0, n - 1).astype(np.int32)
 
     def blurred(at: IntArray, sigma: float, gain: float) -> DoubleArray:
         counts = np.zeros((n, n))
         counts[at[:, 0], at[:, 1]] = 1
         solid = ndimage.binary_closing(counts > 0, iterations=3).astype(float)
-        result: DoubleArray = gain * ndimage.gaussian_filter(solid, sigma)
-        return result
+        return gain * ndimage.gaussian_filter(solid, sigma)
 
     cast = blurred(cells(things), 2.0, 0.75)
     under = things[things[:, 2] < 0.05]

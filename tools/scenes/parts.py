@@ -114,8 +114,7 @@ def _with_all_on_it(view: View, rng: np.random.Generator, f: SamFaults) -> IntAr
     for k, thing in enumerate(view.things, start=1):
         if thing.support in taken and k < len(same):
             same[k] = thing.support + 1
-    result: IntArray = same[view.wholes]
-    return result
+    return same[view.wholes]
 
 
 def _parts_of(segment: SimulatedMask, parts: IntArray) -> list[SimulatedMask]:

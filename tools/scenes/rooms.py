@@ -139,8 +139,7 @@ def _wall_of(points: DoubleArray) -> IntArray:
     """1 floor, 2 back wall, 3 left wall: the nearest one, as `room_parts` numbers them."""
     x, y, z = points.T
     away = np.stack([np.abs(z), np.abs(y - BACK), np.abs(x - LEFT)])
-    nearest: IntArray = (away.argmin(axis=0) + 1).astype(np.int32)
-    return nearest
+    return (away.argmin(axis=0) + 1).astype(np.int32)
 
 
 def cameras_of(

@@ -29,8 +29,7 @@ class Mesh:
     @property
     def corners(self) -> DoubleArray:
         """The vertices (H, 3) of the convex hull."""
-        result: DoubleArray = self.vertices[ConvexHull(self.vertices).vertices]
-        return result
+        return self.vertices[ConvexHull(self.vertices).vertices]
 
     @property
     def area(self) -> float:
@@ -39,8 +38,7 @@ class Mesh:
 
     def _crosses(self) -> DoubleArray:
         a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
-        result: DoubleArray = np.cross(b - a, c - a)
-        return result
+        return np.cross(b - a, c - a)
 
     def sample(
         self, n: int, rng: np.random.Generator

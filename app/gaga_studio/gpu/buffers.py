@@ -135,8 +135,7 @@ def words_of_colors(colors: UInt8Array) -> UInt32Array:
     """Colors (K, 3 or 4) of a byte a channel as a texel each (K,)."""
     words = np.zeros((len(colors), 4), np.uint8)
     words[:, : colors.shape[1]] = colors
-    found: UInt32Array = words.view("<u4")[:, 0]
-    return found
+    return words.view("<u4")[:, 0]
 
 
 def placement_texels(placements: Placements) -> AnyArray:

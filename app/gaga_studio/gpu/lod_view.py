@@ -246,8 +246,7 @@ class NodePool:
 
     def holds(self, nodes: IntArray) -> BoolArray:
         """Whether each of the nodes is here."""
-        found: BoolArray = self._slots[nodes] != _NONE
-        return found
+        return self._slots[nodes] != _NONE
 
     def resize(self, n_nodes: int, first: int) -> None:
         """Have room for so many nodes; those from ``first`` on are taken out."""
@@ -273,8 +272,7 @@ class NodePool:
         free[self._sorted] = False
         free[self._slots[drawn]] = False
         places = np.flatnonzero(free)
-        found: list[int] = places[np.argsort(self._used[places], kind="stable")].tolist()
-        return found
+        return places[np.argsort(self._used[places], kind="stable")].tolist()
 
     def write(self, slot: int, read: ReadNode, scene: Scene, buffers: SceneBuffers) -> None:
         """Put a node into a slot, in place of what was there."""
@@ -608,8 +606,7 @@ class LodView:
         assert self._camera is not None
         shares = picture_shares(self._counts[nodes], self._errors[nodes], self._camera)
         weights = np.minimum(self._errors[nodes] / _FULL_ERROR, 1.0)
-        changes: DoubleArray = shares * weights * self._seen[nodes]
-        return changes
+        return shares * weights * self._seen[nodes]
 
     def _ask(self, drawn: IntArray) -> None:
         """Let the reader read what is missing for the next steps: what makes room comes first."""
@@ -634,13 +631,11 @@ class LodView:
         parents = self._parents[drawn]
         parents = np.unique(parents[parents >= 0])
         parents = parents[~self._target[parents]]
-        found: IntArray = parents[~self._divided[self._children(parents)].any(axis=1)]
-        return found
+        return parents[~self._divided[self._children(parents)].any(axis=1)]
 
     def _children(self, nodes: IntArray) -> IntArray:
         """Children (K, FAN) of each node above level 0; of fewer the last one several times."""
         firsts = self.tree.first_nodes
         levels = np.searchsorted(firsts, nodes, side="right") - 1
         first = firsts[levels - 1] + (nodes - firsts[levels]) * FAN
-        found: IntArray = np.minimum(first[:, None] + np.arange(FAN), firsts[levels, None] - 1)
-        return found
+        return np.minimum(first[:, None] + np.arange(FAN), firsts[levels, None] - 1)

@@ -78,8 +78,7 @@ class SplatRenderer:
             try:
                 next(parts)
             except StopIteration as end:
-                target: Target = end.value
-                return target
+                return end.value
 
     def draw_parts(
         self,

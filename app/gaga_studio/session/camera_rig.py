@@ -69,8 +69,7 @@ class CameraRig:
     @property
     def eye(self) -> DoubleArray:
         """Centre of projection (3,), world."""
-        result: DoubleArray = self.pose.pivot - self.pose.distance * self._axes(self.pose)[2]
-        return result
+        return self.pose.pivot - self.pose.distance * self._axes(self.pose)[2]
 
     @property
     def seen_from(self) -> DoubleArray:
@@ -80,8 +79,7 @@ class CameraRig:
     @property
     def sideways(self) -> DoubleArray:
         """The picture's right (3,), unit, world."""
-        right: DoubleArray = self._axes(self.pose)[0]
-        return right
+        return self._axes(self.pose)[0]
 
     def camera(self, width: int, height: int) -> Camera:
         """Return the camera at this picture size (at least 1 x 1), for drawing and for picking."""
@@ -211,8 +209,7 @@ class CameraRig:
     def cube(self) -> DoubleArray:
         """Right, back and up of the upright scene as columns (3, 3) in the picture's axes right,
         down, forward: how the view cube stands."""
-        result: DoubleArray = self._axes(self.pose) @ self._basis.T
-        return result
+        return self._axes(self.pose) @ self._basis.T
 
     def look_along(self, axis: str) -> None:
         """Show an axis view: "front", "back", "left", "right", "top" or "bottom" of the pivot."""
@@ -300,8 +297,7 @@ class CameraRig:
         down = np.cross(forward, right)
         cos_r, sin_r = np.cos(pose.roll), np.sin(pose.roll)
         rolled = [cos_r * right + sin_r * down, cos_r * down - sin_r * right, forward]
-        result: DoubleArray = np.stack(rolled) @ self._basis
-        return result
+        return np.stack(rolled) @ self._basis
 
     def _angles(self, axes: DoubleArray) -> tuple[float, float, float]:
         """Yaw, pitch and roll of a camera with the rows right, down, forward (3, 3), world."""

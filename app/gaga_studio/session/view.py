@@ -236,8 +236,7 @@ class RenderRequests:
         alpha = 255 - np.clip(light - dark, 0, 255).max(axis=2, keepdims=True)
         straight = np.where(alpha > 0, dark * 255.0 / np.maximum(alpha, 1), 0)
         picture = np.concatenate([straight, alpha], axis=2)
-        result: UInt8Array = (np.clip(picture, 0, 255) + 0.5).astype(np.uint8)
-        return result
+        return (np.clip(picture, 0, 255) + 0.5).astype(np.uint8)
 
     @property
     def is_wanted(self) -> bool:

@@ -156,5 +156,4 @@ def _rotation(axis: DoubleArray, angle: float) -> DoubleArray:
     """Rotation (3, 3) by ``angle`` radians about ``axis`` (3,): Rodrigues' formula."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turned: DoubleArray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return turned
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross

@@ -165,7 +165,6 @@ def _inside(question: Question, camera: Camera) -> Callable[[list[int]], BoolArr
 
     def inside(ids: list[int]) -> BoolArray:
         likely = (chances[:, ids] > PROBABLE).any(axis=1).reshape(frame.alpha.shape)
-        result: BoolArray = likely & drawn
-        return result
+        return likely & drawn
 
     return inside

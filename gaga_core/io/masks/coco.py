@@ -106,8 +106,7 @@ def compress_counts(counts: Sequence[int]) -> str:
     place = np.arange(n_digits.sum()) - np.repeat(ends - n_digits, n_digits)
     digits = (np.repeat(values, n_digits) >> (_BITS * place)) & 0x1F
     digits[place < np.repeat(n_digits, n_digits) - 1] |= _MORE
-    text: str = (digits + _FIRST).astype(np.uint8).tobytes().decode("ascii")
-    return text
+    return (digits + _FIRST).astype(np.uint8).tobytes().decode("ascii")
 
 
 def decompress_counts(text: str | bytes) -> LongArray:

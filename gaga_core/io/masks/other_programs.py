@@ -476,8 +476,7 @@ def _read_array_file(path: Path) -> ImportedMasks:
             labels = arrays[key]
             if labels.size and int(labels.max()) > _MOST_ID:
                 raise GagaError(f"{path.name} has ids above {_MOST_ID:,}. Number them again.")
-            ids: IntArray = np.maximum(labels, labels.dtype.type(0)).astype(np.int32)
-            return ids
+            return np.maximum(labels, labels.dtype.type(0)).astype(np.int32)
     found = ", ".join(f"{name} {array.shape}" for name, array in arrays.items()) or "nothing"
     raise GagaError(f"{path.name} holds no masks (M, H, W) and no label map (H, W), but {found}.")
 

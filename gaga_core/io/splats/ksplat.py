@@ -155,5 +155,4 @@ def _rest(raw: AnyArray, low: float, high: float) -> FloatArray:
     bands = [values[:, :9].reshape(-1, 3, 3)]
     if values.shape[1] > 9:
         bands.append(values[:, 9:24].reshape(-1, 3, 5))
-    rest: FloatArray = np.concatenate(bands, axis=2).transpose(0, 2, 1)
-    return rest
+    return np.concatenate(bands, axis=2).transpose(0, 2, 1)

@@ -149,8 +149,7 @@ def sane(values: AnyArray) -> FloatArray:
 
 def logs_of_sizes(sizes: AnyArray, smallest: float = TINY) -> FloatArray:
     """Logarithms of sizes, of which a negative one becomes NaN, and 0 is ``smallest``."""
-    logs: FloatArray = np.log(np.where(sizes >= 0, np.maximum(sizes, np.float32(smallest)), np.nan))
-    return logs
+    return np.log(np.where(sizes >= 0, np.maximum(sizes, np.float32(smallest)), np.nan))
 
 
 def without_broken_rows(path: Path, gaussians: Gaussians) -> Gaussians:
@@ -294,8 +293,7 @@ def dc_of_bytes(rgb: UInt8Array, scale: float = SH_C0) -> FloatArray:
 
 def logits_of_bytes(opacities: UInt8Array) -> FloatArray:
     """Logits of opacities 0..255; the two ends become 1e-6 and 1 - 1e-6."""
-    result: FloatArray = _LOGITS[opacities]
-    return result
+    return _LOGITS[opacities]
 
 
 def bytes_of_logits(logits: FloatArray) -> UInt8Array:
@@ -306,8 +304,7 @@ def bytes_of_logits(logits: FloatArray) -> UInt8Array:
 
 def to_bytes(values: AnyArray) -> UInt8Array:
     """Rounded to 0..255, clipped."""
-    result: UInt8Array = np.clip(np.rint(values), 0, 255).astype(np.uint8)
-    return result
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
 
 def unit_quats(quats: AnyArray) -> FloatArray:
@@ -352,8 +349,7 @@ def morton_order(means: FloatArray) -> LongArray:
         with np.errstate(invalid="ignore"):
             cells = (means[:, axis].astype(np.float64) - low[axis]) / span[axis] * ((1 << 21) - 1)
         codes |= _spread(np.nan_to_num(cells, nan=0).astype(np.uint64)) << np.uint64(axis)
-    result: LongArray = np.argsort(codes, kind="stable")
-    return result
+    return np.argsort(codes, kind="stable")
 
 
 def _spread(cells: AnyArray) -> AnyArray:
@@ -410,8 +406,7 @@ def table_of(values: FloatArray) -> FloatArray:
 def nearest(table: FloatArray, values: FloatArray) -> UInt8Array:
     """Place 0..255 of the nearest number of an ascending table."""
     between = (table[1:] + table[:-1]) / 2
-    places: UInt8Array = np.searchsorted(between, values).astype(np.uint8)
-    return places
+    return np.searchsorted(between, values).astype(np.uint8)
 
 
 def palette_of(rest: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -463,8 +458,7 @@ def _closest(means: FloatArray, rows: FloatArray) -> IntArray:
         (lengths - 2 * (rows[at : at + step] @ means.T)).argmin(axis=1)
         for at in range(0, len(rows), step)
     ]
-    nearest: IntArray = np.concatenate([*pieces, np.zeros(0, np.int64)]).astype(np.int32)
-    return nearest
+    return np.concatenate([*pieces, np.zeros(0, np.int64)]).astype(np.int32)
 
 
 def _sampled(rows: AnyArray) -> AnyArray:

@@ -382,8 +382,7 @@ def _side_by_side(rows: AnyArray, first: str, n: int) -> FloatArray:
     fields = rows.dtype.fields
     assert fields is not None
     shape, strides = (len(rows), n), (rows.dtype.itemsize, 4)
-    view: FloatArray = np.ndarray(shape, "<f4", rows.data, fields[first][1], strides)
-    return view
+    return np.ndarray(shape, "<f4", rows.data, fields[first][1], strides)
 
 
 def _header(dtype: np.dtype[np.void], n: int, comments: tuple[str, ...]) -> bytes:

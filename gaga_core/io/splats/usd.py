@@ -60,8 +60,7 @@ def usd() -> ModuleType:
             "This usd-core does not know splats yet. Install 26.3 or later: "
             "pip install -U 'gaga-studio[usd]'."
         )
-    package: ModuleType = pxr
-    return package
+    return pxr
 
 
 @splat_reader

@@ -61,8 +61,7 @@ class Outlines:
 
     def whole(self, k: int) -> BoolArray:
         """Mask (H, W) of object k, seen or hidden."""
-        result: BoolArray = (self.bits[:, :, k // 64] >> np.uint64(k % 64) & np.uint64(1)) > 0
-        return result
+        return (self.bits[:, :, k // 64] >> np.uint64(k % 64) & np.uint64(1)) > 0
 
 
 # --- Blending weights of sampled pixels as sparse rows (rows of W).

@@ -164,8 +164,7 @@ def _errors(points: DoubleArray, poses: DoubleArray, seen: DoubleArray) -> Doubl
     p = np.einsum("...ij,...j->...i", poses[..., :3], points) + poses[..., 3]
     depth = np.where(p[..., 2] > 1e-9, p[..., 2], np.nan)
     off = np.linalg.norm(p[..., :2] / depth[..., None] - seen, axis=-1)
-    result: DoubleArray = np.nan_to_num(off, nan=np.inf)
-    return result
+    return np.nan_to_num(off, nan=np.inf)
 
 
 def _triangulated(

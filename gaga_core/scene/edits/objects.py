@@ -149,8 +149,7 @@ def _set_confidence(scene: Scene, after: UInt8Array | None, title: str) -> SetCo
 
 def as_bytes(confidence: FloatArray) -> UInt8Array:
     """Confidence (M,) in 0..1 as it is kept: 0..255."""
-    result: UInt8Array = np.rint(np.clip(np.nan_to_num(confidence), 0, 1) * 255).astype(np.uint8)
-    return result
+    return np.rint(np.clip(np.nan_to_num(confidence), 0, 1) * 255).astype(np.uint8)
 
 
 def merge_groups(scene: Scene, groups: Sequence[int], title: str = "Merge") -> Edit | None:
@@ -441,5 +440,4 @@ def named_selection(scene: Scene, name: str) -> IntArray:
         raise GagaError(f'There is no selection named "{name}" here.')
     rows = scene.named_selections[name].indices()
     rows = rows[rows < len(scene)]  # the copies of an undone duplicate are no more
-    chosen: IntArray = rows[selectable(scene)[rows]].astype(np.int32)
-    return chosen
+    return rows[selectable(scene)[rows]].astype(np.int32)

@@ -282,5 +282,4 @@ def _unpacked(text: str, dtype: str, shape: tuple[int, ...]) -> AnyArray:
     values = zlib.decompressobj().decompress(raw, size + 1)
     if len(values) != size:
         raise ValueError(f"not the {count} values that it announces")
-    array: AnyArray = np.frombuffer(values, dtype).reshape(shape).copy()
-    return array
+    return np.frombuffer(values, dtype).reshape(shape).copy()

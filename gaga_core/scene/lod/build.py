@@ -148,8 +148,7 @@ def alike_runs(splats: Gaussians) -> tuple[LongArray, LongArray]:
 def _faces(log_scales: FloatArray) -> DoubleArray:
     """What splats cover (K,), of all directions, as `merge_splats` weights them."""
     a, b, c = np.exp(np.minimum(log_scales, np.float32(30)).astype(np.float64).T)
-    faces: DoubleArray = a * b + b * c + c * a
-    return faces
+    return a * b + b * c + c * a
 
 
 def _nodes(splats: Gaussians, *, is_merged: bool) -> FloatArray:

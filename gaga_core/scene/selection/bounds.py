@@ -117,8 +117,7 @@ def splat_mass(gaussians: Gaussians, rows: IntArray | None = None) -> DoubleArra
     opacities = gaussians.logit_opacities[at].astype(np.float64).reshape(-1)
     with np.errstate(over="ignore", invalid="ignore"):
         mass = np.exp(np.minimum(longer, 80.0)) / (1 + np.exp(-opacities))
-    finite: DoubleArray = np.nan_to_num(mass)
-    return finite
+    return np.nan_to_num(mass)
 
 
 def object_box(scene: Scene, rows: IntArray) -> tuple[DoubleArray, DoubleArray]:

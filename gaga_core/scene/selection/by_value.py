@@ -96,8 +96,7 @@ def like_color(scene: Scene, rgb: Sequence[float], tolerance: float) -> IntArray
 
 def _opacity(scene: Scene) -> FloatArray:
     factor = scene.placements.opacity.astype(np.float32)
-    opacity: FloatArray = np.minimum(scene.gaussians.opacities * factor[scene.placement], 1)
-    return opacity
+    return np.minimum(scene.gaussians.opacities * factor[scene.placement], 1)
 
 
 def _sizes(scene: Scene) -> FloatArray:

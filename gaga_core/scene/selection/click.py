@@ -184,8 +184,7 @@ def _spacing(tree: cKDTree) -> DoubleArray:
     points = np.asarray(tree.data)
     k = min(_N_NEAREST + 1, len(points))
     distance = np.asarray(tree.query(points, k=k, workers=n_threads())[0])
-    result: DoubleArray = np.maximum(np.median(distance[:, 1:], axis=1), 1e-12)
-    return result
+    return np.maximum(np.median(distance[:, 1:], axis=1), 1e-12)
 
 
 def _colors(looked: _Looked, views: Sequence[Camera], surfels: Surfels) -> FloatArray:
@@ -433,8 +432,7 @@ def _cost_of_changing(
     far_off = 1 - np.exp(-((away / max(_REACH * far, spacing)) ** 2))
     here = graph.part == graph.part[graph.node[_sample_at(graph, click)]]
     size = np.bincount(graph.node)
-    cost: DoubleArray = _STAY * narrow**2 * size * far_off * np.where(here, narrow, 1.0)
-    return cost
+    return _STAY * narrow**2 * size * far_off * np.where(here, narrow, 1.0)
 
 
 def _minimum_cut(

@@ -158,5 +158,4 @@ def floaters(scene: Scene, splats: IntArray, strength: float = 1.0) -> IntArray:
     # The spread of the nearer half, mirrored: floaters themselves do not widen it.
     spread = 1.4826 * float(np.median(middle - logs[logs <= middle]))
     alone = logs > middle + _SIGMAS / strength * max(spread, _EVEN)
-    chosen: IntArray = splats[rows[alone]].astype(np.int32)
-    return chosen
+    return splats[rows[alone]].astype(np.int32)

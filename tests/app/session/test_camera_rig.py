@@ -16,8 +16,7 @@ _BOX = (np.array([-1.0, -2.0, -0.5]), np.array([1.5, 1.0, 0.5]))
 
 def _random_rotation(seed: int) -> DoubleArray:
     quat = np.random.default_rng(seed).normal(size=(1, 4))
-    matrix: DoubleArray = quats_to_matrices(quat)[0]
-    return matrix
+    return quats_to_matrices(quat)[0]
 
 
 def _rotated(camera: Camera, rotation: DoubleArray) -> Camera:
@@ -38,8 +37,7 @@ def _rig(seed: int = 0) -> CameraRig:
 def _pixel(camera: Camera, point: DoubleArray) -> DoubleArray:
     pixels, depth = camera.project(point[None])
     assert depth[0] > 0
-    pixel: DoubleArray = pixels[0]
-    return pixel
+    return pixels[0]
 
 
 @pytest.mark.parametrize("seed", range(5))

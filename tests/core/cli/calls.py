@@ -13,8 +13,7 @@ def answer(capsys: Capture, *arguments: str) -> dict[str, object]:
     """What a command prints with --json; fails unless it succeeds."""
     capsys.readouterr()
     assert main([*arguments, "--json"]) == 0
-    values: dict[str, object] = json.loads(capsys.readouterr().out)
-    return values
+    return json.loads(capsys.readouterr().out)
 
 
 def refusal(capsys: Capture, *arguments: str, status: int = 1) -> str:

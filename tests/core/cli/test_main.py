@@ -137,8 +137,7 @@ def test_preset_paper_is_the_whole_method(tmp_path: Path, capsys: Capture) -> No
 
 def _entry(root: Path, name: str) -> dict[str, object]:
     report = json.loads((root / "gaga" / "report.json").read_text())
-    entry: dict[str, object] = report[name]
-    return entry
+    return report[name]
 
 
 def test_a_missing_prediction_is_named(scene: Path, tmp_path: Path, capsys: Capture) -> None:

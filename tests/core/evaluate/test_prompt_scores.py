@@ -31,8 +31,7 @@ def eroded_step_by_step(mask: BoolArray, steps: int) -> BoolArray:
         padded = np.logical_and.reduce(around)
         padded[[0, -1]] = False
         padded[:, [0, -1]] = False
-    inner: BoolArray = padded[1:-1, 1:-1]
-    return inner
+    return padded[1:-1, 1:-1]
 
 
 def test_a_small_example_by_hand(tmp_path: Path) -> None:

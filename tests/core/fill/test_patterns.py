@@ -19,8 +19,7 @@ LIGHT, DARK = np.array([0.8, 0.75, 0.7]), np.array([0.35, 0.15, 0.12])
 
 def disc(radius: float, row: float = SIDE / 2, column: float = SIDE / 2) -> BoolArray:
     rows, columns = np.indices((SIDE, SIDE))
-    result: BoolArray = np.hypot(rows - row, columns - column) < radius
-    return result
+    return np.hypot(rows - row, columns - column) < radius
 
 
 def lightening(shaded: Chart, taken: BoolArray | None = None) -> DoubleArray:
@@ -32,10 +31,9 @@ def pattern(*, stripes: bool = False) -> DoubleArray:
     rows, columns = np.indices((SIDE, SIDE)) // CELL
     odd = columns % 2 if stripes else (rows + columns) % 2
     grain = 1 + 0.02 * np.random.default_rng(0).normal(size=(SIDE, SIDE, 1))
-    blurred: DoubleArray = ndimage.gaussian_filter(
+    return ndimage.gaussian_filter(
         np.where(odd[:, :, None] == 1, LIGHT, DARK) * grain, (0.8, 0.8, 0)
     )
-    return blurred
 
 
 def chart(color: DoubleArray) -> Chart:
@@ -65,8 +63,7 @@ def cloth_on_a_table() -> DoubleArray:
     color = np.where((rows < SIDE / 2)[:, :, None], [0.7, 0.45, 0.2], [0.9, 0.88, 0.82])
     color = np.where((np.abs(rows - SIDE / 2 - 6) < 2)[:, :, None], [0.2, 0.5, 0.6], color)
     grain = 1 + 0.01 * np.random.default_rng(0).normal(size=(SIDE, SIDE, 1))
-    blurred: DoubleArray = ndimage.gaussian_filter(color * grain, (0.6, 0.6, 0))
-    return blurred
+    return ndimage.gaussian_filter(color * grain, (0.6, 0.6, 0))
 
 
 def test_the_edge_of_a_cloth_goes_on_through_a_hole(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,8 +163,7 @@ def test_a_thing_stands_only_on_a_surface_that_touches_it_from_below() -> None:
 def darkened(*places: BoolArray) -> DoubleArray:
     """A plain table that is half as bright there."""
     shade = ndimage.gaussian_filter(np.where(np.any(places, axis=0), 0.5, 1.0), 1.0)
-    result: DoubleArray = plain_table() * shade[:, :, None]
-    return result
+    return plain_table() * shade[:, :, None]
 
 
 def test_dark_places_of_another_outline_are_no_shadow_of_the_object() -> None:

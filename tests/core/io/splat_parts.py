@@ -27,8 +27,7 @@ def covariances(g: Gaussians) -> np.ndarray:
 def angles(a: AnyArray, b: AnyArray) -> AnyArray:
     """Angle (N,) of the rotation between quaternions of any sign and length."""
     a, b = (q / np.linalg.norm(q, axis=1, keepdims=True) for q in (a.astype(np.float64), b))
-    turned: AnyArray = 2 * np.arccos(np.clip(np.abs((a * b).sum(axis=1)), 0, 1))
-    return turned
+    return 2 * np.arccos(np.clip(np.abs((a * b).sum(axis=1)), 0, 1))
 
 
 def write_unchecked(path: Path, gaussians: Gaussians) -> None:

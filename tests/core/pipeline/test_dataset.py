@@ -102,7 +102,7 @@ def changed(**changes: float) -> DatasetConfig:
 
 def centre_of(scene: Synthetic, group: int) -> list[float]:
     own = scene.gaussians.means[scene.labels == group]
-    return ((own.min(axis=0) + own.max(axis=0)) / 2).tolist()  # type: ignore[no-any-return]
+    return ((own.min(axis=0) + own.max(axis=0)) / 2).tolist()
 
 
 def test_objects_move_on_their_support_and_poses_follow(

@@ -77,8 +77,7 @@ def run_and_kill(stage: Stage[ScenesReport], scenes: Path) -> ScenesReport:
             next(stage)
         except StopIteration as end:
             assert killed
-            report: ScenesReport = end.value
-            return report
+            return end.value
         for starts in [] if killed else scenes.glob(".gaga-*/*"):
             psutil.Process(int(starts.read_text().split()[1])).kill()
             killed = True
@@ -208,8 +207,7 @@ def watched(scenes: Path, engine: EngineConfig, listening: set[str]) -> Stage[Sc
         try:
             step = next(stage)
         except StopIteration as end:
-            report: ScenesReport = end.value
-            return report
+            return end.value
         listening.update(listeners())
         yield step
 

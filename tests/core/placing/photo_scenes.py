@@ -41,8 +41,7 @@ def photograph(camera: Camera, *, seed: int = 0) -> UInt8Array:
         others = [i for i in range(3) if i != axis]
         picture[hit] = texture(where[hit][:, others], seed * 10 + k)
         nearest[hit] = distance[hit]
-    result: UInt8Array = np.clip(picture * 255, 0, 255).astype(np.uint8)
-    return result
+    return np.clip(picture * 255, 0, 255).astype(np.uint8)
 
 
 def write_photos(folder: Path, n: int, *, seed: int = 0) -> tuple[Camera, ...]:

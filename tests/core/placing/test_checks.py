@@ -96,8 +96,7 @@ def motion(turn_degrees: float, shift: float, facts: SfmFacts) -> DoubleArray:
 
 
 def half(facts: SfmFacts) -> BoolArray:
-    result: BoolArray = np.arange(len(facts.names)) >= len(facts.names) // 2
-    return result
+    return np.arange(len(facts.names)) >= len(facts.names) // 2
 
 
 def test_a_right_model_passes(right: SfmFacts) -> None:

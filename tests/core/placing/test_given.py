@@ -155,8 +155,7 @@ def _carried(pose: DoubleArray, world: DoubleArray) -> DoubleArray:
     scale = np.cbrt(np.linalg.det(world[:3, :3]))
     turn = pose[:, :3] @ (world[:3, :3] / scale).T
     place = world[:3, :3] @ (-pose[:, :3].T @ pose[:, 3]) + world[:3, 3]
-    carried: DoubleArray = np.c_[turn, -turn @ place]
-    return carried
+    return np.c_[turn, -turn @ place]
 
 
 def test_a_similarity_is_found_from_cameras_on_one_line_and_in_spite_of_some_wrong_ones() -> None:

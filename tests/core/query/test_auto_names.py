@@ -14,8 +14,7 @@ _DIM = 64
 
 def _nouns(n: int, seed: int = 0) -> FloatArray:
     rows = np.random.default_rng(seed).normal(size=(n, _DIM))
-    result: FloatArray = (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(np.float32)
-    return result
+    return (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(np.float32)
 
 
 def _index(rows: FloatArray) -> GroupIndex:

@@ -58,8 +58,7 @@ class MeanColor:
 
 
 def _unit(rows: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> FloatArray:
-    result: FloatArray = (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(np.float32)
-    return result
+    return (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(np.float32)
 
 
 def _map(size: tuple[int, int] = (60, 80)) -> IntArray:

@@ -193,9 +193,7 @@ def test_groups_are_named_once_and_texts_need_no_model_again(
     pictures = pictures_of(project, lambda: words)
     assert pictures is not None
     nouns = tuple(f"ball {k}" for k in range(1, 6))
-    monkeypatch.setattr("gaga_core.query.auto_names.name_by_nouns.__kwdefaults__", {
-        "taken": None, "nouns": nouns, "config": None,
-    })  # fmt: skip
+    monkeypatch.setattr("gaga_core.query.auto_names.NOUNS", nouns)
     project.scene.names = {2: "my ball"}
     found = suggested_names(project.scene, pictures)
     assert found

@@ -20,8 +20,7 @@ from tests.scenes import orbit_cameras, random_gaussians
 
 
 def _rotation(rng: np.random.Generator) -> DoubleArray:
-    rotation: DoubleArray = quats_to_matrices(rng.normal(size=(1, 4)))[0]
-    return rotation
+    return quats_to_matrices(rng.normal(size=(1, 4)))[0]
 
 
 def _directions(rng: np.random.Generator, n: int = 200) -> DoubleArray:
@@ -32,8 +31,7 @@ def _directions(rng: np.random.Generator, n: int = 200) -> DoubleArray:
 
 def _covariances(g: Gaussians) -> DoubleArray:
     half = quats_to_matrices(g.quats) * np.exp(g.log_scales.astype(np.float64))[:, None, :]
-    covariances: DoubleArray = half @ half.transpose(0, 2, 1)
-    return covariances
+    return half @ half.transpose(0, 2, 1)
 
 
 def _placed(scene: Scene, splats: LongArray, matrix: DoubleArray) -> Scene:

@@ -167,8 +167,7 @@ def test_a_frame_of_a_damaged_file_is_refused() -> None:
 
 
 def _centre(scene: Scene, splats: IntArray) -> DoubleArray:
-    middle: DoubleArray = world_means(scene, splats).astype(np.float64).mean(axis=0)
-    return middle
+    return world_means(scene, splats).astype(np.float64).mean(axis=0)
 
 
 @pytest.mark.parametrize("local", [False, True])

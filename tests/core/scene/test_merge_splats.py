@@ -20,8 +20,7 @@ def _covariances(gaussians: Gaussians) -> DoubleArray:
 
 def _weights(gaussians: Gaussians) -> DoubleArray:
     a, b, c = gaussians.scales.astype(np.float64).T
-    weights: DoubleArray = gaussians.opacities * (a * b + b * c + c * a)
-    return weights
+    return gaussians.opacities * (a * b + b * c + c * a)
 
 
 def test_mean_covariance_color_and_weight_are_those_of_the_mixture() -> None:

@@ -221,8 +221,7 @@ def _labels_by_their_code(folder: Path, n_classes: int) -> IntArray:
     classifier.load_state_dict(torch.load(folder / "classifier.pth", weights_only=True))
     with torch.no_grad():
         logits = classifier(features.permute(2, 0, 1))  # (D, N, 1) -> (K, N, 1)
-    result: IntArray = torch.softmax(logits, 0).argmax(0)[:, 0].numpy().astype(np.int32)
-    return result
+    return torch.softmax(logits, 0).argmax(0)[:, 0].numpy().astype(np.int32)
 
 
 @pytest.mark.parametrize("part", ["", "point_cloud/iteration_30000/point_cloud.ply"])

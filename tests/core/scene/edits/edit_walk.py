@@ -110,8 +110,7 @@ def random_splats(rng: np.random.Generator, scene: Scene) -> AnyArray:
         return np.arange(n) if rng.random() < 0.3 else np.zeros(0, np.int32)
     if kind == 4:
         return scene.has(State.SELECTED)
-    chosen: AnyArray = rng.random(n) < rng.random()
-    return chosen
+    return rng.random(n) < rng.random()
 
 
 def _under(rng: np.random.Generator, scene: Scene) -> Edit | None:

@@ -64,8 +64,7 @@ def assert_agrees(scene: Scene, drawn: Gaussians, camera: Camera, pixels: Double
 def random_pixels(camera: Camera, n: int, seed: int = 0) -> DoubleArray:
     rng = np.random.default_rng(seed)
     columns, rows = rng.integers(camera.width, size=n), rng.integers(camera.height, size=n)
-    pixels: DoubleArray = np.stack([columns, rows], axis=1).astype(np.float64) + 0.5
-    return pixels
+    return np.stack([columns, rows], axis=1).astype(np.float64) + 0.5
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
