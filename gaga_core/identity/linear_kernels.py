@@ -10,8 +10,9 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, LongArray
 from gaga_core.kernels import exp_below_zero, kernel
+from gaga_core.raster.cpu.simd_kernels import fill, load, store
 
-D = 16  # channels of an identity encoding; a constant, so that the inner loop is one vector
+D = 16  # channels of an identity encoding: one vector of `simd_kernels`
 _F = np.float32
 _ZERO, _ONE = _F(0), _F(1)
 
@@ -29,14 +30,10 @@ def gather(
 ) -> None:
     """out[targets[p]] = sum over list p of weight times the source row: W E, and W^T dF."""
     for p in range(start, stop):
-        o = out[targets[p]]
-        for c in range(D):
-            o[c] = _ZERO
+        total = fill(_ZERO)
         for j in range(starts[p], starts[p + 1]):
-            w = weights[j]
-            row = source[ids[j]]
-            for c in range(D):
-                o[c] += w * row[c]
+            total = total + load(source, ids[j] * D) * fill(weights[j])
+        store(out, targets[p] * D, total)
 
 
 @kernel

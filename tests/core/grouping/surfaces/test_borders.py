@@ -7,7 +7,14 @@ import pytest
 from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import DoubleArray, LongArray
-from gaga_core.grouping.surfaces.borders import FEATURES, Agreement, Moments, Seen, borders_of
+from gaga_core.grouping.surfaces.borders import (
+    FEATURES,
+    Agreement,
+    Moments,
+    Seen,
+    Shown,
+    borders_of,
+)
 from gaga_core.grouping.surfaces.surfels import N_LEVELS, Neighbourhood, Surfels, small_pieces
 from gaga_core.grouping.surfaces.surfels_kernels import normals_at
 
@@ -139,7 +146,7 @@ def test_a_piece_that_regions_miss_is_judged_with_its_cluster() -> None:
 
     def share(cluster: LongArray) -> float:
         """Of the views that show both of two pieces across the border, that show them as one."""
-        found = Agreement.of(surfels, near, piece, cluster)
+        found = Agreement.of(Shown.of(surfels, piece), near, piece, cluster)
         across = sides[found.first] != sides[found.second]
         return float((found.same[across] / found.voice[across]).mean())
 
