@@ -127,8 +127,12 @@ def turned(gaussians: Gaussians, axes: str) -> Gaussians:
         turn = matrices_to_quats(proper[None])
         quats = multiply_quats(turn, gaussians.quats.astype(np.float64)).astype(np.float32)
     bands = np.rint(sh_rotation(matrix, gaussians.sh_degree) * 1e12) / 1e12
-    sh = np.empty_like(gaussians.sh)
-    for part in parts_of(len(sh)):
+    own, sh = np.diag(bands), np.empty_like(gaussians.sh)
+    if np.array_equal(np.diag(own), bands):  # signs alone; + 0: as a sum of products has it
+        np.multiply(gaussians.sh, own[:, None].astype(np.float32), out=sh)
+        sh += 0
+        own = own[:0]
+    for part in parts_of(len(sh) if len(own) else 0):
         sh[part] = np.einsum(
             "st,ntc->nsc", bands, gaussians.sh[part].astype(np.float64), optimize=True
         )
