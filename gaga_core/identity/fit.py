@@ -83,11 +83,12 @@ def fit_identity(
         gaussians, cameras, label_map, rasterizer, config.rows, shuffles=False
     )
     n, held = len(gaussians), held_out(len(sampled))
-    test = joined_batch([sampled[i] for i in held], n)
-    others = [view for i, view in enumerate(sampled) if i not in held]
-    kept = joined_batch(others, n) if others else test
     n_rows = sum(len(view.labels) for view in sampled)
+    judges = [sampled[i] for i in held]
+    others = [view for i, view in enumerate(sampled) if i not in held]
     sampled.clear()
+    test = joined_batch(judges, n)
+    kept = joined_batch(others, n) if others else test
     field = best_field = start.identity.field
     before = best = _accuracy(field, test)
     best_sweep = 0

@@ -279,10 +279,12 @@ def whole_views(
     return WholeViews(gaussians, chosen, maps, rasterizer, config, stamp.hexdigest(), {})
 
 
-def joined_batch(views: Sequence[ViewRows], n_gaussians: int) -> Batch:
-    """One batch of all rows of some views."""
-    rows = LinearRows.of(join_rows([view.weights for view in views]), n_gaussians)
-    return Batch(rows, np.concatenate([view.labels for view in views]))
+def joined_batch(views: list[ViewRows], n_gaussians: int) -> Batch:
+    """One batch of all rows of some views. Empties ``views`` to save memory."""
+    weights = join_rows([view.weights for view in views])
+    labels = np.concatenate([view.labels for view in views])
+    views.clear()
+    return Batch(LinearRows.of(weights, n_gaussians), labels)
 
 
 def mixed_batches(views: Sequence[ViewRows], n_gaussians: int) -> list[Batch]:
