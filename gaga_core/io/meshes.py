@@ -79,10 +79,8 @@ def _glb(mesh: TriangleMesh, name: str) -> bytes:
         "meshes": [{"primitives": [primitive], "name": name}],
         "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}],
     }
-    numbers = (
-        np.ascontiguousarray(values, values.dtype.newbyteorder("<")) for values in columns.values()
-    )
-    return b"".join([glb_head(described, columns), *numbers])
+    numbers = (v.astype(v.dtype.newbyteorder("<")).tobytes() for v in columns.values())
+    return glb_head(described, columns) + b"".join(numbers)
 
 
 def _obj(mesh: TriangleMesh, name: str) -> bytes:

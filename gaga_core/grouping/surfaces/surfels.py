@@ -143,19 +143,20 @@ def _thinned(points: DoubleArray, size: DoubleArray, wanted: int) -> DoubleArray
     """The points of which none lies within the cell of another; fewer, wider apart, if need be."""
     reach = 1.0
     while True:
-        kept = _apart(points, reach * size)
+        kept = apart(points, reach * size)
         if int(kept.sum()) <= _OVER * wanted:
             return points[kept]
         reach *= max(1.1, float(np.sqrt(kept.sum() / wanted)))
 
 
-def _apart(points: DoubleArray, reach: DoubleArray) -> BoolArray:
-    """Which points (S,) stay when those within the reach (S,) of another go."""
+def apart(points: DoubleArray, reach: DoubleArray) -> BoolArray:
+    """Which points (S,) stay when those go that have another within their reach (S,), which stays;
+    those of the least reach are asked first."""
     kept = np.ones(len(points), np.bool_)
     if len(points) == 0:
         return kept
     least = max(float(reach.min()), float(reach.max()) / 2 ** (_GRIDS - 1), 1e-300)
-    level = np.maximum(np.ceil(np.log2(reach / least)), 0).astype(np.int32)
+    level = np.maximum(np.ceil(np.log2(reach / least) + 1e-9), 0).astype(np.int32)
     side = least * 2.0 ** np.arange(int(level.max()) + 1)
     head = np.full(1 << (4 * len(points)).bit_length(), -1, np.int64)
     following = np.empty(len(points) * len(side), np.int64)
