@@ -207,7 +207,8 @@ def _bell(sigma: float) -> FloatArray:
     """Weights (2 R + 1,) of a Gaussian, pixels, as far as four times its deviation."""
     away = np.arange(-int(4 * sigma + 0.5), int(4 * sigma + 0.5) + 1)
     weights = np.exp(-0.5 * (away / sigma) ** 2)
-    return (weights / weights.sum()).astype(np.float32)
+    bell: FloatArray = (weights / weights.sum()).astype(np.float32)
+    return bell
 
 
 def _filtered(image: FloatArray, down: FloatArray, along: FloatArray) -> FloatArray:
@@ -225,8 +226,8 @@ def _above_noise(bend: FloatArray, half: float) -> FloatArray:
     """
     most, bell = np.float32(_ROUGH_MOST * half), _bell(_NOISE_SIGMA)
     rough = _filtered(np.minimum(bend, most), bell, bell)
-    clear = np.maximum(bend - np.float32(_ROUGH) * rough, 0)
-    strength: FloatArray = clear / (clear + np.float32(half))
+    clear: FloatArray = np.maximum(bend - np.float32(_ROUGH) * rough, 0).astype(np.float32)
+    strength: FloatArray = (clear / (clear + np.float32(half))).astype(np.float32)
     return strength
 
 

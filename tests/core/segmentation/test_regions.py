@@ -311,14 +311,21 @@ def test_pieces_merge_in_the_order_of_their_costs(seed: int) -> None:
         frozenset(pair): (length[e], strength[e].copy())
         for e, pair in enumerate(sides[:n].tolist())
     }
-    sums = area.copy(), color.copy(), histogram.copy()
-    joined, costs, common = (
-        np.empty((29, 2), np.int32),
-        np.empty(29, np.float32),
-        np.empty(29, np.float32),
+    joined, (costs, common) = np.empty((29, 2), np.int32), np.zeros((2, 29), np.float32)
+    made = kernels.merge_all(
+        area.copy(),
+        color.copy(),
+        histogram.copy(),
+        sides[:n],
+        length[:n],
+        strength[:n],
+        first,
+        ends[: 2 * n],
+        weights,
+        joined,
+        costs,
+        common,
     )
-    lists = sides[:n], length[:n], strength[:n], first, ends[: 2 * n]
-    made = kernels.merge_all(*sums, *lists, weights, joined, costs, common)
     assert made == 29
 
     def cost(pair: frozenset[int]) -> float:
