@@ -33,8 +33,8 @@ DEPTH_POLYNOMIAL = (
 )
 _GOLDEN = 0.618033988749895  # turns of hue from one group to the next
 _LIGHTNESS, _CHROMA = (72.0, 54.0, 63.0, 45.0), (42.0, 30.0)  # of groups, CIE Lab
-_WHITE = np.array([0.95047, 1.0, 1.08883])  # D65
-_XYZ_FROM_RGB = np.array(
+WHITE = np.array([0.95047, 1.0, 1.08883])  # D65
+XYZ_FROM_RGB = np.array(
     [
         [0.4124564, 0.3575761, 0.1804375],
         [0.2126729, 0.7151522, 0.0721750],
@@ -137,7 +137,7 @@ def lab_from_rgb(rgb: AnyArray) -> DoubleArray:
     """CIE Lab (..., 3), D65, of sRGB colors (..., 3) in 0..1 (clipped)."""
     unit = np.clip(np.asarray(rgb, np.float64), 0, 1)
     linear = linear_of_srgb(unit)
-    xyz = linear @ _XYZ_FROM_RGB.T / _WHITE
+    xyz = linear @ XYZ_FROM_RGB.T / WHITE
     root = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
     x, y, z = np.moveaxis(root, -1, 0)
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
@@ -149,7 +149,7 @@ def _rgb_from_lab(lab: DoubleArray) -> DoubleArray:
         (lab[:, :1] + 16) / 116 + lab[:, 1:2] * [[1 / 500, 0, 0]] - lab[:, 2:] * [[0, 0, 1 / 200]]
     )
     xyz = np.where(root > 6 / 29, root**3, 3 * (6 / 29) ** 2 * (root - 4 / 29))
-    linear = np.clip(xyz * _WHITE @ _RGB_FROM_XYZ.T, 0, 1)
+    linear = np.clip(xyz * WHITE @ _RGB_FROM_XYZ.T, 0, 1)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 

@@ -76,7 +76,7 @@ class Gaussians:
             result: FloatArray = np.float32(1) / (np.float32(1) + np.exp(-self.logit_opacities))
         return result
 
-    def bare(self, indices: IntArray | LongArray | BoolArray) -> "Gaussians":
+    def bare(self, indices: IntArray | LongArray | BoolArray | slice) -> "Gaussians":
         """The chosen rows, in the order given, without extra columns and comments."""
         return Gaussians(
             self.means[indices],

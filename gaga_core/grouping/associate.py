@@ -276,7 +276,7 @@ def _by_surfaces(task: _Task, config: HierarchyConfig, depths: DepthMaps) -> Sta
     found = yield from part(stage, n_parts - 1, n_parts, STAGE)
     levels = found.levels
     labels = levels.labels[levels.chosen]
-    sizes = [len(task.gated.masks_of(camera)) + 1 for camera in task.views]
+    sizes = [len(task.gated.ids_of(camera)) for camera in task.views]
     decided = _decided(task, first_bank, point_tables(found.regions, found.groups, sizes))
     bank = replace(
         decided,
@@ -360,7 +360,7 @@ def fill_bank(
 
 def _decided(task: _Task, bank: MemoryBank, tables: PointTables) -> MemoryBank:
     """The bank with each mask in the group of most of the points that it shows."""
-    ids = [task.gated.masks_of(camera).ids for camera in task.views]
+    ids = [task.gated.ids_of(camera) for camera in task.views]
     return decide_masks(bank, task.names, tables, ids)
 
 

@@ -89,6 +89,7 @@ class GatedViews:
     bounds: dict[str, DoubleArray] = field(default_factory=dict)  # by view: (M + 1, 2) of its masks
     # ... with depth "front" (C + 1, 2) of their pieces
     resized: set[str] = field(default_factory=set)  # views whose maps had another size
+    ids: dict[str, IntArray] = field(default_factory=dict)  # by view: of its masks, where loaded
 
     def render(
         self, camera: Camera, rasterizer: Rasterizer, depths: DepthMaps | None = None
@@ -128,7 +129,13 @@ class GatedViews:
         labels, is_resized = load_labels(self.masks, camera)
         if is_resized:
             self.resized.add(camera.name)
-        return ViewMasks.of(labels)
+        masks = ViewMasks.of(labels)
+        self.ids[camera.name] = masks.ids
+        return masks
+
+    def ids_of(self, camera: Camera) -> IntArray:
+        """The id (M + 1,) that each mask of a view has in the file, as `masks_of` has them."""
+        return self.ids[camera.name] if camera.name in self.ids else self.masks_of(camera).ids
 
     def gaussians_of(
         self, camera: Camera, means: FloatArray | None = None

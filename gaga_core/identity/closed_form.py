@@ -11,11 +11,13 @@ codes of equal length let the table win. The encodings E that fit the label maps
 approaches that minimum from the vote, normalised by row and column sums: there is no step size to
 choose, and a sweep is one product with W and one with W^T.
 
+The rows of all views are one operator, so that each Gaussian is asked once in a sweep.
+
 Left alone, the fit would label hidden Gaussians by their last scrap of weight. So each encoding is
 taken back until its own label is what the vote said: selecting an object gives the same Gaussians,
 and pictures of encodings get their outlines right. Masks that are wrong at random are better not
 fitted closely: one view in eight is held out, and of 0, 1, 2, 4, ... sweeps those are taken whose
-pictures have the most right pixels there.
+pictures have the most right pixels there. The first of these with fewer of them is the last.
 """
 
 from collections.abc import Sequence
@@ -30,7 +32,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.votes import LabelMap
 from gaga_core.identity.field import Identity, IdentityField
 from gaga_core.identity.linear_kernels import D, keep_labels, repulsion
-from gaga_core.identity.rows import Batch, RowConfig, held_out, sample_rows, view_batches
+from gaga_core.identity.rows import Batch, RowConfig, held_out, joined_batch, sample_rows
 from gaga_core.identity.training_step import majority, nearest
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
@@ -224,7 +226,8 @@ class FitConfig:
 
     sweeps: int = 16  # at most; 0 = the bare vote
     margin: float = 0.05  # least lead of a Gaussian's own label, in scores of unit codes
-    rows: RowConfig = field(default_factory=RowConfig)
+    # A quarter of what training takes: IoU 81.2 and 81.3 on ycb_crowd, for 2.1 and 13.4 CPU-s.
+    rows: RowConfig = field(default_factory=lambda: RowConfig(per_view=4096))
 
     def __post_init__(self) -> None:
         if self.sweeps < 0 or not 0 < self.margin < 1:
@@ -258,59 +261,58 @@ def fit_identity(
     config = config or FitConfig()
     if config.sweeps == 0:
         return Fitted(start, 0, 0, 0.0, 0.0)
-    sampled = yield from sample_rows(gaussians, cameras, label_map, rasterizer, config.rows)
-    batches = view_batches(sampled, len(gaussians))
-    held = held_out(len(batches))
-    tests = [batches[i] for i in held]
-    kept = [batch for i, batch in enumerate(batches) if i not in held] or tests
+    sampled = yield from sample_rows(
+        gaussians, cameras, label_map, rasterizer, config.rows, shuffles=False
+    )
+    n, held = len(gaussians), held_out(len(sampled))
+    n_rows = sum(len(view.labels) for view in sampled)
+    judges = [sampled[i] for i in held]
+    others = [view for i, view in enumerate(sampled) if i not in held]
+    sampled.clear()
+    test = joined_batch(judges, n)
+    kept = joined_batch(others, n) if others else test
     field = best_field = start.identity.field
-    before = best = _accuracy(field, tests)
+    before = best = _accuracy(field, test)
     best_sweep = 0
     # SIRT from the codes of the labels: what rows lack, divided by their sums, goes back to the
     # Gaussians, divided by the sums of their columns.
     codes, labels = np.ascontiguousarray(start.codes), np.ascontiguousarray(start.identity.labels)
     encodings = np.ascontiguousarray(codes[labels])
-    sums, columns = [], np.zeros(len(encodings), np.float64)
-    for batch in kept:
-        weights = batch.rows.by_pixel
-        columns += np.bincount(weights.indices, weights.weights, len(encodings))
-        owner = np.repeat(np.arange(len(batch.rows)), np.diff(weights.indptr))
-        of_rows = np.bincount(owner, weights.weights, len(batch.rows)).astype(np.float32)
-        sums.append(of_rows[:, None])
-    shares = [(1 / np.maximum(of_rows, _TINY)).astype(np.float32) for of_rows in sums]
-    scale = (1 / np.maximum(columns, _TINY)).astype(np.float32)[:, None]
-    step, back = np.empty_like(encodings), np.empty_like(encodings)
-    total = config.sweeps * len(kept)
+    weights = kept.rows.by_pixel
+    columns = np.bincount(weights.indices, weights.weights, n)
+    owner = np.repeat(np.arange(len(kept.rows)), np.diff(weights.indptr))
+    sums = np.bincount(owner, weights.weights, len(kept.rows)).astype(np.float32)[:, None]
+    del owner
+    target, share = sums * codes[kept.labels], 1 / np.maximum(sums, _TINY)
+    touched = kept.rows.touched
+    scale = (1 / np.maximum(columns[touched], _TINY)).astype(np.float32)[:, None]
+    back = np.empty_like(encodings)
     for sweep in range(1, config.sweeps + 1):
-        step[:] = 0
-        for i, batch in enumerate(kept):
-            yield Progress(STAGE, (sweep - 1) * len(kept) + i, total)
-            rows = batch.rows
-            residual = sums[i] * codes[batch.labels] - rows.multiply(encodings)
-            rows.multiply_transposed(shares[i] * residual, back)
-            step[rows.touched] += back[rows.touched]
-        step *= scale
-        encodings += step
+        yield Progress(STAGE, sweep - 1, config.sweeps)
+        residual = target - kept.rows.multiply(encodings)
+        residual *= share
+        kept.rows.multiply_transposed(residual, back)
+        encodings[touched] += scale * back[touched]
         if sweep & (sweep - 1) == 0 or sweep == config.sweeps:  # after 1, 2, 4, ... sweeps
             field = replace(field, encodings=encodings.copy())
             leads = partial(keep_labels, field.encodings, codes, labels, config.margin)
             run_chunks(leads, len(encodings), _CHUNK)
-            accuracy = _accuracy(field, tests)
+            accuracy = _accuracy(field, test)
             if accuracy > best:
                 best, best_field, best_sweep = accuracy, field, sweep
-            yield Progress(STAGE, sweep * len(kept), total, f"sweep {sweep}")
+            yield Progress(STAGE, sweep, config.sweeps, f"sweep {sweep}")
+            if accuracy < best:
+                break
     return Fitted(
         closed=replace(start, identity=replace(start.identity, field=best_field)),
-        n_rows=sum(len(batch.labels) for batch in batches),
+        n_rows=n_rows,
         sweeps=best_sweep,
         before=before,
         after=best,
     )
 
 
-def _accuracy(field: IdentityField, batches: Sequence[Batch]) -> float:
+def _accuracy(field: IdentityField, batch: Batch) -> float:
     """Share of rows whose splatted encoding decodes to their label."""
-    hits = [
-        (field.classify(b.rows.multiply(field.encodings))[0] == b.labels).sum() for b in batches
-    ]
-    return float(sum(hits) / sum(len(batch.labels) for batch in batches))
+    shown = field.classify(batch.rows.multiply(field.encodings))[0]
+    return float((shown == batch.labels).mean())

@@ -9,9 +9,10 @@ import math
 import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, LongArray
-from gaga_core.kernels import kernel
+from gaga_core.kernels import exp_below_zero, kernel
+from gaga_core.raster.cpu.simd_kernels import fill, load, store
 
-D = 16  # channels of an identity encoding; a constant, so that the inner loop is one vector
+D = 16  # channels of an identity encoding: one vector of `simd_kernels`
 _F = np.float32
 _ZERO, _ONE = _F(0), _F(1)
 
@@ -29,14 +30,10 @@ def gather(
 ) -> None:
     """out[targets[p]] = sum over list p of weight times the source row: W E, and W^T dF."""
     for p in range(start, stop):
-        o = out[targets[p]]
-        for c in range(D):
-            o[c] = _ZERO
+        total = fill(_ZERO)
         for j in range(starts[p], starts[p + 1]):
-            w = weights[j]
-            row = source[ids[j]]
-            for c in range(D):
-                o[c] += w * row[c]
+            total = total + load(source, ids[j] * D) * fill(weights[j])
+        store(out, targets[p] * D, total)
 
 
 @kernel
@@ -78,18 +75,6 @@ def adam(
         mean[i] = m
         square[i] = v
         values[i] -= by * m / (_F(math.sqrt(v)) * scale + small)
-
-
-@kernel
-def exp_below_zero(x: np.float32) -> np.float32:
-    """exp on [-87, 0], relative error 2e-7: unlike libm's, it vectorises."""
-    n = _F(math.floor(x * _F(1.44269504) + _F(0.5)))
-    y = (x - n * _F(0.693359375)) + n * _F(2.12194440e-4)  # ln 2 in two parts
-    p = _F(1.3981999507e-3) + y * _F(1.9875691500e-4)
-    p = _F(4.1665795894e-2) + y * (_F(8.3334519073e-3) + y * p)
-    p = _F(5.0000001201e-1) + y * (_F(1.6666665459e-1) + y * p)
-    p = _ONE + y + y * y * p
-    return p * np.int32((np.int32(n) + 127) << 23).view(np.float32)
 
 
 @kernel

@@ -130,7 +130,7 @@ class RowConfig:
 
 @dataclass(frozen=True, eq=False)
 class ViewRows:
-    """Sampled pixels of a view, in random order."""
+    """Sampled pixels of a view."""
 
     view: str
     weights: PixelWeights
@@ -151,24 +151,32 @@ def sample_rows(
     label_map: LabelMap,
     rasterizer: Rasterizer,
     config: RowConfig,
+    *,
+    shuffles: bool = True,
 ) -> Stage[list[ViewRows]]:
     """Rows of every view that has labelled pixels, drawn once; deterministic.
 
-    The progress after a view carries its `ViewRows`. Raises ``GagaError`` when nothing is labelled.
+    They are in random order, or tile by tile: neighbours then share Gaussians, which the processor
+    still has in its caches. The progress after a view carries its `ViewRows`. Raises ``GagaError``
+    when nothing is labelled.
     """
     views: list[ViewRows] = []
     wanted = config.per_view
     for i, camera in enumerate(cameras):
         labels = label_map(camera).ravel()
-        pixels = _draw(labels, camera, wanted, np.random.default_rng([config.seed, i]), config)
-        rows = None
+        rng = np.random.default_rng([config.seed, i])
+        pixels, rows = _draw(labels, camera, wanted, rng, config), None
+        if shuffles:
+            pixels = rng.permutation(pixels)
         if len(pixels):
             weights = rasterizer.weights(gaussians, camera, pixels, w_min=config.w_min)
             rows = ViewRows(camera.name, weights, labels[pixels])
         if rows is not None and not views:
             wanted = _affordable(rows, len(cameras), config)
-            kept = min(wanted or len(pixels), len(pixels))
-            rows = ViewRows(camera.name, take_rows(rows.weights, 0, kept), rows.labels[:kept])
+            if 0 < wanted < len(pixels):
+                pixels = pixels[np.linspace(0, len(pixels), wanted, False).astype(np.int64)]
+                weights = rasterizer.weights(gaussians, camera, pixels, w_min=config.w_min)
+                rows = ViewRows(camera.name, weights, labels[pixels])
         if rows is not None:
             views.append(rows)
         yield Progress("Sample pixels", i + 1, len(cameras), camera.name, rows)
@@ -271,6 +279,14 @@ def whole_views(
     return WholeViews(gaussians, chosen, maps, rasterizer, config, stamp.hexdigest(), {})
 
 
+def joined_batch(views: list[ViewRows], n_gaussians: int) -> Batch:
+    """One batch of all rows of some views. Empties ``views`` to save memory."""
+    weights = join_rows([view.weights for view in views])
+    labels = np.concatenate([view.labels for view in views])
+    views.clear()
+    return Batch(LinearRows.of(weights, n_gaussians), labels)
+
+
 def mixed_batches(views: Sequence[ViewRows], n_gaussians: int) -> list[Batch]:
     """As many batches as views, each with its share of the rows of all views.
 
@@ -300,14 +316,14 @@ def _draw(
     rng: np.random.Generator,
     config: RowConfig,
 ) -> LongArray:
-    """Flat indices of sampled pixels in random order; all of them when ``wanted`` is 0."""
+    """Flat indices of sampled pixels, tile by tile; all of them when ``wanted`` is 0."""
     order = _by_tile(camera.width, camera.height)
     if not config.train_void:
         order = order[labels[order] > 0]
     if 0 < wanted < len(order):
         edges = np.linspace(0, len(order), wanted + 1)
         order = order[(edges[:-1] + rng.random(wanted) * np.diff(edges)).astype(np.int64)]
-    return rng.permutation(order)
+    return order
 
 
 def _by_tile(width: int, height: int) -> LongArray:

@@ -14,7 +14,7 @@ import numpy as np
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, UInt8Array, check_shape
 from gaga_core.color import linear_of_srgb
 from gaga_core.io.files import atomic_write
-from gaga_core.io.splats.glb import glb_blocks
+from gaga_core.io.splats.glb import glb_head
 
 
 class MeshFile(StrEnum):
@@ -79,7 +79,8 @@ def _glb(mesh: TriangleMesh, name: str) -> bytes:
         "meshes": [{"primitives": [primitive], "name": name}],
         "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}],
     }
-    return b"".join(glb_blocks(described, columns))
+    numbers = (v.astype(v.dtype.newbyteorder("<")).tobytes() for v in columns.values())
+    return glb_head(described, columns) + b"".join(numbers)
 
 
 def _obj(mesh: TriangleMesh, name: str) -> bytes:

@@ -168,7 +168,10 @@ class _Cues:
             return None
         gaussians = yield from self.splats()
         engine = self.rasterizer = self.rasterizer or choose()
-        return engine.render(gaussians, camera.resized(width, height)).median_depth
+        # Only depth is wanted: one channel is cheaper than a color from spherical harmonics.
+        channels = np.zeros((len(gaussians), 1), np.float32)
+        frame = engine.render(gaussians, camera.resized(width, height), channels=channels)
+        return frame.median_depth
 
     def splats(self) -> Stage[Gaussians]:
         """The splats, read once."""
@@ -222,8 +225,8 @@ def segment_scene(
                 key, began = keys[0], time.perf_counter()
                 stage = _label_maps(folder, camera, provider, config, cues)
                 maps = yield from part(stage, i, len(cameras), STAGE, prefix=f"{camera.name}: ")
-                for place in (path, cache / f"{key}.png"):
-                    write_labels(place, *maps)
+                write_labels(cache / f"{key}.png", *maps)
+                _take(cache / f"{key}.png", path)
                 done.make(camera.name, time.perf_counter() - began)
         except _PhotoError as error:
             done.failed[camera.name] = str(error)
@@ -243,8 +246,8 @@ def segment_scene(
         tuple(done.kept),
         done.failed,
         sum(
-            len(np.unique(labels[labels > 0]))
-            for labels in (read_labels(target / f"{view_key(name)}.png") for name in done.names)
+            int((np.bincount(read_labels(target / f"{view_key(name)}.png").ravel())[1:] > 0).sum())
+            for name in done.names
         ),
         time.perf_counter() - start,
         tuple(c.name for c in cameras if c.name not in {*done.names, *done.failed}),
@@ -386,9 +389,14 @@ def _is_in_place(path: Path, key: str, recorded: str, cache: Path) -> bool:
     cached = cache / f"{key}.png"
     if not cached.is_file():
         return False
+    _take(cached, path)
+    return True
+
+
+def _take(cached: Path, path: Path) -> None:
+    """Put a map of the cache into its place."""
     with atomic_write(path) as temporary:
         shutil.copyfile(cached, temporary)
-    return True
 
 
 def _read_record(target: Path) -> dict[str, str]:

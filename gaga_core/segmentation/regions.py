@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, UInt8Array, check_shape
+from gaga_core.color import WHITE, XYZ_FROM_RGB, linear_of_srgb
 from gaga_core.masks import resize_labels
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.base import ModelCard, Picture, fingerprint_of
@@ -21,6 +22,8 @@ from gaga_core.settings import setting
 
 NAME = "regions"
 FURTHER_STEPS = (0.7, 1.5, 2.0)  # of detail: maps that are written next to the one that is shown
+_LINEAR = linear_of_srgb(np.arange(256) / 255).astype(np.float32)  # light of a byte
+_LIGHT_TO_XYZ = (XYZ_FROM_RGB / WHITE[:, None]).astype(np.float32)
 _SMOOTH_RADIUS = 3  # pixels
 _SMOOTH_SPACE, _SMOOTH_VALUE = 5.0, 12.0  # sigmas: pixels, Lab units
 _CONTOUR_SCALES = ((1.7, 0.6), (4.6, 0.8))  # sigma in pixels, weight: contour, and not texture
@@ -152,15 +155,13 @@ def _sampled(values: FloatArray, like: UInt8Array) -> FloatArray:
 
 def _inverse_depth(depth: FloatArray) -> FloatArray | None:
     """1 / depth, smoothed, 0 where there is nothing; None if there is nothing at all."""
-    from scipy import ndimage
-
     seen = _seen(depth)
     if not seen.any():
         return None
     inverse = np.zeros_like(depth)
     inverse[seen] = 1 / depth[seen]
-    smoothed: FloatArray = ndimage.gaussian_filter(inverse, _DEPTH_SIGMA)
-    return smoothed
+    bell = _bell(_DEPTH_SIGMA)
+    return _filtered(inverse, bell, bell)
 
 
 def _small_regions(
@@ -171,11 +172,10 @@ def _small_regions(
     details: Sequence[float],
 ) -> list[IntArray]:
     """Regions (H, W) at working size and each of ``details``: ids >= 0, not dense."""
-    from skimage.color import rgb2lab
-
     from gaga_core.segmentation import regions_kernels
 
-    lab = np.ascontiguousarray(rgb2lab(image), dtype=np.float32)
+    lab = np.empty((3, *image.shape[:2]), np.float32)
+    regions_kernels.lab_planes(image, _LINEAR, _LIGHT_TO_XYZ, lab)
     smooth = np.empty_like(lab)
     space, value = 0.5 / _SMOOTH_SPACE**2, 0.5 / _SMOOTH_VALUE**2
     regions_kernels.smooth(lab, _SMOOTH_RADIUS, space, value, smooth)
@@ -184,23 +184,39 @@ def _small_regions(
         log_depth = np.float32(_LOG_DEPTH) * np.log(
             np.maximum(inverse / inverse[inverse > 0].min(), 1)
         )
-        features.append(log_depth[..., None])
+        features.append(log_depth[None])
         bend = np.empty_like(inverse)
         regions_kernels.creases(inverse, _REACH, bend)
         creases.append(_above_noise(bend, config.bend))
     if normals is not None:
-        features.append(np.float32(_NORMAL) * normals)
+        features.append(np.moveaxis(np.float32(_NORMAL) * normals, 2, 0))
         fold = np.empty(normals.shape[:2], np.float32)
         regions_kernels.folds(normals, _REACH, fold)
         creases.append(_above_noise(fold, config.fold))
     if creases:
         cues.append(np.maximum.reduce(creases))
     side = config.superpixel * (1 if creases else _BY_COLOR)
-    stacked = np.concatenate(features, axis=2, dtype=np.float32)
+    stacked = np.concatenate(features, axis=0, dtype=np.float32)
     pieces, n = _superpixels(stacked, side, config.compactness)
     costs = (config.mean, config.histogram, config.contour, config.size_power)
     weights = np.array([*costs, config.flat, config.crease])
     return merged(lab, pieces, n, np.stack(cues), weights, details)
+
+
+def _bell(sigma: float) -> FloatArray:
+    """Weights (2 R + 1,) of a Gaussian, pixels, as far as four times its deviation."""
+    away = np.arange(-int(4 * sigma + 0.5), int(4 * sigma + 0.5) + 1)
+    weights = np.exp(-0.5 * (away / sigma) ** 2)
+    bell: FloatArray = (weights / weights.sum()).astype(np.float32)
+    return bell
+
+
+def _filtered(image: FloatArray, down: FloatArray, along: FloatArray) -> FloatArray:
+    from gaga_core.segmentation import regions_kernels
+
+    out = np.empty_like(image)
+    regions_kernels.filtered(image, down, along, out)
+    return out
 
 
 def _above_noise(bend: FloatArray, half: float) -> FloatArray:
@@ -208,26 +224,24 @@ def _above_noise(bend: FloatArray, half: float) -> FloatArray:
 
     Surfaces of splats are rough, the more the less texture held them in training.
     """
-    from scipy import ndimage
-
-    most = np.float32(_ROUGH_MOST * half)
-    rough = ndimage.gaussian_filter(np.minimum(bend, most), _NOISE_SIGMA)
-    clear = np.maximum(bend - _ROUGH * rough, 0).astype(np.float32)
-    strength: FloatArray = clear / (clear + np.float32(half))
+    most, bell = np.float32(_ROUGH_MOST * half), _bell(_NOISE_SIGMA)
+    rough = _filtered(np.minimum(bend, most), bell, bell)
+    clear: FloatArray = np.maximum(bend - np.float32(_ROUGH) * rough, 0).astype(np.float32)
+    strength: FloatArray = (clear / (clear + np.float32(half))).astype(np.float32)
     return strength
 
 
 def _contours(smooth: FloatArray) -> FloatArray:
-    """Gradient (H, W) in Lab units, of two scales."""
-    from scipy import ndimage
-
-    found = np.zeros(smooth.shape[:2], np.float32)
+    """Gradient (H, W) in Lab units, of two scales, of a picture (3, H, W)."""
+    found = np.zeros(smooth.shape[1:], np.float32)
     for sigma, weight in _CONTOUR_SCALES:
-        for_channel = [
-            ndimage.gaussian_gradient_magnitude(smooth[..., c], sigma) * sigma for c in range(3)
-        ]
-        squared = for_channel[0] ** 2 + 2.25 * (for_channel[1] ** 2 + for_channel[2] ** 2)
-        found += weight * np.sqrt(squared)
+        bell, squared = _bell(sigma), np.zeros_like(found)
+        away = np.arange(-(len(bell) // 2), len(bell) // 2 + 1)
+        slope = (bell * away / sigma).astype(np.float32)  # times sigma: of that many pixels
+        for channel, share in zip(smooth, (1, 2.25, 2.25), strict=True):
+            for down, along in ((slope, bell), (bell, slope)):
+                squared += np.float32(share) * _filtered(channel, down, along) ** 2
+        found += np.float32(weight) * np.sqrt(squared)
     return found
 
 
@@ -235,13 +249,13 @@ def _superpixels(features: FloatArray, side: float, compactness: float) -> tuple
     """Superpixels (H, W) from 0, some ``side`` pixels wide, and their number."""
     from gaga_core.segmentation import regions_kernels
 
-    height, width, n_features = features.shape
+    n_features, height, width = features.shape
     rows = max(1, round(height / side))
     columns = max(1, round(width / side))
     y = ((np.arange(rows) + 0.5) * height / rows).astype(np.int64)
     x = ((np.arange(columns) + 0.5) * width / columns).astype(np.int64)
     grid_y, grid_x = (axis.ravel() for axis in np.meshgrid(y, x, indexing="ij"))
-    centres = np.column_stack([features[grid_y, grid_x], grid_y, grid_x]).astype(np.float32)
+    centres = np.column_stack([features[:, grid_y, grid_x].T, grid_y, grid_x]).astype(np.float32)
     nearness = compactness / side**2
     sums = np.empty((len(centres), n_features + 3))
     labels = np.empty((height, width), np.int32)
@@ -254,11 +268,12 @@ def _superpixels(features: FloatArray, side: float, compactness: float) -> tuple
 
 def _dense(labels: IntArray) -> IntArray:
     """Ids from 1 in the order of the first pixel of each region; 0 stays."""
-    ids, first, places = np.unique(labels, return_index=True, return_inverse=True)
-    shown = np.flatnonzero(ids > 0)
-    names = np.zeros(len(ids), np.int32)
-    names[shown[np.argsort(first[shown])]] = np.arange(1, len(shown) + 1, dtype=np.int32)
-    return names[places].reshape(labels.shape)
+    from gaga_core.segmentation import regions_kernels
+
+    out = np.empty_like(labels)
+    names = np.zeros(int(labels.max()) + 1, np.int32)
+    regions_kernels.number(labels, names, out)
+    return out
 
 
 # --- The tree of the weights-free regions: superpixels merged pair by pair, and where to stop.
@@ -284,7 +299,7 @@ def merged(
 ) -> list[IntArray]:
     """Regions (H, W) of the ``n`` superpixels ``pieces`` (H, W) at each of ``details``.
 
-    Ids >= 0, not dense. ``lab`` (H, W, 3) float32, ``cues`` (1 or 2, H, W) float32: contour and
+    Ids >= 0, not dense. ``lab`` (3, H, W) float32, ``cues`` (1 or 2, H, W) float32: contour and
     crease at each pixel, ``weights`` (6,) of the cost, in the order of `regions_merge_kernels`.
     Those of a higher detail lie within those of a lower one.
     """
@@ -294,18 +309,24 @@ def merged(
 
     flat = pieces.ravel()
     area = np.bincount(flat, minlength=n).astype(np.float32)
-    sums = [np.bincount(flat, lab[..., c].ravel(), n) * _LAB[c] for c in range(3)]
+    sums = [np.bincount(flat, lab[c].ravel(), n) * _LAB[c] for c in range(3)]
     color = np.column_stack(sums).astype(np.float32)
     bins, n_bins = _color_bins(lab)
     histogram = np.zeros((n, n_bins), np.float32)
     kernels.add_histograms(pieces, bins, histogram)
-    length, strength = np.zeros((n, n), np.float32), np.zeros((len(cues), n, n), np.float32)
-    kernels.add_borders(pieces, cues, length, strength)
-    at_first, border = area.copy(), length.sum(axis=1)
+    crossings = (pieces[1:] != pieces[:-1]).sum() + (pieces[:, 1:] != pieces[:, :-1]).sum()
+    most = min(int(crossings), n * (n - 1) // 2)
+    sides, ends = np.empty((most, 2), np.int32), np.empty(2 * most, np.int32)
+    length, strength = np.zeros(most, np.float32), np.zeros((most, len(cues)), np.float32)
+    first = np.full(n, -1, np.int32)
+    made = kernels.add_borders(pieces, cues, sides, length, strength, first, ends)
+    sides, length, strength, ends = sides[:made], length[:made], strength[:made], ends[: 2 * made]
+    at_first = area.copy()
+    border = np.bincount(sides.ravel(), np.repeat(length, 2), n).astype(np.float32)
     joined, costs = np.empty((n - 1, 2), np.int32), np.empty(n - 1, np.float32)
     common = np.empty(n - 1, np.float32)
     made = kernels.merge_all(
-        area, color, histogram, length, strength, weights, joined, costs, common
+        area, color, histogram, sides, length, strength, first, ends, weights, joined, costs, common
     )
     grants = _COLOR_GRANTS if len(cues) == 1 else _SHAPE_GRANTS
     # Pixels along the edge of the picture, corners twice; first and last column and row.
@@ -326,18 +347,18 @@ def merged(
 
 def _color_bins(lab: FloatArray) -> tuple[IntArray, int]:
     """Bin of each pixel among those that occur, and their number."""
-    n = _BINS + 2
-    lightness = np.clip(lab[..., 0] / 100 * _BINS, 0, _BINS - 1).astype(np.int64)
-    a = np.clip((lab[..., 1] + 60) / 120 * n, 0, n - 1).astype(np.int64)
-    b = np.clip((lab[..., 2] + 60) / 120 * n, 0, n - 1).astype(np.int64)
-    used, bins = np.unique((lightness * n + a) * n + b, return_inverse=True)
-    return bins.reshape(lab.shape[:2]).astype(np.int32), len(used)
+    from gaga_core.segmentation import regions_kernels
+
+    bins = np.empty(lab.shape[1:], np.int32)
+    regions_kernels.color_bins(lab, _BINS, _BINS + 2, bins)
+    occurs = np.bincount(bins.ravel()) > 0
+    return (np.cumsum(occurs, dtype=np.int32) - np.int32(1))[bins], int(occurs.sum())
 
 
 # --- The weights-free `regions` as a provider: at once, everywhere, also without torch.
 
 
-_VERSION = 4  # grows whenever the same picture and settings get other regions
+_VERSION = 5  # grows whenever the same picture and settings get other regions
 
 
 @dataclass(frozen=True)

@@ -2,41 +2,133 @@
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray
-from gaga_core.kernels import kernel
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
+from gaga_core.kernels import exp_below_zero, kernel
+
+_F = np.float32
+
+
+@kernel
+def lab_planes(
+    image: UInt8Array,  # (H, W, 3) sRGB
+    linear: FloatArray,  # (256,) light of each value, 0..1
+    to_xyz: FloatArray,  # (3, 3) from linear light, white at 1
+    out: FloatArray,  # (3, H, W) written
+) -> None:
+    """CIE Lab, as `color.lab_from_rgb`, to single precision."""
+    height, width, _ = image.shape
+    light = np.empty((3, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            for c in range(3):
+                light[c, x] = linear[image[y, x, c]]
+        for c in range(3):
+            root = out[c, y]
+            for x in range(width):
+                t = to_xyz[c, 0] * light[0, x] + to_xyz[c, 1] * light[1, x]
+                t += to_xyz[c, 2] * light[2, x]
+                # Cube root: a third of the exponent, then Newton; a line under (6 / 29)^3.
+                bits = np.int32(np.float32(max(t, _F(0.008))).view(np.int32) * _F(1 / 3))
+                r = np.int32(bits + np.int32(0x2A5137A0)).view(np.float32)
+                for _ in range(3):
+                    r = r - (r - t / (r * r)) * _F(1 / 3)
+                root[x] = r if t > _F(216 / 24389) else t * _F(841 / 108) + _F(4 / 29)
+        for x in range(width):
+            fx, fy, fz = out[0, y, x], out[1, y, x], out[2, y, x]
+            out[0, y, x] = _F(116) * fy - _F(16)
+            out[1, y, x] = _F(500) * (fx - fy)
+            out[2, y, x] = _F(200) * (fy - fz)
+
+
+@kernel
+def color_bins(
+    lab: FloatArray,  # (3, H, W)
+    n_light: int,  # bins of lightness
+    n_hue: int,  # of a, and of b
+    out: IntArray,  # (H, W) written
+) -> None:
+    """Bin of each pixel, of n_light * n_hue * n_hue."""
+    _, height, width = lab.shape
+    for y in range(height):
+        for x in range(width):
+            light = min(max(lab[0, y, x] / _F(100) * n_light, _F(0)), _F(n_light - 1))
+            a = min(max((lab[1, y, x] + _F(60)) / _F(120) * n_hue, _F(0)), _F(n_hue - 1))
+            b = min(max((lab[2, y, x] + _F(60)) / _F(120) * n_hue, _F(0)), _F(n_hue - 1))
+            out[y, x] = (int(light) * n_hue + int(a)) * n_hue + int(b)
 
 
 @kernel
 def smooth(
-    image: FloatArray,  # (H, W, 3)
+    image: FloatArray,  # (3, H, W)
     radius: int,
     space: float,  # 1 / (2 sigma^2) in pixels
     value: float,  # 1 / (2 sigma^2) in units of the image
-    out: FloatArray,  # (H, W, 3)
+    out: FloatArray,  # (3, H, W) written
 ) -> None:
     """Bilateral filter: flattens grain and keeps contours."""
-    height, width, _ = image.shape
+    _, height, width = image.shape
+    # Sums of weights and of colors, in one array: the compiler knows that it does not overlap.
+    sums, by = np.empty(4 * width, np.float32), _F(value)
     for y in range(height):
-        for x in range(width):
-            l0, a0, b0 = image[y, x, 0], image[y, x, 1], image[y, x, 2]
-            total, l1, a1, b1 = 0.0, 0.0, 0.0, 0.0
-            for v in range(max(0, y - radius), min(height, y + radius + 1)):
-                for u in range(max(0, x - radius), min(width, x + radius + 1)):
-                    dl, da, db = image[v, u, 0] - l0, image[v, u, 1] - a0, image[v, u, 2] - b0
-                    near = ((v - y) * (v - y) + (u - x) * (u - x)) * space
-                    w = np.exp(-near - (dl * dl + da * da + db * db) * value)
-                    total += w
-                    l1 += w * image[v, u, 0]
-                    a1 += w * image[v, u, 1]
-                    b1 += w * image[v, u, 2]
-            out[y, x, 0] = l1 / total
-            out[y, x, 1] = a1 / total
-            out[y, x, 2] = b1 / total
+        sums[:] = 0
+        for v in range(max(0, y - radius), min(height, y + radius + 1)):
+            for dx in range(-radius, radius + 1):
+                near = _F(((v - y) * (v - y) + dx * dx) * space)
+                first, last = max(0, -dx), min(width, width - dx)
+                l0, a0, b0 = (
+                    image[0, y, first:last],
+                    image[1, y, first:last],
+                    image[2, y, first:last],
+                )
+                l1, a1 = image[0, v, first + dx : last + dx], image[1, v, first + dx : last + dx]
+                b1 = image[2, v, first + dx : last + dx]
+                for x in range(last - first):
+                    dl, da, db = l0[x] - l1[x], a0[x] - a1[x], b0[x] - b1[x]
+                    w = exp_below_zero(max(_F(-87), -near - (dl * dl + da * da + db * db) * by))
+                    at = first + x
+                    sums[at] += w
+                    sums[width + at] += w * l1[x]
+                    sums[2 * width + at] += w * a1[x]
+                    sums[3 * width + at] += w * b1[x]
+        for c in range(3):
+            for x in range(width):
+                out[c, y, x] = sums[(c + 1) * width + x] / sums[x]
+
+
+@kernel
+def filtered(
+    image: FloatArray,  # (H, W)
+    down: FloatArray,  # (2 R + 1,) weights along a column
+    along: FloatArray,  # (2 R + 1,) along a row
+    out: FloatArray,  # (H, W) written
+) -> None:
+    """Separable filter; beyond its edge the picture is mirrored."""
+    height, width = image.shape
+    reach, side = len(down) // 2, len(along) // 2
+    row, total = np.empty(width + 2 * side, np.float32), np.empty(width, np.float32)
+    middle = row[side : side + width]
+    for y in range(height):
+        middle[:] = 0
+        for k in range(-reach, reach + 1):
+            v = (y + k) % (2 * height)
+            source, w = image[min(v, 2 * height - 1 - v)], down[reach + k]
+            for x in range(width):
+                middle[x] += w * source[x]
+        for k in range(side):
+            u = k % (2 * width)
+            u = min(u, 2 * width - 1 - u)
+            row[side - 1 - k], row[side + width + k] = middle[u], middle[width - 1 - u]
+        total[:] = 0
+        for k in range(2 * side + 1):
+            source, w = row[k : k + width], along[k]
+            for x in range(width):
+                total[x] += w * source[x]
+        out[y] = total
 
 
 @kernel
 def nearest_centres(
-    features: FloatArray,  # (H, W, C)
+    features: FloatArray,  # (C, H, W)
     centres: FloatArray,  # (rows * columns, C + 2) features, y, x; moved in place
     rows: int,
     columns: int,
@@ -46,29 +138,52 @@ def nearest_centres(
 ) -> None:
     """One round of SLIC (Achanta 2012): each pixel takes the nearest of the 3 x 3 centres whose
     cells surround it, then each centre moves to the mean of its pixels."""
-    height, width, n_features = features.shape
+    n_features, height, width = features.shape
+    weight = _F(nearness)
     sums[:] = 0
+    # The centres that a row of cells asks, spread out over the columns: loops along a row are
+    # vectors then.
+    spread = np.empty((9, n_features + 2, width), np.float32)
+    best, distance = np.empty(width, np.float32), np.empty(width, np.float32)
+    chosen, cell = np.empty(width, np.int32), np.empty(width, np.int32)
+    for x in range(width):
+        cell[x] = min(columns - 1, x * columns // width)
+    last_row = -1
     for y in range(height):
         row = min(rows - 1, y * rows // height)
-        for x in range(width):
-            column = min(columns - 1, x * columns // width)
-            best, chosen = np.float32(np.inf), 0
-            for i in range(max(0, row - 1), min(rows, row + 2)):
-                for j in range(max(0, column - 1), min(columns, column + 2)):
-                    k = i * columns + j
-                    dy, dx = y - centres[k, n_features], x - centres[k, n_features + 1]
-                    distance = np.float32(nearness) * (dy * dy + dx * dx)
-                    for c in range(n_features):
-                        d = features[y, x, c] - centres[k, c]
-                        distance += d * d
-                    if distance < best:
-                        best, chosen = distance, k
-            labels[y, x] = chosen
+        if row != last_row:
+            for n in range(9):
+                i, dj = row + n // 3 - 1, n % 3 - 1
+                for x in range(width):
+                    j = cell[x] + dj
+                    is_there = 0 <= i < rows and 0 <= j < columns
+                    for c in range(n_features + 2):
+                        spread[n, c, x] = centres[i * columns + j, c] if is_there else _F(1e18)
+            last_row = row
+        best[:], chosen[:] = np.inf, 0
+        for n in range(9):
+            step = np.int32((row + n // 3 - 1) * columns + n % 3 - 1)
+            ys, xs = spread[n, n_features], spread[n, n_features + 1]
+            for x in range(width):
+                dy, dx = _F(y) - ys[x], _F(np.int32(x)) - xs[x]
+                distance[x] = weight * (dy * dy + dx * dx)
             for c in range(n_features):
-                sums[chosen, c] += features[y, x, c]
-            sums[chosen, n_features] += y
-            sums[chosen, n_features + 1] += x
-            sums[chosen, n_features + 2] += 1
+                own, other = features[c, y], spread[n, c]
+                for x in range(width):
+                    d = own[x] - other[x]
+                    distance[x] += d * d
+            for x in range(width):
+                is_nearer = distance[x] < best[x]
+                chosen[x] = step + cell[x] if is_nearer else chosen[x]
+                best[x] = distance[x] if is_nearer else best[x]
+        labels[y] = chosen
+        for x in range(width):
+            of = sums[labels[y, x]]
+            for c in range(n_features):
+                of[c] += features[c, y, x]
+            of[n_features] += y
+            of[n_features + 1] += x
+            of[n_features + 2] += 1
     for k in range(len(centres)):
         if sums[k, n_features + 2] > 0:
             for c in range(n_features + 2):
@@ -78,13 +193,13 @@ def nearest_centres(
 @kernel
 def connected(
     labels: IntArray,  # (H, W)
-    features: FloatArray,  # (H, W, C)
+    features: FloatArray,  # (C, H, W)
     least: int,  # pixels; smaller pieces join the piece whose border pixel is most like theirs
     queue: IntArray,  # (H * W,) scratch
     out: IntArray,  # (H, W) written: dense ids from 0
 ) -> int:
     """4-connected pieces of ``labels``, numbered by their first pixel; how many."""
-    height, width, n_features = features.shape
+    n_features, height, width = features.shape
     out[:] = -1
     n = 0
     for start in range(height * width):
@@ -111,7 +226,7 @@ def connected(
                 elif other >= 0 and other != n:
                     distance = 0.0
                     for c in range(n_features):
-                        d = features[y, x, c] - features[v, u, c]
+                        d = features[c, y, x] - features[c, v, u]
                         distance += d * d
                     if distance < nearest:
                         nearest, like = distance, other
@@ -189,27 +304,37 @@ MEAN, HISTOGRAM, CONTOUR, SIZE, KEEP, CREASE = range(6)
 
 @kernel
 def add_borders(
-    labels: IntArray,  # (H, W)
+    labels: IntArray,  # (H, W) of n regions
     cues: FloatArray,  # (K, H, W) strength of a contour at each pixel
-    length: FloatArray,  # (n, n) zeros; pixel pairs along the border of two regions
-    strength: FloatArray,  # (K, n, n) zeros; sum over them of the cue's larger value
-) -> None:
-    """Borders between 4-neighbours, both ways round."""
+    sides: IntArray,  # (B, 2) written: the regions of each border, the lower first
+    length: FloatArray,  # (B,) zeros; pixel pairs along it
+    strength: FloatArray,  # (B, K) zeros; sum over them of the cue's larger value
+    first: IntArray,  # (n,) -1; written: as `merge_all` takes it
+    following: IntArray,  # (2 B,) written: the same
+) -> int:
+    """Borders between 4-neighbours, and how many."""
     n_cues, height, width = cues.shape
+    n = 0
     for y in range(height):
         for x in range(width):
-            a = labels[y, x]
             for k in range(2):
                 v, u = y + k, x + 1 - k
-                if v >= height or u >= width or labels[v, u] == a:
+                if v >= height or u >= width or labels[v, u] == labels[y, x]:
                     continue
-                b = labels[v, u]
-                length[a, b] += 1
-                length[b, a] += 1
+                a, b = min(labels[y, x], labels[v, u]), max(labels[y, x], labels[v, u])
+                end = first[a]
+                while end >= 0 and sides[end >> 1, 1 - (end & 1)] != b:
+                    end = following[end]
+                if end < 0:
+                    sides[n, 0], sides[n, 1] = a, b
+                    following[2 * n], first[a] = first[a], 2 * n
+                    following[2 * n + 1], first[b] = first[b], 2 * n + 1
+                    end = 2 * n
+                    n += 1
+                length[end >> 1] += 1
                 for c in range(n_cues):
-                    value = max(cues[c, y, x], cues[c, v, u])
-                    strength[c, a, b] += value
-                    strength[c, b, a] += value
+                    strength[end >> 1, c] += max(cues[c, y, x], cues[c, v, u])
+    return n
 
 
 @kernel
@@ -229,11 +354,12 @@ def add_histograms(
 def cost_of(
     a: int,
     b: int,
+    border: int,
     area: FloatArray,  # (n,) pixels
     color: FloatArray,  # (n, 3) sums
     histogram: FloatArray,  # (n, B)
-    length: FloatArray,  # (n, n)
-    strength: FloatArray,  # (K, n, n)
+    length: FloatArray,  # (E,) of borders
+    strength: FloatArray,  # (E, K)
     weights: DoubleArray,  # (6,) MEAN..CREASE
     total: float,  # pixels of the picture
 ) -> float:
@@ -245,9 +371,9 @@ def cost_of(
     for k in range(histogram.shape[1]):
         common += min(histogram[a, k] / area[a], histogram[b, k] / area[b])
     cost = weights[MEAN] * np.sqrt(squared) + weights[HISTOGRAM] * (1 - common)
-    cost += weights[CONTOUR] * strength[0, a, b] / length[a, b]
-    if len(strength) > 1:
-        crease = strength[1, a, b] / length[a, b]
+    cost += weights[CONTOUR] * strength[border, 0] / length[border]
+    if strength.shape[1] > 1:
+        crease = strength[border, 1] / length[border]
         cost *= weights[KEEP] + (1 - weights[KEEP]) * crease
         cost += weights[CREASE] * crease
     result: float = cost * (min(area[a], area[b]) / total) ** weights[SIZE]
@@ -255,72 +381,143 @@ def cost_of(
 
 
 @kernel
+def replay(winner: IntArray, least: FloatArray, a: int) -> None:
+    """Bring a tournament for the least value, of equal ones the lower index, up to date after
+    ``least[a]`` has changed: ``winner[1]`` has won, of 2 k and 2 k + 1 goes on ``winner[k]``."""
+    k = (len(least) + a) >> 1
+    while k > 0:
+        one, other = winner[2 * k], winner[2 * k + 1]
+        winner[k] = one if least[one] <= least[other] else other
+        k >>= 1
+
+
+@kernel
 def merge_all(
-    area: FloatArray,  # (n,); this and the next four are changed in place
+    area: FloatArray,  # (n,); all arrays up to `following` are changed in place
     color: FloatArray,  # (n, 3)
     histogram: FloatArray,  # (n, B)
-    length: FloatArray,  # (n, n)
-    strength: FloatArray,  # (K, n, n)
+    sides: IntArray,  # (E, 2) the regions of each border
+    length: FloatArray,  # (E,)
+    strength: FloatArray,  # (E, K)
+    first: IntArray,  # (n,) end of a border at each region, -1 = none: 2 e + s is `sides[e, s]`
+    following: IntArray,  # (2 E,) the next end at the same region
     weights: DoubleArray,  # (6,)
     joined: IntArray,  # (n - 1, 2) written: larger, smaller; the larger goes on for both
     costs: FloatArray,  # (n - 1,) written
     common: FloatArray,  # (n - 1,) written: length of the border that vanished
 ) -> int:
     """Merge the cheapest pair of neighbours until one is left; number of merges."""
-    n = len(area)
-    total = area.sum()
-    cost = np.full((n, n), np.inf, np.float32)
-    least = np.full(n, np.inf, np.float32)
-    with_whom = np.full(n, -1, np.int32)
+    n, total = len(area), area.sum()
+    cost = np.empty(len(length), np.float32)
+    for e in range(len(length)):
+        a, b = sides[e, 0], sides[e, 1]
+        cost[e] = cost_of(a, b, e, area, color, histogram, length, strength, weights, total)
+    n_leaves = 1
+    while n_leaves < n:
+        n_leaves *= 2
+    least, with_whom = np.full(n_leaves, np.inf, np.float32), np.full(n, -1, np.int32)
+    winner = np.empty(2 * n_leaves, np.int32)
+    winner[n_leaves:] = np.arange(n_leaves)
     for a in range(n):
-        for b in range(n):
-            if b != a and length[a, b] > 0:
-                cost[a, b] = (
-                    cost[b, a]
-                    if b < a
-                    else cost_of(a, b, area, color, histogram, length, strength, weights, total)
-                )
-                if cost[a, b] < least[a]:
-                    least[a], with_whom[a] = cost[a, b], b
+        find_cheapest(a, sides, length, first, following, cost, least, with_whom)
+    for k in range(n_leaves - 1, 0, -1):
+        one, other = winner[2 * k], winner[2 * k + 1]
+        winner[k] = one if least[one] <= least[other] else other
+    border_to = np.full(n, -1, np.int32)  # of the one that goes on
     for step in range(n - 1):
-        a = int(least.argmin())
+        a = int(winner[1])
         if not least[a] < np.inf:
             return step
         b = with_whom[a]
         if area[b] > area[a]:
             a, b = b, a
         joined[step, 0], joined[step, 1] = a, b
-        costs[step], common[step] = least[a], length[a, b]
+        costs[step] = min(least[a], least[b])
+        end = first[a]
+        while end >= 0:
+            if length[end >> 1] > 0:
+                border_to[sides[end >> 1, 1 - (end & 1)]] = end >> 1
+            end = following[end]
+        common[step] = length[border_to[b]]
+        length[border_to[b]] = 0  # no border any more; lists drop it when they are walked
         area[a] += area[b]
         color[a] += color[b]
         histogram[a] += histogram[b]
+        end = first[b]
+        while end >= 0:
+            e, then = end >> 1, following[end]
+            if length[e] > 0:
+                t = sides[e, 1 - (end & 1)]
+                known = border_to[t]
+                if known >= 0:
+                    length[known] += length[e]
+                    for c in range(strength.shape[1]):
+                        strength[known, c] += strength[e, c]
+                    length[e] = 0
+                else:
+                    sides[e, end & 1] = a
+                    following[end], first[a] = first[a], end
+            end = then
+        first[b] = -1
         least[b] = np.inf
-        cost[a, b] = cost[b, a] = np.inf
-        length[a, b] = length[b, a] = 0
-        for t in range(n):
-            if length[b, t] > 0:
-                length[a, t] += length[b, t]
-                length[t, a] = length[a, t]
-                for c in range(len(strength)):
-                    strength[c, a, t] += strength[c, b, t]
-                    strength[c, t, a] = strength[c, a, t]
-                length[b, t] = length[t, b] = 0
-                cost[b, t] = cost[t, b] = np.inf
+        replay(winner, least, b)
         least[a], with_whom[a] = np.inf, -1
-        for t in range(n):
-            if length[a, t] > 0:
+        end, before = first[a], -1
+        while end >= 0:
+            e, then = end >> 1, following[end]
+            t = sides[e, 1 - (end & 1)]
+            border_to[t] = -1
+            if length[e] == 0:
+                if before < 0:
+                    first[a] = then
+                else:
+                    following[before] = then
+            else:
+                before = end
                 new = np.float32(
-                    cost_of(a, t, area, color, histogram, length, strength, weights, total)
+                    cost_of(a, t, e, area, color, histogram, length, strength, weights, total)
                 )
-                cost[a, t] = cost[t, a] = new
-                if new < least[a]:
+                cost[e] = new
+                if new < least[a] or (new == least[a] and t < with_whom[a]):
                     least[a], with_whom[a] = new, t
                 if with_whom[t] == a or with_whom[t] == b:
-                    with_whom[t] = int(cost[t].argmin())
-                    least[t] = cost[t, with_whom[t]]
+                    find_cheapest(t, sides, length, first, following, cost, least, with_whom)
+                    replay(winner, least, t)
                 elif new < least[t]:
                     least[t], with_whom[t] = new, a
+                    replay(winner, least, t)
+            end = then
+        replay(winner, least, a)
     return n - 1
+
+
+@kernel
+def find_cheapest(
+    a: int,
+    sides: IntArray,
+    length: FloatArray,
+    first: IntArray,
+    following: IntArray,
+    cost: FloatArray,  # (E,)
+    least: FloatArray,  # (n or more,) written at ``a``
+    with_whom: IntArray,  # (n,) written at ``a``; of equal costs the lower index
+) -> None:
+    """The cheapest merge of a region; borders that are no more leave its list."""
+    least[a], with_whom[a] = np.inf, -1
+    end, before = first[a], -1
+    while end >= 0:
+        e, then = end >> 1, following[end]
+        if length[e] == 0:
+            if before < 0:
+                first[a] = then
+            else:
+                following[before] = then
+        else:
+            before = end
+            t = sides[e, 1 - (end & 1)]
+            if cost[e] < least[a] or (cost[e] == least[a] and t < with_whom[a]):
+                least[a], with_whom[a] = cost[e], t
+        end = then
 
 
 # --- Kernel of the weights-free regions: where the tree of merges is cut.
@@ -370,3 +567,18 @@ def cut(
         doubt[a] = max(doubt[a], doubt[b], np.log(costs[step] + 1e-6) - granted)
         if doubt[a] < limit:
             parent[b] = a
+
+
+@kernel
+def number(labels: IntArray, names: IntArray, out: IntArray) -> None:
+    """Ids (H, W) from 1 in the order of the first pixel of each of ``labels`` (H, W); 0 stays.
+    ``names`` (n,) are zeros."""
+    height, width = labels.shape
+    n = 0
+    for y in range(height):
+        for x in range(width):
+            label = labels[y, x]
+            if label > 0 and names[label] == 0:
+                n += 1
+                names[label] = n
+            out[y, x] = names[label]

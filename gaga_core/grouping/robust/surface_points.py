@@ -116,8 +116,9 @@ def in_picture(
     """Indices (K,) of the points (S, 3) that fall into a picture, whatever hides them, their pixels
     (rows (K,), columns (K,)) and camera depths (K,)."""
     pixels, z = camera.project(points)
-    size = (camera.width, camera.height)
-    inside = np.flatnonzero((z > NEAR) & (pixels >= 0).all(axis=1) & (pixels < size).all(axis=1))
+    u, v = pixels.T
+    shown = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+    inside = np.flatnonzero((z > NEAR) & shown)
     columns, rows = pixels[inside].astype(np.int64).T
     return inside, rows, columns, z[inside]
 

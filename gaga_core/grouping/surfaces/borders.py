@@ -14,9 +14,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import coo_matrix, csr_matrix, hstack
 
-from gaga_core.arrays import DoubleArray, LongArray
+from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.geometry import principal_axes
 from gaga_core.grouping.surfaces.surfels import (
     N_LEVELS,
@@ -25,7 +25,7 @@ from gaga_core.grouping.surfaces.surfels import (
     dense,
     outlines,
 )
-from gaga_core.grouping.surfaces.surfels_kernels import products_of_rows, smooth_once
+from gaga_core.grouping.surfaces.surfels_kernels import add_agreement, smooth_once
 
 _STEPS = 2  # from piece to piece, within which pieces of a cluster are asked together
 _PRIOR = 0.5  # views' worth of doubt about a share of views, on either side
@@ -122,6 +122,30 @@ def joined(graph: SignedGraph, least_evidence: float, least_size: float = 0.0) -
 
 
 @dataclass(frozen=True, eq=False)
+class Shown:
+    """Which regions of all maps show pieces."""
+
+    counts: csr_matrix  # (n, R) samples of each piece in each region, map by map
+    map_of: IntArray  # (R,) of each region
+    level_of: IntArray  # of each map, -1 = every level
+
+    @staticmethod
+    def of(surfels: Surfels, piece: LongArray) -> "Shown":
+        """Of pieces (S,), dense ids from 0."""
+        n, tables, levels = int(piece.max(initial=-1)) + 1, list[csr_matrix](), list[int]()
+        for level, region in surfels.maps():
+            rows = np.flatnonzero(region)
+            shape = (n, int(region.max(initial=0)) + 1)
+            cells = (piece[rows], region[rows])
+            tables.append(coo_matrix((np.ones(len(rows)), cells), shape).tocsr())
+            levels.append(-1 if level is None else level)
+        widths = [table.shape[1] for table in tables]
+        counts = hstack(tables, "csr") if tables else csr_matrix((n, 0))
+        map_of = np.repeat(np.arange(len(tables), dtype=np.int32), widths)
+        return Shown(counts, map_of, np.array(levels, np.int32))
+
+
+@dataclass(frozen=True, eq=False)
 class Agreement:
     """Evidence of the views on pairs of neighbouring pieces, by levels of detail of regions."""
 
@@ -132,9 +156,7 @@ class Agreement:
     voice: DoubleArray  # (B, 4) summed voice of the views that see both
 
     @staticmethod
-    def of(
-        surfels: Surfels, near: Neighbourhood, piece: LongArray, cluster: LongArray
-    ) -> "Agreement":
+    def of(shown: Shown, near: Neighbourhood, piece: LongArray, cluster: LongArray) -> "Agreement":
         """Agreement about borders of pieces (S,) that are in two clusters (S,), each with what is
         near it in its cluster: a piece of seven samples is no larger than what regions miss an
         outline by."""
@@ -146,33 +168,12 @@ class Agreement:
         first, second, length = first[apart], second[apart], length[apart]
         asked = np.unique(np.concatenate([first, second]))
         a, b = np.searchsorted(asked, first), np.searchsorted(asked, second)
-        together = together[asked]
+        table = (together[asked] @ shown.counts).tocsr()
+        table.sort_indices()
         same, voice = np.zeros((len(first), N_LEVELS)), np.zeros((len(first), N_LEVELS))
-        for level, region in surfels.maps():
-            rows = np.flatnonzero(region)
-            if len(rows) == 0:
-                continue
-            shape = (len(cluster_of), int(region.max()) + 1)
-            table = coo_matrix((np.ones(len(rows)), (piece[rows], region[rows])), shape).tocsr()
-            table = (together @ table).tocsr()
-            total = np.asarray(table.sum(axis=1)).ravel()
-            both = np.flatnonzero((total[a] > 0) & (total[b] > 0))
-            one, other = a[both], b[both]
-            chance = common_of(table, one, other) / (total[one] * total[other])
-            weight = total / (total + _HALF_VOICE)
-            said = weight[one] * weight[other]
-            for k in range(N_LEVELS) if level is None else (level,):
-                same[both, k] += said * chance
-                voice[both, k] += said
+        rows, maps = (table.indptr, table.indices, table.data), (shown.map_of, shown.level_of)
+        add_agreement(*rows, *maps, a, b, _HALF_VOICE, same, voice)
         return Agreement(first, second, length, same, voice)
-
-
-def common_of(table: csr_matrix, one: LongArray, other: LongArray) -> DoubleArray:
-    """Products (B,) of rows ``one`` and ``other`` (B,) of a table of counts."""
-    table.sort_indices()
-    out = np.empty(len(one))
-    products_of_rows(table.indptr, table.indices, table.data, one, other, out)
-    return out
 
 
 def coarser_of(level: LongArray, coarser: LongArray) -> LongArray:
@@ -276,6 +277,7 @@ class Seen:
     near: Neighbourhood
     color: DoubleArray  # (S, 3) CIE Lab
     piece: LongArray  # (S,) small pieces
+    in_regions: Shown  # of the pieces
     n_views: int
     middle: DoubleArray  # (3,) of the samples, world
     spacing: float  # median, scene units
@@ -288,7 +290,8 @@ class Seen:
         """With what follows from them."""
         spacing, middle = float(np.median(near.spacing)), np.median(surfels.points, axis=0)
         points = np.round((surfels.points - middle) / spacing * GRID) / GRID
-        return Seen(surfels, near, color, piece, n_views, middle, spacing, points)
+        shown = Shown.of(surfels, piece)
+        return Seen(surfels, near, color, piece, shown, n_views, middle, spacing, points)
 
     @property
     def shown(self) -> DoubleArray:
@@ -368,7 +371,7 @@ FEATURES = (  # of one side "smaller" and one "larger", by samples
 def borders_of(seen: Seen, cluster: LongArray) -> Borders:
     """All borders of clusters (S,) of pieces."""
     near = seen.near
-    agreement = Agreement.of(seen.surfels, near, seen.piece, cluster)
+    agreement = Agreement.of(seen.in_regions, near, seen.piece, cluster)
     a, b = near.first, near.second
     apart = cluster[a] != cluster[b]
     normals, points = _smoothed(seen, cluster)

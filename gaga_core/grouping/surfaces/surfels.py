@@ -26,6 +26,7 @@ from gaga_core.grouping.robust.surface_points import (
     to_world,
 )
 from gaga_core.grouping.surfaces.surfels_kernels import (
+    add_parted,
     choose_seeds,
     keep_apart,
     normals_at,
@@ -41,9 +42,7 @@ _MISS = 0.02  # share of its depth by which a sample may miss the surface that a
 _COVERED = 0.03  # ... within which a sample covers its surroundings in another view
 _WINDOW = 0.007  # of the width of a view: radius of the window of a normal
 _SHARES = np.array([0.06, 0.03, 0.015])  # of 1 / depth, round by round of the fit
-_NEAREST = 20  # neighbours looked at when samples are thinned out
-_ROUNDS = 4  # of thinning
-_ENOUGH = 0.97  # share of samples kept at which thinning is done
+_GRIDS = 12  # most levels of cells, each of twice the side, when samples are thinned out
 _OVER = 1.1  # times the wanted number of samples that are accepted
 
 
@@ -144,29 +143,24 @@ def _thinned(points: DoubleArray, size: DoubleArray, wanted: int) -> DoubleArray
     """The points of which none lies within the cell of another; fewer, wider apart, if need be."""
     reach = 1.0
     while True:
-        kept = _apart(points, reach * size)
+        kept = apart(points, reach * size)
         if int(kept.sum()) <= _OVER * wanted:
             return points[kept]
         reach *= max(1.1, float(np.sqrt(kept.sum() / wanted)))
 
 
-def _apart(points: DoubleArray, reach: DoubleArray) -> BoolArray:
-    """Which points (S,) stay when those within the reach (S,) of another go."""
+def apart(points: DoubleArray, reach: DoubleArray) -> BoolArray:
+    """Which points (S,) stay when those go that have another within their reach (S,), which stays;
+    those of the least reach are asked first."""
     kept = np.ones(len(points), np.bool_)
-    for _ in range(_ROUNDS):
-        rows = np.flatnonzero(kept)
-        if len(rows) <= _NEAREST:
-            break
-        distance, nearest = cKDTree(points[rows]).query(
-            points[rows], k=_NEAREST, workers=n_threads()
-        )
-        stays = np.empty(len(rows), np.bool_)
-        order = np.argsort(reach[rows], kind="stable")
-        apart = np.asarray(distance, np.float64)
-        keep_apart(order, np.asarray(nearest, np.int64), apart, reach[rows], stays)
-        kept[rows[~stays]] = False
-        if stays.mean() > _ENOUGH:
-            break
+    if len(points) == 0:
+        return kept
+    least = max(float(reach.min()), float(reach.max()) / 2 ** (_GRIDS - 1), 1e-300)
+    level = np.maximum(np.ceil(np.log2(reach / least) + 1e-9), 0).astype(np.int32)
+    side = least * 2.0 ** np.arange(int(level.max()) + 1)
+    head = np.full(1 << (4 * len(points)).bit_length(), -1, np.int64)
+    following = np.empty(len(points) * len(side), np.int64)
+    keep_apart(points, np.argsort(reach, kind="stable"), reach, level, side, head, following, kept)
     return kept
 
 
@@ -260,9 +254,6 @@ def _sources(graph: csr_matrix, seeds: BoolArray) -> LongArray:
 def _parted(surfels: Surfels, a: LongArray, b: LongArray) -> DoubleArray:
     """Share (E,) of the views of both ends that show them in two regions; 1/3 if there are none."""
     parted, both = np.zeros(len(a), np.int64), np.zeros(len(a), np.int64)
-    for _, region in surfels.maps():
-        one, other = region[a], region[b]
-        shown = (one > 0) & (other > 0)
-        parted += shown & (one != other)
-        both += shown
+    for regions in (surfels.regions, surfels.further):
+        add_parted(regions, a, b, parted, both)
     return (parted + 0.5) / (both + 1.5)

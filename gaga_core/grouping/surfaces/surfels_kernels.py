@@ -65,23 +65,55 @@ def normals_at(
 
 @kernel
 def keep_apart(
-    order: LongArray,  # (S,) points, those that come first are kept first
-    nearest: LongArray,  # (S, k)
-    distance: DoubleArray,  # (S, k)
-    reach: DoubleArray,  # (S,)
+    points: DoubleArray,  # (S, 3)
+    order: LongArray,  # (S,) of the points by their reach, ascending
+    reach: DoubleArray,  # (S,) > 0
+    level: IntArray,  # (S,) from 0: grids of cells of the side ``side[level]``, not under the reach
+    side: DoubleArray,  # (L,) ascending
+    head: LongArray,  # (2^k,) -1; scratch: first entry of each slot of the table of cells
+    following: LongArray,  # (S * L,) scratch: next entry of a slot
     kept: BoolArray,  # (S,) written
 ) -> None:
-    """Keep points that no kept one has within its reach, or that have none within theirs."""
-    gone = np.zeros(len(order), np.bool_)
-    kept[:] = False
+    """Keep points that have no kept one within their reach, those of the least reach first.
+
+    A kept point is entered in the grid of its level and of all above; a point asks the 27 cells
+    around it in the grid of its own level. An entry is the point times L, plus the level.
+    """
+    n_levels, mask = len(side), len(head) - 1
     for i in order:
-        if gone[i]:
-            continue
         kept[i] = True
-        for k in range(nearest.shape[1]):
-            j = nearest[i, k]
-            if (distance[i, k] < reach[i] or distance[i, k] < reach[j]) and not kept[j]:
-                gone[j] = True
+        size = side[level[i]]
+        x, y = int(np.floor(points[i, 0] / size)), int(np.floor(points[i, 1] / size))
+        z = int(np.floor(points[i, 2] / size))
+        for n in range(27):
+            slot = slot_of(x + n // 9 - 1, y + n // 3 % 3 - 1, z + n % 3 - 1, level[i]) & mask
+            entry = head[slot]
+            while entry >= 0:
+                j = entry // n_levels
+                if entry % n_levels == level[i]:
+                    a, b = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+                    c = points[j, 2] - points[i, 2]
+                    if a * a + b * b + c * c < reach[i] * reach[i]:
+                        kept[i] = False
+                        break
+                entry = following[entry]
+            if not kept[i]:
+                break
+        if not kept[i]:
+            continue
+        for above in range(level[i], n_levels):
+            size = side[above]
+            x, y = int(np.floor(points[i, 0] / size)), int(np.floor(points[i, 1] / size))
+            z = int(np.floor(points[i, 2] / size))
+            slot = slot_of(x, y, z, above) & mask
+            entry = i * n_levels + above
+            following[entry], head[slot] = head[slot], entry
+
+
+@kernel
+def slot_of(x: int, y: int, z: int, level: int) -> int:
+    """Hash of a cell (Teschner 2003)."""
+    return (x * 73856093) ^ (y * 19349663) ^ (z * 83492791) ^ (level * 2654435761)
 
 
 @kernel
@@ -145,24 +177,65 @@ def smooth_once(
 
 
 @exact_kernel
-def products_of_rows(
+def add_agreement(
     start: IntArray,  # (n + 1,) of the rows of a sparse table
-    column: IntArray,  # ascending in each row
-    value: DoubleArray,
+    column: IntArray,  # region of a map, ascending in each row
+    value: DoubleArray,  # samples that show in it
+    map_of: IntArray,  # of each region, ascending
+    level_of: IntArray,  # of each map, -1 = every level
     one: LongArray,  # (B,) rows
     other: LongArray,  # (B,)
-    out: DoubleArray,  # (B,) written
+    half_voice: float,  # samples with which a map has half a voice
+    same: DoubleArray,  # (B, L) added to: chance that a sample of each shows in one region
+    voice: DoubleArray,  # (B, L) added to: voice of the maps that show both
 ) -> None:
-    """Scalar products of rows of a sparse table."""
+    """What each map says about pairs of rows, summed over maps."""
     for k in range(len(one)):
-        i, j, total = start[one[k]], start[other[k]], 0.0
-        while i < start[one[k] + 1] and j < start[other[k] + 1]:
-            if column[i] == column[j]:
-                total += value[i] * value[j]
+        i, j, i_end, j_end = start[one[k]], start[other[k]], start[one[k] + 1], start[other[k] + 1]
+        while i < i_end and j < j_end:
+            at, then = map_of[column[i]], map_of[column[j]]
+            if at < then:
                 i += 1
+                continue
+            if then < at:
                 j += 1
-            elif column[i] < column[j]:
-                i += 1
-            else:
-                j += 1
-        out[k] = total
+                continue
+            a, b, common = 0.0, 0.0, 0.0
+            while (i < i_end and map_of[column[i]] == at) or (
+                j < j_end and map_of[column[j]] == at
+            ):
+                has_one = i < i_end and map_of[column[i]] == at
+                has_other = j < j_end and map_of[column[j]] == at
+                if has_one and has_other and column[i] == column[j]:
+                    common += value[i] * value[j]
+                    a, b, i, j = a + value[i], b + value[j], i + 1, j + 1
+                elif has_one and (not has_other or column[i] < column[j]):
+                    a, i = a + value[i], i + 1
+                else:
+                    b, j = b + value[j], j + 1
+            said = (a / (a + half_voice)) * (b / (b + half_voice))
+            chance = common / (a * b)
+            for level in range(same.shape[1]):
+                if level_of[at] < 0 or level_of[at] == level:
+                    same[k, level] += said * chance
+                    voice[k, level] += said
+
+
+@kernel
+def add_parted(
+    regions: IntArray,  # (S, M) 0 = none
+    first: LongArray,  # (E,)
+    second: LongArray,  # (E,)
+    parted: LongArray,  # (E,) added to: maps that show both ends in two regions
+    both: LongArray,  # (E,) added to: maps that show both
+) -> None:
+    """Count the maps that part the ends of edges."""
+    for e in range(len(first)):
+        one, other = regions[first[e]], regions[second[e]]
+        n_both, n_parted = 0, 0
+        for m in range(len(one)):
+            shown = (one[m] > 0) & (other[m] > 0)
+            n_both += shown
+            n_parted += shown & (one[m] != other[m])
+        both[e] += n_both
+        parted[e] += n_parted

@@ -20,6 +20,9 @@ from gaga_core.masks import MaskSet
 
 RECORD = "provider.json"  # next to label maps that were made here: by whom, with which settings
 _FURTHER = b"gaLV"  # private, ancillary, not to be copied to a changed picture (PNG, section 5.4)
+# Of zlib: runs alone, whose search for repetitions takes most of the time and gains nothing here
+# (regions of 6 photos at 4 levels: 10.0 kB in 2.5 ms, with it 10.5 kB in 4.0 ms).
+_RUN_LENGTHS = 3  # Z_RLE
 _PER_PIXEL = 4  # bytes, int32
 _WITHOUT_MODEL = "regions"  # the provider that has no model: `segmentation.regions`
 
@@ -78,11 +81,11 @@ def write_labels(path: Path, labels: IntArray, further: Sequence[IntArray] = ())
     chunks = PngInfo()
     for finer in further:
         buffer = BytesIO()
-        _gray(path, finer).save(buffer, format="PNG")
+        _gray(path, finer).save(buffer, format="PNG", compress_type=_RUN_LENGTHS)
         chunks.add(_FURTHER, buffer.getvalue())
     picture = _gray(path, labels)
     with atomic_write(path) as temporary:
-        picture.save(temporary, format="PNG", pnginfo=chunks)
+        picture.save(temporary, format="PNG", compress_type=_RUN_LENGTHS, pnginfo=chunks)
 
 
 def _gray(path: Path, labels: IntArray) -> Image.Image:

@@ -39,6 +39,7 @@ from gaga_core.io.splats.packing import (
     file_inside,
     joined_splats,
     logs_of_sizes,
+    parts_of,
     reading,
     row_bytes,
     sane,
@@ -62,6 +63,7 @@ _FORMER = "KHR_spz_gaussian_splats_compression"  # of the primitive itself, befo
 _AXES = "LUF"
 _MOST_NODES, _MOST_PARTS = 10_000, 2_000
 _SPLAT_BYTES = 2 * row_bytes((MOST_DEGREE + 1) ** 2)  # while it is decoded, columns and all
+_AT_ONCE = 1 << 13  # splats: 2 MB, so that each column finds them in the processor's cache
 _FARTHEST = 1e15  # scene units: far beyond what float32 tells apart
 FLOAT, UNSIGNED, _POINTS = 5126, 5125, 0
 # What JSON of any shape raises where it is taken for a glTF.
@@ -361,9 +363,14 @@ def placed(gaussians: Gaussians, place: DoubleArray) -> Gaussians:
 @splat_writer
 def write_glb_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     """Write a .glb with progress: float32 throughout, SH up to degree 3. Whole or not at all."""
-    columns = _columns(turned(gaussians, _AXES))  # the half turn is its own inverse
+    n, nothing = len(gaussians), np.float32(0)
+    columns: dict[str, AnyArray] = {
+        name: np.broadcast_to(nothing, (n, values.shape[1]))  # of that size, without memory
+        for name, values in _columns(gaussians.bare(slice(0, 1))).items()
+    }
     if sum(values.nbytes for values in columns.values()) > 0xFFFFFFFF - (1 << 20):
         raise GagaError(f"{len(gaussians):,} splats do not fit into a GLB (4 GB). Export objects.")
+    columns["POSITION"] = turned(replace(gaussians, sh=gaussians.sh[:, :1]), _AXES).means
     kernel = {
         "kernel": "ellipse",
         "colorSpace": "srgb_rec709_display",
@@ -380,19 +387,22 @@ def write_glb_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
         "nodes": [{"mesh": 0, "name": "splats"}],
         "meshes": [{"primitives": [primitive]}],
     }
-    blocks = glb_blocks(described, columns)
+    head = glb_head(described, columns)
     with atomic_write(path) as temporary, temporary.open("wb") as file:
-        file.write(next(blocks))
-        for i, block in enumerate(blocks):
-            yield writing(path, i, len(columns))
-            file.write(block)
-    yield writing(path, len(columns), len(columns))
+        file.write(head)
+        for part in parts_of(n, _AT_ONCE):
+            start = len(head)
+            # The half turn is its own inverse.
+            for values in _columns(turned(gaussians.bare(part), _AXES)).values():
+                file.seek(start + part.start * values.strides[0])
+                file.write(values.data)
+                start += n * values.strides[0]
+            yield writing(path, part.stop, n)
 
 
-def glb_blocks(
-    described: Mapping[str, object], columns: Mapping[str, AnyArray]
-) -> Iterator[bytes | memoryview]:
-    """A GLB of one scene with one node: what stands before the numbers, then each column's.
+def glb_head(described: Mapping[str, object], columns: Mapping[str, AnyArray]) -> bytes:
+    """A GLB of one scene with one node, as far as to its numbers: those of one column, then those
+    of the next.
 
     ``described`` holds the properties of its JSON but for those of numbers; ``columns`` are float32
     (N, 1 to 4) attributes in order, or uint32 (N, 1) indices, which come last.
@@ -428,9 +438,7 @@ def glb_blocks(
     text += b" " * (-len(text) % 4)
     total = _HEAD.size + 2 * _CHUNK.size + len(text) + offset
     first = _HEAD.pack(MAGIC, 2, total) + _CHUNK.pack(len(text), JSON)
-    yield first + text + _CHUNK.pack(offset, BIN)
-    for values in columns.values():
-        yield np.ascontiguousarray(values, values.dtype.newbyteorder("<")).data
+    return first + text + _CHUNK.pack(offset, BIN)
 
 
 def _columns(there: Gaussians) -> dict[str, FloatArray]:
@@ -448,4 +456,4 @@ def _columns(there: Gaussians) -> dict[str, FloatArray]:
         for k in range(2 * degree + 1):
             name = f"{_EXTENSION}:SH_DEGREE_{degree}_COEF_{k}"
             columns[name] = there.sh[:, degree * degree + k]
-    return {name: np.ascontiguousarray(values, np.float32) for name, values in columns.items()}
+    return {name: np.ascontiguousarray(values, "<f4") for name, values in columns.items()}

@@ -14,6 +14,7 @@ from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.ply import read_ply_stage
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
+from gaga_core.segmentation import regions_kernels as kernels
 from gaga_core.segmentation.regions import RegionsConfig, regions, regions_at
 
 H, W = 120, 160
@@ -289,3 +290,57 @@ def test_ycb_table_reaches_the_bar(with_depth: bool, bar: float, ycb_table: Path
         true = read_labels(ycb_table / "gt" / "instance" / f"{Path(camera.name).stem}.png")
         best += _best_ious(np.where(true == 1, 0, true), labels)
     assert np.mean(best) >= bar
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_pieces_merge_in_the_order_of_their_costs(seed: int) -> None:
+    """Against all pairs, asked again before every merge."""
+    rng = np.random.default_rng(seed)
+    pieces = np.kron(np.arange(30).reshape(5, 6), np.ones((4, 4), np.int64)).astype(np.int32)
+    cues = rng.random((2, *pieces.shape), np.float32)
+    area, color = np.full(30, 16, np.float32), 16 * rng.random((30, 3), np.float32)
+    histogram = rng.integers(0, 9, (30, 4)).astype(np.float32)
+    weights = np.array([0.8, 16.0, 0.4, 0.36, 0.4, 35.0])
+    most = 49 + 49
+    sides, length = np.empty((most, 2), np.int32), np.zeros(most, np.float32)
+    strength, first = np.zeros((most, 2), np.float32), np.full(30, -1, np.int32)
+    ends = np.empty(2 * most, np.int32)
+    n = kernels.add_borders(pieces, cues, sides, length, strength, first, ends)
+    assert n == 5 * 5 + 4 * 6
+    borders = {
+        frozenset(pair): (length[e], strength[e].copy())
+        for e, pair in enumerate(sides[:n].tolist())
+    }
+    joined, (costs, common) = np.empty((29, 2), np.int32), np.zeros((2, 29), np.float32)
+    made = kernels.merge_all(
+        area.copy(),
+        color.copy(),
+        histogram.copy(),
+        sides[:n],
+        length[:n],
+        strength[:n],
+        first,
+        ends[: 2 * n],
+        weights,
+        joined,
+        costs,
+        common,
+    )
+    assert made == 29
+
+    def cost(pair: frozenset[int]) -> float:
+        a, b = sorted(pair)
+        one, of_pair = np.array([borders[pair][0]]), borders[pair][1][None]
+        return kernels.cost_of(a, b, 0, area, color, histogram, one, of_pair, weights, 480.0)
+
+    for step, (a, b) in enumerate(joined.tolist()):
+        cheapest = min(borders, key=cost)
+        assert {a, b} == cheapest
+        assert costs[step] == pytest.approx(cost(cheapest), rel=1e-4)
+        assert common[step] == borders.pop(cheapest)[0]
+        for values in (area, color, histogram):
+            values[a] += values[b]
+        for pair in [pair for pair in borders if b in pair]:
+            gone, into = borders.pop(pair), pair - {b} | {a}
+            known = borders.get(into, (0, np.zeros(2, np.float32)))
+            borders[into] = known[0] + gone[0], known[1] + gone[1]

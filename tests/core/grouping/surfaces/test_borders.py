@@ -7,8 +7,21 @@ import pytest
 from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import DoubleArray, LongArray
-from gaga_core.grouping.surfaces.borders import FEATURES, Agreement, Moments, Seen, borders_of
-from gaga_core.grouping.surfaces.surfels import N_LEVELS, Neighbourhood, Surfels, small_pieces
+from gaga_core.grouping.surfaces.borders import (
+    FEATURES,
+    Agreement,
+    Moments,
+    Seen,
+    Shown,
+    borders_of,
+)
+from gaga_core.grouping.surfaces.surfels import (
+    N_LEVELS,
+    Neighbourhood,
+    Surfels,
+    apart,
+    small_pieces,
+)
 from gaga_core.grouping.surfaces.surfels_kernels import normals_at
 
 _LENS = np.array([100.0, 110.0, 30.0, 20.0])
@@ -139,7 +152,7 @@ def test_a_piece_that_regions_miss_is_judged_with_its_cluster() -> None:
 
     def share(cluster: LongArray) -> float:
         """Of the views that show both of two pieces across the border, that show them as one."""
-        found = Agreement.of(surfels, near, piece, cluster)
+        found = Agreement.of(Shown.of(surfels, piece), near, piece, cluster)
         across = sides[found.first] != sides[found.second]
         return float((found.same[across] / found.voice[across]).mean())
 
@@ -161,3 +174,16 @@ def test_moments_of_a_set_are_those_of_its_samples(seed: int) -> None:
         np.testing.assert_allclose(found.axes()[0][k], wanted, rtol=1e-6)
     pair = parts.taken(np.array([2])).plus(parts.taken(np.array([8])))
     np.testing.assert_allclose(pair.covariance()[0], found.covariance()[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_samples_stay_that_none_before_them_is_near(seed: int) -> None:
+    """Against all pairs; reaches of seven octaves, more than there are grids for fifteen."""
+    rng = np.random.default_rng(seed)
+    points, reach = rng.normal(size=(600, 3)), 2.0 ** rng.uniform(-8, (-1, 7, 0)[seed], 600)
+    near = np.linalg.norm(points[:, None] - points, axis=2) < reach[:, None]
+    wanted = np.zeros(600, np.bool_)
+    for i in np.argsort(reach, kind="stable"):
+        wanted[i] = not near[i, wanted].any()
+    np.testing.assert_array_equal(apart(points, reach), wanted)
+    assert 0 < wanted.sum() < 600
