@@ -5,15 +5,18 @@ window with 5,000 groups. What a version lacks is left out. Without the variable
 measured, and what was recorded stays.
 """
 
+import os
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 from tests.bench import bench_many_groups
 from tests.bench.before import Costs, call_worker, checkouts, in_turns, run_worker, version
 from tests.bench.figures import Figure
+from tests.display import xvfb
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,12 @@ def _lod(where: Path) -> Costs:
         return run_worker("tests.bench.lod_worker", arguments, where)
 
 
+def _window(where: Path) -> Costs:
+    with tempfile.TemporaryDirectory() as home, xvfb(), patch.dict(os.environ, GAGA_HOME=home):
+        call_worker("tests.bench.window_worker", [home])  # writes the scene
+        return run_worker("tests.bench.window_worker", [home], where)
+
+
 _COST = (("time", "cpu_s"), ("peak memory", "peak_mib"))
 _FOUND = (("precision", "precision"), ("recall", "recall"))
 _COMPARED = (
@@ -81,6 +90,15 @@ _COMPARED = (
         (("time", "joining_s"), ("time of all at once", "whole_s")),
         (("IoU in percent", "joined"), ("IoU in percent of all at once", "whole")),
         needs="gaga_core/grouping/add_views.py",
+    ),
+    _Compared(
+        "window, 200k splats",
+        _window,
+        (
+            ("CPU to the first picture", "start_s"),
+            ("CPU of a frame at rest", "rest_ms"),
+            ("CPU of a frame in motion", "motion_ms"),
+        ),
     ),
     _Compared(
         "window with 5,000 groups",

@@ -483,6 +483,23 @@ def _every_form_is_whole(d: Driver) -> None:
     d.keys(KEY.escape)
 
 
+def test_all_ways_to_begin_are_in_reach(display: str) -> None:
+    """Large text in a small window showed one and a half of four."""
+
+    def walk(d: Driver) -> None:
+        for choice in ("Start from photos or a film", "Try the demo"):
+            card = d.engine.item_info(f"//Viewport/{choice}")
+            assert card.rect_clipped.max.y == card.rect_full.max.y, choice
+        (tab,) = [t for t in _tabs(d) if t.window.name == "Objects"]
+        assert tab.width >= tab.content_width
+
+    drive(walk, size=(800, 500), settings=Settings(ui_scale=2.0))
+
+
+def _tabs(d: Driver) -> list[Any]:
+    return list(d.engine.get_window_by_ref("//Objects").dock_node.tab_bar.tabs)
+
+
 def test_a_submenu_does_not_cover_its_menu(display: str, grouped_copy: Path) -> None:
     """Large text in a small window leaves room on neither side of it."""
 
