@@ -212,13 +212,16 @@ def submenu(label: str, entries: Iterable[str], *, enabled: bool = True) -> Iter
         return
     flags = imgui.TreeNodeFlags_.span_avail_width | imgui.TreeNodeFlags_.no_tree_push_on_open
     imgui.begin_disabled(not enabled)
-    is_open = imgui.tree_node_ex(label, flags)
+    is_open = imgui.tree_node_ex(label.partition("  ")[2] or label, flags)  # an arrow for the icon
     imgui.end_disabled()
     yield is_open
 
 
-def section(label: str) -> bool:
-    """The heading of a section that opens and closes; whether it is open."""
+def section(label: str, was_open: bool | None = None) -> bool:
+    """The heading of a section that opens and closes; whether it is open.
+
+    ``was_open``: in the frame before, where the window does not keep it.
+    """
     imgui.dummy(ImVec2(0, em(0.1)))
     imgui.separator()
     imgui.push_style_color(imgui.Col_.header, theme.CLEAR)
@@ -228,6 +231,8 @@ def section(label: str) -> bool:
     pad = ImVec2(imgui.get_style().window_padding.x / 2, imgui.get_style().frame_padding.y)
     imgui.push_style_var(imgui.StyleVar_.frame_padding, pad)
     imgui.push_style_var(imgui.StyleVar_.frame_border_size, 0.0)
+    if was_open is not None:
+        imgui.set_next_item_open(was_open)
     with theme.face(strong=True, scale=0.93), theme.text_color(theme.DIM):
         opened = imgui.collapsing_header(label)
     low = imgui.get_item_rect_min().y - imgui.get_window_pos().y

@@ -362,8 +362,7 @@ def _fields(
     if chosen != config.quality:
         plan = reconstruction.plan_with(plan, "quality", chosen)
     widgets.dim(next(text for name, _, text in _QUALITIES if name == chosen), wrap=True)
-    imgui.set_next_item_open(held.shows_more)
-    held.shows_more = widgets.section("More")
+    held.shows_more = widgets.section("More", held.shows_more)
     if not held.shows_more:
         return plan
     settings = plan.config.train()
