@@ -7,6 +7,7 @@ OpenGL included; the first run writes the scene into FOLDER, and prints nothing 
 import json
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 from tests.app.window.driver import Driver, drive
@@ -30,7 +31,7 @@ def measure(scene: Path) -> dict[str, float]:
             for i in range(_FRAMES):
                 if moves:
                     camera = cameras[i % len(cameras)]
-                    d.on_main(lambda c=camera: d.session.rig.go_to(c, animated=False))
+                    d.on_main(partial(d.session.rig.go_to, camera, animated=False))
                 d.frames(1)
             costs[name] = 1e3 * (time.process_time() - start) / _FRAMES
 

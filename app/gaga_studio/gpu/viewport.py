@@ -57,13 +57,15 @@ class Slices:
             self._speeds["blend"] *= min(1.0, self._pixels / n_pixels)
         self._pixels = n_pixels
 
-    def frame(self, seconds: float) -> None:
+    def frame(self, seconds: float, *, is_draft: bool = False) -> None:
         """Start a frame that may draw for ``seconds``, 0 = as long as it takes.
 
-        As long as all else since the last one took, if that is longer.
+        As long as all else since the last one took, if that is longer; not while something moves,
+        when a draft is drawn.
         """
         now = self.clock()
-        self._frame_s = max(seconds, min(now - self._left_at, _MOST_TIMES * seconds))
+        most = seconds if is_draft else _MOST_TIMES * seconds
+        self._frame_s = max(seconds, min(now - self._left_at, most))
         self._until = now + self._frame_s
 
     def size(self, kind: str) -> int:
@@ -340,7 +342,7 @@ class Viewport:
         parts, slices = self._parts, self.slices
         assert parts is not None
         start = slices.clock()
-        slices.frame(frame_s)
+        slices.frame(frame_s, is_draft=self._is_draft)
         is_done = False
         with drawing(self._ctx):
             while not is_done:
