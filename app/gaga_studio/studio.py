@@ -453,6 +453,7 @@ class Studio:
         step = max(max(pixels.shape[:2]) // _PICTURE_SIDE, 1)
         try:
             write_rgb(file, pixels[::step, ::step])
+            paths.forget_pictures(recent)
         except GagaError as error:  # the list shows a sign instead
             _LOG.warning("recent: %s", error)
         if self.images is not None:

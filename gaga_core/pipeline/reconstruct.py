@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
@@ -278,8 +279,9 @@ class Estimate:
     """How far a reconstruction is, and how long it still takes: one estimate for all its steps.
 
     Each step is expected to take what it took here before, for this number of photos, pairs, and
-    pixels; the longer it runs the more counts how long it takes now, and what is to come is
-    expected to be off by as much as what was done. The share never goes back.
+    pixels; the longer it runs the more counts how long it takes now, by its later half: a machine
+    that gets busy makes all slower that is left. What is to come is expected to be off by as much
+    as what was done. The share never goes back.
     """
 
     def __init__(
@@ -297,6 +299,7 @@ class Estimate:
         self._began: dict[str, tuple[float, float]] = {}  # seconds and share at its first word
         self._took: dict[str, float] = {}  # seconds
         self._now, self._part = "", 0.0  # the step that runs, and how far it is
+        self._words: deque[tuple[float, float]] = deque()  # seconds and shares of its later half
         self._share = 0.0
 
     def follow(self, step: Progress) -> tuple[float, float]:
@@ -309,7 +312,11 @@ class Estimate:
             if step.stage != self._now:
                 self._end_step(at)
                 self._now = step.stage
-            self._began.setdefault(step.stage, (at, share))
+                self._words.clear()
+            _, first = self._began.setdefault(step.stage, (at, share))
+            self._words.append((at, share))
+            while len(self._words) > 1 and self._words[1][1] <= (first + share) / 2:
+                self._words.popleft()
             self._part = share
         elif self._now and self._now != TRAINS and step.total > 0:
             self._end_step(at)  # something between two steps
@@ -341,11 +348,13 @@ class Estimate:
         took, expected = sum(self._took.values()), sum(self._expected[s] for s in self._took)
         left = 0.0
         if self._now:
-            began, first = self._began[self._now]
+            (began, first), (since, before) = self._began[self._now], self._words[0]
             part = (share - first) / max(1 - first, 1e-9)
-            trust, usual = min(part / _TRUSTED, 1.0), self._expected[self._now]
+            usual = self._expected[self._now]
+            trust = min(part / _TRUSTED, 1.0) if share > before else 0.0
             guess = max(usual * self._off(took, expected), at - began)
-            whole = trust * ((at - began) / part if part > 0 else 0.0) + (1 - trust) * guess
+            rate = (at - since) / (share - before) if share > before else 0.0
+            whole = trust * rate * (1 - first) + (1 - trust) * guess
             left = whole * (1 - part)
             took, expected = took + part * whole, expected + part * usual
         ahead = sum(n for step, n in self._expected.items() if step not in self._began)

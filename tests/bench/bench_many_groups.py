@@ -51,21 +51,21 @@ def _run(n_groups: int) -> Costs:
         return run_worker("tests.bench.bench_many_groups", [str(n_groups)])
 
 
-def write_scene(root: Path, n_groups: int) -> None:
+def write_scene(root: Path, n_groups: int, n_splats: int = _SPLATS) -> None:
     """A scene folder with so many groups on a square, seen by `_VIEWS` views each."""
     rng = np.random.default_rng(0)
-    labels = np.arange(_SPLATS, dtype=np.int32) * n_groups // _SPLATS + 1
+    labels = np.arange(n_splats, dtype=np.int32) * n_groups // n_splats + 1
     side = int(np.ceil(np.sqrt(n_groups)))
     place = np.stack(np.divmod(np.arange(n_groups), side), axis=1) * (2.4 / side) - 1.2
-    means = np.zeros((_SPLATS, 3), np.float32)
-    means[:, :2] = place[labels - 1] + rng.uniform(0, 1.6 / side, (_SPLATS, 2))
-    means[:, 2] = rng.uniform(0, 0.05, _SPLATS)
+    means = np.zeros((n_splats, 3), np.float32)
+    means[:, :2] = place[labels - 1] + rng.uniform(0, 1.6 / side, (n_splats, 2))
+    means[:, 2] = rng.uniform(0, 0.05, n_splats)
     gaussians = Gaussians(
         means=means,
-        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (_SPLATS, 1)),
-        log_scales=np.full((_SPLATS, 3), -5, np.float32),
-        logit_opacities=np.full(_SPLATS, 2, np.float32),
-        sh=rng.normal(0, 1, (_SPLATS, 1, 3)).astype(np.float32),
+        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (n_splats, 1)),
+        log_scales=np.full((n_splats, 3), -5, np.float32),
+        logit_opacities=np.full(n_splats, 2, np.float32),
+        sh=rng.normal(0, 1, (n_splats, 1, 3)).astype(np.float32),
     )
     cameras = orbit_cameras(_VIEWS, width=160, height=120, radius=2.2)
     (root / "sparse" / "0").mkdir(parents=True)
@@ -74,7 +74,10 @@ def write_scene(root: Path, n_groups: int) -> None:
     for camera in cameras:
         write_rgb(root / "images" / camera.name, np.zeros((120, 160, 3), np.float32))
     write_colmap(
-        root / "sparse" / "0", cameras, means[::50].astype(float), np.zeros((2000, 3), np.uint8)
+        root / "sparse" / "0",
+        cameras,
+        means[::50].astype(float),
+        np.zeros((n_splats // 50, 3), np.uint8),
     )
     write_ply(root / "point_cloud.ply", gaussians)
     log = [
@@ -83,7 +86,7 @@ def write_scene(root: Path, n_groups: int) -> None:
         for g in range(1, n_groups + 1)
     ]
     save_bank(root / "gaga" / "bank.npz", MemoryBank(labels, n_groups, tuple(log), preset="robust"))
-    confidence = np.ones(_SPLATS, np.float32)
+    confidence = np.ones(n_splats, np.float32)
     np.savez_compressed(root / "gaga" / "labels.npz", labels=labels, confidence=confidence)
 
 

@@ -53,6 +53,7 @@ from gaga_studio.features.base import (
     not_saveable,
 )
 from gaga_studio.features.find.search import SearchState
+from gaga_studio.features.reconstruction import KnownRates
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
@@ -332,29 +333,30 @@ def export_stage(
 _PICTURE_S, _PICTURE_S_CARD = 0.35, 0.03  # seconds for a million pixels
 
 
-@dataclass
-class FilmRate:
-    """How long the pictures of the films of this document took."""
-
-    seconds: float = 0.0  # for a million pixels; 0 = none was written
-
-
 def film_seconds(session: Session, n_pictures: int, n_pixels: int) -> float:
-    """About how long a film of pictures of ``n_pixels`` takes, as the last one did."""
+    """About how long a film of pictures of ``n_pixels`` takes, as the last one here did."""
+    name, seconds = _film_rate(session)
+    off = session.feature(KnownRates).rates.get(name, 1.0)
+    return off * seconds * n_pictures * n_pixels / 1e6
+
+
+def _film_rate(session: Session) -> tuple[str, float]:
+    """Name of the rate that is kept; seconds for a million pixels, of which it is a factor."""
     requests = session.render_requests
     is_fast = requests is not None and requests.is_fast
-    rate = session.need().feature(FilmRate).seconds
-    return (rate or (_PICTURE_S_CARD if is_fast else _PICTURE_S)) * n_pictures * n_pixels / 1e6
+    return ("Film, graphics card", _PICTURE_S_CARD) if is_fast else ("Film", _PICTURE_S)
 
 
 def _timed(session: Session, stage: Stage[Path], n_pixels: int) -> Stage[Path]:
     """``stage`` of a film, whose time is kept for the next estimate."""
-    rate, start, n = session.need().feature(FilmRate), time.monotonic(), 1
+    (name, usual), start, n = _film_rate(session), time.monotonic(), 1
     while True:
         try:
             progress = next(stage)
         except StopIteration as end:
-            rate.seconds = (time.monotonic() - start) / n / n_pixels * 1e6
+            seconds = (time.monotonic() - start) / n / n_pixels * 1e6
+            known = session.feature(KnownRates)
+            known.keep(known.rates | {name: seconds / usual})
             return cast(Path, end.value)
         n = max(n, progress.total)
         yield progress

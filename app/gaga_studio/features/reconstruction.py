@@ -289,8 +289,11 @@ class KnownRates:
     def keep(self, rates: dict[str, float]) -> None:
         """Keep what was measured for the next run."""
         self.rates = rates
-        with atomic_write(paths.home() / _RATES) as temporary:
-            temporary.write_text(json.dumps(rates, indent=1) + "\n", encoding="utf-8")
+        try:
+            with atomic_write(paths.home() / _RATES) as temporary:
+                temporary.write_text(json.dumps(rates, indent=1) + "\n", encoding="utf-8")
+        except (GagaError, OSError) as error:  # what was made is there all the same
+            _LOG.warning("rates: %s", error)
 
 
 def seconds_of(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -> float:

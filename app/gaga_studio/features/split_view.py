@@ -247,6 +247,15 @@ def scene_of_version(session: Session) -> Scene | None:
     return document.read.once("version", key, lambda: _scene_at(history, at))
 
 
+def name_of_version(session: Session) -> str:
+    """The last edit of the state that is compared, as the history calls it; "" when it is gone."""
+    document, version = session.document, session.view.version
+    if document is None or version not in document.history.state_ids:
+        return ""
+    at = document.history.state_ids.index(version)
+    return f"After {document.history.entries()[at - 1].title}" if at else "As opened"
+
+
 def _scene_at(history: History, cursor: int) -> Scene:
     """A copy of the scene with ``cursor`` entries done; columns that are the same are shared."""
     trial = replace(history.base, revision=Revision())

@@ -27,6 +27,9 @@ _FIRST = 4096  # splats of the first part: what a splat costs is not known yet
 _MOST_GROWTH = 2.0  # from one part to the next: near splats, drawn last, cost more
 _LEAST = 128
 _CAUTION = 0.5  # of the time that is left: the next part may be slower than the last
+# Times the seconds of a frame that it gets where its panels take as long: on a busy machine they
+# take a second, and a picture of three seconds in parts of 40 ms would be whole after a minute.
+_MOST_TIMES = 8.0
 
 
 @dataclass
@@ -44,19 +47,26 @@ class Slices:
     _spent: float = 0.0  # on this picture so far
     _until: float = 0.0
     _frame_s: float = 0.0  # 0 = all at once
+    _left_at: float = 0.0  # when the last frame of this picture ended
     _part: tuple[str, int, float] | None = None  # kind, splats, start of the part under way
 
     def begin(self, n_pixels: int) -> None:
         """Start another picture; splats cost more where it has more pixels than the last."""
-        self._spent, self._part = 0.0, None
+        self._spent, self._part, self._left_at = 0.0, None, self.clock()
         if "blend" in self._speeds:
             self._speeds["blend"] *= min(1.0, self._pixels / n_pixels)
         self._pixels = n_pixels
 
-    def frame(self, seconds: float) -> None:
-        """Start a frame that may draw for ``seconds``, 0 = as long as it takes."""
-        self._frame_s = seconds
-        self._until = self.clock() + seconds
+    def frame(self, seconds: float, *, is_draft: bool = False) -> None:
+        """Start a frame that may draw for ``seconds``, 0 = as long as it takes.
+
+        As long as all else since the last one took, if that is longer; not while something moves,
+        when a draft is drawn.
+        """
+        now = self.clock()
+        most = seconds if is_draft else _MOST_TIMES * seconds
+        self._frame_s = max(seconds, min(now - self._left_at, most))
+        self._until = now + self._frame_s
 
     def size(self, kind: str) -> int:
         """Splats of the next part; 0 = all that are left."""
@@ -82,7 +92,8 @@ class Slices:
 
     def leave(self, start: float, *, is_done: bool) -> None:
         """End the frame that began to draw at ``start``."""
-        self._spent += self.clock() - start
+        self._left_at = self.clock()
+        self._spent += self._left_at - start
         if is_done:
             self.seconds = self._spent
 
@@ -331,7 +342,7 @@ class Viewport:
         parts, slices = self._parts, self.slices
         assert parts is not None
         start = slices.clock()
-        slices.frame(frame_s)
+        slices.frame(frame_s, is_draft=self._is_draft)
         is_done = False
         with drawing(self._ctx):
             while not is_done:

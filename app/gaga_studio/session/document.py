@@ -211,10 +211,12 @@ class Document:
         self._keep_focus()
 
     def _keep_focus(self) -> None:
-        """Keep the focused group inside the selection."""
+        """Keep the focused group inside the selection: the one with most of what is selected."""
         groups = self.read.selected_groups()
         if groups and self.focus not in groups:
-            self.focus = groups[0]
+            labels = self.scene.labels[self.read.selected_indices()]
+            ids, counts = np.unique(labels[labels > 0], return_counts=True)
+            self.focus = int(ids[counts.argmax()])
 
     @property
     def cameras(self) -> tuple[Camera, ...]:

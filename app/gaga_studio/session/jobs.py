@@ -38,6 +38,7 @@ class Job:
     fraction: float  # 0..1; -1 while unknown
     eta_s: float | None  # seconds left; None while unknown
     is_cancelling: bool
+    is_of_step: bool = False  # the share is of one of several steps, and begins again with the next
 
 
 class JobRunner:
@@ -279,13 +280,15 @@ class _Delivery(Generic[T]):
         self._value: T | None = None
         self._payload: object = None
         self.latest: Progress | None = None
-        self._begun: dict[str, tuple[float, float]] = {}  # time and share of each step's first word
+        # Times and shares of each step: its words since half of what it has done by now.
+        self._words: dict[str, deque[tuple[float, float]]] = {}
+        self._begun: dict[str, float] = {}  # share of each step's first word
 
     def seconds_left(self) -> float | None:
         """Estimate of the time left in the present step; None while it is not known.
 
-        Counts from where the step began: what a resumed training had behind it took no time now,
-        and what came before took its own.
+        Goes on at the rate of the later half of what was done: a first word that waited for
+        kernels, what a resumed training had behind it and the steps before say nothing.
         """
         latest = self.latest
         if latest is None or latest.total <= 0:
@@ -293,11 +296,18 @@ class _Delivery(Generic[T]):
         if latest.left_s is not None:
             return latest.left_s
         share = min(latest.done / latest.total, 1.0)
-        begun_at, begun_share = self._begun.get(latest.stage, (0.0, share))
-        done, left = share - begun_share, 1 - share
-        if done < _LEAST_FOR_ETA * (1 - begun_share) or done <= 0:
+        words = self._words.get(latest.stage)
+        if words is None:
             return None
-        return (time.monotonic() - begun_at) * left / done
+        begun, (since, before) = self._begun[latest.stage], words[0]
+        if share <= before or share - begun < _LEAST_FOR_ETA * (1 - begun):
+            return None
+        return (time.monotonic() - since) * (1 - share) / (share - before)
+
+    @property
+    def is_of_step(self) -> bool:
+        """Whether the share is that of one step of several."""
+        return len(self._words) > 1 and self.latest is not None and self.latest.left_s is None
 
     def step(self) -> bool:
         """One step of the stage, in the worker; False at its end."""
@@ -308,8 +318,13 @@ class _Delivery(Generic[T]):
             return False
         if progress.payload is not None:
             self._payload = progress.payload
-        if progress.stage not in self._begun and progress.total > 0:
-            self._begun[progress.stage] = (time.monotonic(), progress.done / progress.total)
+        if progress.total > 0:
+            share = progress.done / progress.total
+            half = (self._begun.setdefault(progress.stage, share) + share) / 2
+            words = self._words.setdefault(progress.stage, deque())
+            words.append((time.monotonic(), share))
+            while len(words) > 1 and words[1][1] <= half:
+                words.popleft()
         self.latest = progress
         return True
 
@@ -384,4 +399,5 @@ class _Worker(threading.Thread):
             fraction,
             self.delivery.seconds_left(),
             self.is_cancelling,
+            self.delivery.is_of_step,
         )

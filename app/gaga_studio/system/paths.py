@@ -7,6 +7,8 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
+from contextlib import suppress
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
@@ -34,6 +36,15 @@ def picture_of(opened: str) -> Path:
     """Where the small picture of what was open lately is kept; ``opened``: its path."""
     name = hashlib.sha256(opened.encode("utf-8", "surrogateescape")).hexdigest()[:16]
     return home() / "recent" / f"{name}.jpg"
+
+
+def forget_pictures(kept: Iterable[str]) -> None:
+    """Remove the small pictures of all that is not in ``kept``, the paths that the list has."""
+    names = {picture_of(opened).name for opened in kept}
+    for file in (home() / "recent").glob("*.jpg"):
+        if file.name not in names:
+            with suppress(OSError):  # it is tried again with the next one
+                file.unlink()
 
 
 def exports() -> Path:

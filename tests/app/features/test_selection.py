@@ -54,6 +54,16 @@ def test_the_color_of_the_selection_finds_it_again(selected: Session) -> None:
     assert np.abs(shown_colors(_scene(selected))[found] - rgb).max() <= 0.3 + 1e-6
 
 
+def test_panels_show_the_object_that_most_of_the_selection_is_of(associated: Session) -> None:
+    """A click takes a few splats of what stands next to the object."""
+    document, labels = associated.need(), _scene(associated).labels
+    few, most = np.flatnonzero(labels == 1)[:5], np.flatnonzero(labels == 3)
+    document.focus = 0
+    document.select(np.sort(np.concatenate([few, most])), "set", "Click an object")
+    assert associated.selected_groups() == (1, 3)
+    assert associated.focus == 3
+
+
 def test_a_crop_keeps_the_box_and_undo_brings_the_rest_back(selected: Session) -> None:
     box = selected.need().selected_box()
     assert box is not None

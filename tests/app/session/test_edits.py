@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from gaga_core.io.splats.ply import read_ply
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.tint import mean_color
 from gaga_studio.features import export, objects, selection, transform
@@ -26,6 +28,17 @@ _W, _H = 320, 240
 
 
 # --- picking
+
+
+def test_a_swatch_has_the_color_that_is_seen(session: Session) -> None:
+    """Small splats inside of a thing do not darken it, and faint ones count little."""
+    made, rows = scene_of(session).gaussians, np.arange(40)
+    scales, logits, sh = (np.zeros_like(a[:40]) for a in (
+        made.log_scales, made.logit_opacities, made.sh
+    ))  # fmt: skip
+    scales[1:20], logits[0], logits[20:], sh[0] = -4, 4, -9, 1.0
+    seen = Scene.of(replace(made.take(rows), log_scales=scales, logit_opacities=logits, sh=sh))
+    assert np.abs(mean_color(seen, rows) - mean_color(seen, rows[:1])).max() < 0.02
 
 
 def test_a_click_takes_the_group_of_greatest_weight(associated: Session) -> None:

@@ -163,6 +163,37 @@ def test_rate_gives_the_time_that_is_left() -> None:
     assert runner.wait()
 
 
+def test_a_first_word_that_waited_does_not_spoil_the_time_left() -> None:
+    """Kernels are compiled in the first view of many: minutes for one, then none."""
+    runner, _ = _runner()
+    steps = [threading.Event() for _ in range(2)]
+
+    def stage() -> Stage[None]:
+        yield Progress("Look", 0, 100)
+        time.sleep(0.5)
+        for done in range(1, 21):
+            yield Progress("Look", done, 100, f"{done}")
+        steps[0].wait(5)
+        yield Progress("Fill", 0, 10)
+        steps[1].wait(5)
+
+    def until(message: str, stage: str) -> Job:
+        while (job := runner.running) is not None and (job.stage, job.message) != (stage, message):
+            time.sleep(0.002)
+        assert job is not None
+        return job
+
+    runner.start("Work", stage())
+    job = until("20", "Look")
+    assert job.eta_s is not None
+    assert job.eta_s < 0.5, "80 more at the rate of the last ten, not 2 s"
+    assert not job.is_of_step
+    steps[0].set()
+    assert until("", "Fill").is_of_step, "a share that begins again is said to be of a step"
+    steps[1].set()
+    assert runner.wait()
+
+
 def test_a_quiet_job_runs_in_parallel_and_stops_none() -> None:
     runner, said = _runner()
     go = threading.Event()

@@ -9,6 +9,7 @@ from gaga_core.errors import GagaError
 from gaga_studio.features import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, load_settings, save_settings, settings_file
+from gaga_studio.system import paths
 
 
 @pytest.fixture(autouse=True)
@@ -18,6 +19,15 @@ def _home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_defaults_without_a_file() -> None:
     assert load_settings() == (Settings(), "")
+
+
+def test_pictures_of_what_left_the_list_are_removed() -> None:
+    kept, gone = (paths.picture_of(name) for name in ("/a", "/b"))
+    kept.parent.mkdir(parents=True)
+    for file in (kept, gone):
+        file.write_bytes(b"")
+    paths.forget_pictures(("/a", "/c"))
+    assert list(kept.parent.iterdir()) == [kept]
 
 
 def test_load_gives_what_was_saved() -> None:

@@ -46,6 +46,19 @@ def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path
     assert progress.done == {name for name, _ in STEPS}, "what was done stays done"
 
 
+def test_what_was_selected_when_it_was_saved_was_not_clicked(associated: Session) -> None:
+    selection.select_groups(associated, (1,))
+    progress = FirstSteps()
+    progress.follow(associated)
+    progress.follow(associated)
+    assert "click" not in progress.done
+    selection.select_none(associated)
+    progress.follow(associated)
+    selection.select_groups(associated, (1,))
+    progress.follow(associated)
+    assert "click" in progress.done
+
+
 def test_only_what_was_done_is_ticked_and_photos_count(session: Session, tmp_path: Path) -> None:
     """Making an object, naming it and an export change nothing that is seen."""
     progress = FirstSteps()

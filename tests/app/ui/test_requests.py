@@ -11,6 +11,7 @@ from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.studio import SceneUi, UiState, openers
+from gaga_studio.ui.dialogs.files import start_folder
 from gaga_studio.ui.panels.film_strip import FilmStripState
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -30,6 +31,16 @@ def test_every_request_is_asked_by_a_command_or_the_mouse(session: Session) -> N
             command.run(session)
             asked.add(session.take_request())
     assert asked == set(Request) - _BY_MOUSE - _PANELS
+
+
+def test_no_folder_of_ours_is_proposed(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The demo lies in a hidden folder, where nobody finds a film again."""
+    assert session.project is not None
+    assert session.project.folder is not None
+    root = session.project.folder.root
+    assert start_folder(session) == root
+    monkeypatch.setenv("GAGA_HOME", str(root.parent))
+    assert start_folder(session) == Path.home()
 
 
 def test_another_scene_forgets_what_belonged_to_the_former() -> None:

@@ -11,6 +11,7 @@ from imgui_bundle import ImVec2, glfw_utils
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
+from gaga_studio.features import split_view
 from gaga_studio.features.camera import path_of
 from gaga_studio.session.view import Side, ToolName
 from tests.app.window.driver import KEY, Driver, drive
@@ -93,6 +94,7 @@ def _two_versions_are_compared(d: Driver) -> None:
     d.frames(4)
     d.click("$FOCUSED/###Compare")
     assert d.session.view.sides == (Side.VERSION, Side.PICTURE)
+    assert split_view.name_of_version(d.session) == "As opened"
     assert int(d.scene.has(State.DELETED).sum()) == n_deleted, "nothing was undone"
     with d.looking():
         left = d.studio.left

@@ -389,6 +389,7 @@ def test_snags_of_an_hour_of_use(display: str, grouped_copy: Path, tmp_path: Pat
         _what_is_hidden_comes_back(d)
         _what_is_dark_is_seen(d)
         _names_of_what_was_done(d)
+        _every_form_is_whole(d)
         _notices(d, tmp_path / "notice.png")
         _letters_of_a_folder(d, tmp_path)
         _file_dialog(d, tmp_path)
@@ -470,6 +471,50 @@ def _names_of_what_was_done(d: Driver) -> None:
     d.keys(KEY.escape)
     assert _said(d, "edit.preferences", "Copy of huggingface.co")
     d.keys(KEY.escape)
+
+
+def _every_form_is_whole(d: Driver) -> None:
+    """The last ones were cut at the edge of the sheet."""
+    d.select(3)
+    assert _said(d, "file.export_objects", " in 1 file, ")
+    for name in ("PLY", "Web page"):
+        button = d.engine.item_info(f"//**/###{name}")
+        assert button.rect_clipped.max.x == button.rect_full.max.x, name
+    d.keys(KEY.escape)
+
+
+def test_all_ways_to_begin_are_in_reach(display: str) -> None:
+    """Large text in a small window showed one and a half of four."""
+
+    def walk(d: Driver) -> None:
+        for choice in ("Start from photos or a film", "Try the demo"):
+            card = d.engine.item_info(f"//Viewport/{choice}")
+            assert card.rect_clipped.max.y == card.rect_full.max.y, choice
+        (tab,) = [t for t in _tabs(d) if t.window.name == "Objects"]
+        assert tab.width >= tab.content_width
+
+    drive(walk, size=(800, 500), settings=Settings(ui_scale=2.0))
+
+
+def _tabs(d: Driver) -> list[Any]:
+    return list(d.engine.get_window_by_ref("//Objects").dock_node.tab_bar.tabs)
+
+
+def test_a_submenu_does_not_cover_its_menu(display: str, grouped_copy: Path) -> None:
+    """Large text in a small window leaves room on neither side of it."""
+
+    def walk(d: Driver) -> None:
+        d.engine.set_ref("//##MainMenuBar")
+        d.engine.menu_action(imgui.test_engine.TestAction.hover, "View/###Color")
+        d.click("$FOCUSED/###More colors")
+        line = d.engine.item_info("//$FOCUSED/###More colors").rect_full
+        first = d.engine.item_info("//$FOCUSED/###Confidence").rect_full
+        assert first.min.y >= line.max.y
+        d.click("$FOCUSED/###Confidence")
+        assert d.mode() is Mode.CONFIDENCE
+
+    settings = Settings(first_steps_done=True, ui_scale=2.0)
+    drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
 
 
 def _said(d: Driver, command: str, words: str) -> bool:

@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,14 @@ from gaga_core.io.folder.scene_folder import (
 )
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.pipeline.place import WORKSPACE, find_photos, notes_of, placement_of, read_entry
-from gaga_core.pipeline.reconstruct import STEPS, TRAINS, Estimate, PhotoFind, reconstruct_scene
+from gaga_core.pipeline.reconstruct import (
+    STEPS,
+    SURFACES,
+    TRAINS,
+    Estimate,
+    PhotoFind,
+    reconstruct_scene,
+)
 from gaga_core.pipeline.run import missing_stages
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import Progress, run_stage
@@ -257,6 +265,22 @@ def _worst(seen: list[tuple[float, float, float]], since: float = 0.1) -> float:
     off = [max(left / true, true / left) for _, left, true in seen if left > 0 and true > 10]
     n = sum(true > (1 - since) * whole for _, _, true in seen)
     return max(off[n:])
+
+
+def test_a_machine_that_gets_busy_moves_the_time_left() -> None:
+    """Something else takes three quarters of it from two fifths of the training on."""
+    found, clock = PhotoFind(Path("shots"), Path("scene"), 50, (1200, 800), is_placed=True), [0.0]
+    config = ReconstructConfig()
+    spent = partial(config.train().spent, found.n_pixels(config))
+    estimate = Estimate(found, config, {}, lambda: clock[0])
+    estimate.follow(Progress(SURFACES, 1, 1))
+    for k in range(96):
+        part = spent(k / 100)
+        busy = max(part - 0.4, 0.0)
+        clock[0] = 100 * (part + 3 * busy)
+        _, left = estimate.follow(Progress(TRAINS, k, 100))
+        if part > 0.8:
+            assert left == pytest.approx(400 * (1 - part), rel=0.25)
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0, 4.0])

@@ -1,6 +1,6 @@
 """Commands as buttons and menu items: one table decides what is possible and says why not."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from imgui_bundle import ImVec2, imgui
 
@@ -234,10 +234,16 @@ def picture_menus(session: Session) -> None:
 
 def split_menu(session: Session) -> None:
     """The ways to take one object apart, as a submenu."""
-    if imgui.begin_menu(f"{icons.SPLIT}  Split###Split"):
-        for command_id in SPLITS:
-            command_item(session, command_id)
-        imgui.end_menu()
+    command_submenu(session, f"{icons.SPLIT}  Split###Split", SPLITS)
+
+
+def command_submenu(session: Session, label: str, command_ids: Sequence[str]) -> None:
+    """A submenu of commands; "" is a line."""
+    listed = [commands.command(command_id) for command_id in command_ids if command_id]
+    entries = [f"{one.title_now(session)}  {commands.shortcut_of(one, session)}" for one in listed]
+    with widgets.submenu(label, entries) as is_open:
+        if is_open:
+            command_items(session, command_ids)
 
 
 def command_items(session: Session, command_ids: Iterable[str]) -> None:

@@ -106,9 +106,7 @@ def draw(session: Session, state: MenuState, reset_layout: Callable[[], None]) -
 def _submenu_after(session: Session, command_id: str) -> None:
     if command_id in _BY_SUBMENU:
         name, listed = _BY_SUBMENU[command_id]
-        if imgui.begin_menu(f"{icons.BLANK}  {name}###{name}"):
-            command_buttons.command_items(session, listed)
-            imgui.end_menu()
+        command_buttons.command_submenu(session, f"{icons.BLANK}  {name}###{name}", listed)
     elif command_id == "object.separate":
         command_buttons.split_menu(session)
     elif command_id == "camera.add_bookmark":
@@ -124,18 +122,16 @@ def _bookmarks(session: Session) -> None:
         ("Go to bookmark", icons.BOOKMARK, RECALL),
         ("Set bookmark", icons.BLANK, SET),
     ):
-        if imgui.begin_menu(f"{icon}  {name}###{name}"):
-            command_buttons.command_items(session, ids)
-            imgui.end_menu()
+        command_buttons.command_submenu(session, f"{icon}  {name}###{name}", ids)
 
 
 def _recent(session: Session) -> None:
     recent = session.settings.recent
-    if imgui.begin_menu(f"{icons.CLOCK}  Open recent###Open recent", bool(recent)):
-        for name in recent:
+    label = f"{icons.CLOCK}  Open recent###Open recent"
+    with widgets.submenu(label, recent, enabled=bool(recent)) as is_open:
+        for name in recent if is_open else ():
             if imgui.menu_item_simple(theme.visual(name)):
                 session.open(Path(name))
-        imgui.end_menu()
 
 
 def _mask_folders(session: Session) -> None:

@@ -1,7 +1,7 @@
 """The status bar: what a click does now, the running task, and figures of the picture."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from imgui_bundle import ImVec2, imgui
@@ -114,7 +114,9 @@ def _job(session: Session, job: Job, width: float) -> None:
     cancel = em(_CANCEL) if session.jobs.running is not None else 0.0
     words = imgui.calc_text_size(job_text(job)).x
     bar = em(_BAR) if words + cancel + em(_GAPS + _BAR) <= width else em(_SHORT_BAR)
-    text = widgets.elided(job_text(job), width - cancel - bar - em(_GAPS - 0.1))
+    room = width - cancel - bar - em(_GAPS - 0.1)
+    shown = job if words <= room else replace(job, is_of_step=False)  # the time left is read first
+    text = widgets.elided(job_text(shown), room)
     imgui.align_text_to_frame_padding()
     imgui.text_unformatted(text)
     widgets.tooltip(job.message)
@@ -135,12 +137,13 @@ def _job(session: Session, job: Job, width: float) -> None:
 
 
 def job_text(job: Job) -> str:
-    """ "Associate masks 45 %, 12 s left"."""
+    """ "Associate masks 45 %, 12 s left"; the step is named where the share is its own."""
     if job.is_cancelling:
         return f"{job.title}: stopping"
     if job.fraction < 0:
         return job.title
-    text = f"{job.title}  {100 * job.fraction:.0f} %"
+    step = f": {job.stage[:1].lower()}{job.stage[1:]}" if job.is_of_step else ""
+    text = f"{job.title}{step}  {100 * job.fraction:.0f} %"
     if job.eta_s is not None:
         text += f", {duration(job.eta_s)} left"
     return text

@@ -69,7 +69,7 @@ def draw(session: Session, plan: DatasetPlan, files: FilePicker) -> None:
     if answer("Choose a folder…", Face(width=em(10), primary=True), why_not=plan.why_not):
         title, name = "Make labelled data in a folder", f"{stem(session)} data"
         chosen = partial(dataset.start, session, plan)
-        files.ask(new_folder(title, session, name, action="Make"), chosen)
+        files.ask(new_folder(title, session, name, action="Make"), chosen, SHEET)
     imgui.end_popup()
 
 

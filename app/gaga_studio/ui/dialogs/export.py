@@ -258,7 +258,7 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
     if sheet.waits is not None and files.dialog is None:
         sheet.waits = None
         imgui.open_popup(SHEET)
-    if not begin_modal(SHEET, em(38), is_possible=session.document is not None):
+    if not begin_modal(SHEET, em(40.5), is_possible=session.document is not None):
         return
     imgui.begin_child("Choices", ImVec2(0, body_height(em(25.5))))
     _what_and_form(session, sheet)

@@ -29,6 +29,7 @@ from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.modal import answers
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
+from gaga_studio.ui.viewport.training import SHEET as MAKE_SPLATS
 
 _OWN = ("Desktop", "Documents", "Downloads", "Pictures", "Videos")
 _MOUNTS = (Path("/media"), Path("/mnt"), Path("/Volumes"))
@@ -78,12 +79,16 @@ class FilePicker:
     use_native: bool = False
     dialog: FileDialog | None = None
     _then: Callable[[Path], object] | None = None
+    _back: str = ""
 
-    def ask(self, dialog: FileDialog, then: Callable[[Path], object]) -> None:
-        """Show ``dialog``; ``then`` gets the path. Nothing happens while another one is open."""
+    def ask(self, dialog: FileDialog, then: Callable[[Path], object], back: str = "") -> None:
+        """Show ``dialog``; ``then`` gets the path, and without one the sheet ``back`` comes back.
+
+        Nothing happens while another one is open.
+        """
         if self.dialog is None:
             dialog.use_native = self.use_native
-            self.dialog, self._then = dialog, then
+            self.dialog, self._then, self._back = dialog, then, back
 
     def draw(self) -> None:
         """Show the open dialog and pass its answer on."""
@@ -91,10 +96,12 @@ class FilePicker:
             return
         draw(self.dialog)
         if self.dialog.is_done:
-            path, then = self.dialog.result, self._then
+            path, then, back = self.dialog.result, self._then, self._back
             self.dialog = self._then = None
             if path is not None and then is not None:
                 then(path)
+            elif back:
+                imgui.open_popup(back)
 
 
 def has_native() -> bool:
@@ -402,6 +409,7 @@ class _Asked:
     action: str = "Open"
     ending: str = ""  # of the proposed name, after that of the scene
     needs_scene: bool = True
+    back: str = ""  # sheet that comes back when nothing was chosen
 
 
 _ASKED = {
@@ -428,6 +436,7 @@ _ASKED = {
         reconstruction.choose_masks,
         action="Use",
         needs_scene=False,
+        back=MAKE_SPLATS,
     ),
     Request.INPAINTING_MODEL: _Asked(
         "Choose an inpainting model",
@@ -497,7 +506,7 @@ def _ask(picker: FilePicker, asked: _Asked, session: Session) -> None:
     name = f"{stem(session)}{asked.ending}" if asked.ending else ""
     start = start_folder(session)
     dialog = FileDialog(asked.title, asked.kind, start, name, asked.suffixes, action=asked.action)
-    picker.ask(dialog, partial(asked.then, session))
+    picker.ask(dialog, partial(asked.then, session), asked.back)
 
 
 def start_folder(session: Session) -> Path:

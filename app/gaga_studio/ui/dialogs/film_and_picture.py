@@ -97,7 +97,7 @@ def draw(session: Session, choices: FilmChoices, files: FilePicker) -> None:
     if begin_modal(FILM, em(36)):
         if _film(session, choices):
             dialog = writing("Save the film", session, f"{stem(session)}.mp4", (".mp4", ".webm"))
-            files.ask(dialog, lambda path: _export_film(session, path, choices))
+            files.ask(dialog, lambda path: _export_film(session, path, choices), FILM)
         imgui.end_popup()
     if begin_modal(PICTURE, em(36)):
         if _picture(session, choices):
@@ -105,7 +105,7 @@ def draw(session: Session, choices: FilmChoices, files: FilePicker) -> None:
             dialog = writing("Save the picture", session, name, (".png", ".jpg"))
             size, clear = (choices.width, choices.height), choices.transparent
             save = partial(export.save_picture, size=size, transparent=clear)
-            files.ask(dialog, lambda path: save(session, path))
+            files.ask(dialog, lambda path: save(session, path), PICTURE)
         imgui.end_popup()
 
 

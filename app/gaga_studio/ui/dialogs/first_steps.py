@@ -22,7 +22,7 @@ STEPS = (
     ("export", "Export what you made"),
 )
 _TRAIN = ("train", "Make splats of the photos")  # the second step, where photos were opened
-_WIDTH, _LINE, _GAP = 14.6, 1.55, 0.7  # ems
+_WIDTH, _LINE, _GAP = 17.0, 1.55, 0.7  # ems
 _HIGH = 1.9 + len(STEPS) * _LINE + 1.2  # title, steps, padding
 
 
@@ -35,6 +35,7 @@ class FirstSteps:
     _document: int = 0
     _state: int = -1  # of the history when it was last looked at
     _look: object = None  # of the scene when an object was first clicked
+    _selected: tuple[int, ...] = ()  # objects, as the scene was opened: nobody clicked them
 
     @property
     def steps(self) -> tuple[tuple[str, str], ...]:
@@ -55,10 +56,13 @@ class FirstSteps:
             if self._document and not self.next:  # it is not shown over the next scene
                 session.change_settings(replace(session.settings, first_steps_done=True))
             self._document, self._state, self._look = id(document), -1, look_of(document.scene)
+            self._selected = session.selected_groups()
         self.done |= {"open", "train"} if self.has_photos else {"open"}
         if document.read.has_groups():
             self.done.add("find")
-        if "find" in self.done and session.selected_groups():
+        selected = session.selected_groups()
+        self._selected = self._selected if selected else ()
+        if "find" in self.done and selected != self._selected:
             self.done.add("click")
         if document.history.state_id == self._state or "change" in self.done:
             return

@@ -81,7 +81,7 @@ def draw_make_masks(session: Session, dialog: MaskDialog, files: FilePicker) -> 
         if _export(dialog):
             title, name = "Export masks into a folder", f"{stem(session)} masks"
             chosen = partial(masks.export, session, dialog.form)
-            files.ask(new_folder(title, session, name), chosen)
+            files.ask(new_folder(title, session, name), chosen, EXPORT)
         imgui.end_popup()
 
 

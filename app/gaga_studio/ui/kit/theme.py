@@ -376,7 +376,7 @@ def apply_style() -> None:
     style.popup_border_size = 1
     style.frame_border_size = 0
     style.tab_border_size = 0
-    style.tab_min_width_shrink = 36  # short titles are better than tabs that scroll away
+    style.tab_min_width_shrink = 72  # "Objects" whole: a first letter alone tells nothing
     style.tab_bar_border_size = 0
     style.tab_bar_overline_size = 0
     style.docking_separator_size = 2

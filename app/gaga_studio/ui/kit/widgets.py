@@ -1,6 +1,6 @@
 """Small pieces that every panel uses: buttons that say why they are off, rows, empty states."""
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
@@ -194,8 +194,34 @@ def heading(text: str) -> None:
         imgui.text_unformatted(text)
 
 
-def section(label: str) -> bool:
-    """The heading of a section that opens and closes; whether it is open."""
+@contextmanager
+def submenu(label: str, entries: Iterable[str], *, enabled: bool = True) -> Iterator[bool]:
+    """A menu next to its line in a menu; whether it is open. ``entries``: its words and keys.
+
+    Where neither side has room for them it unfolds below its line: it would cover the menu.
+    """
+    pad = imgui.get_style().window_padding.x
+    needed = max((imgui.calc_text_size(words).x for words in entries), default=0.0) + em(6)
+    left, screen = imgui.get_window_pos().x, imgui.get_main_viewport()
+    right = screen.pos.x + screen.size.x - left - imgui.get_window_width()
+    if needed <= max(left - screen.pos.x, right) + pad:
+        is_open = imgui.begin_menu(label, enabled)
+        yield is_open
+        if is_open:
+            imgui.end_menu()
+        return
+    flags = imgui.TreeNodeFlags_.span_avail_width | imgui.TreeNodeFlags_.no_tree_push_on_open
+    imgui.begin_disabled(not enabled)
+    is_open = imgui.tree_node_ex(label.partition("  ")[2] or label, flags)  # an arrow for the icon
+    imgui.end_disabled()
+    yield is_open
+
+
+def section(label: str, was_open: bool | None = None) -> bool:
+    """The heading of a section that opens and closes; whether it is open.
+
+    ``was_open``: in the frame before, where the window does not keep it.
+    """
     imgui.dummy(ImVec2(0, em(0.1)))
     imgui.separator()
     imgui.push_style_color(imgui.Col_.header, theme.CLEAR)
@@ -205,6 +231,8 @@ def section(label: str) -> bool:
     pad = ImVec2(imgui.get_style().window_padding.x / 2, imgui.get_style().frame_padding.y)
     imgui.push_style_var(imgui.StyleVar_.frame_padding, pad)
     imgui.push_style_var(imgui.StyleVar_.frame_border_size, 0.0)
+    if was_open is not None:
+        imgui.set_next_item_open(was_open)
     with theme.face(strong=True, scale=0.93), theme.text_color(theme.DIM):
         opened = imgui.collapsing_header(label)
     low = imgui.get_item_rect_min().y - imgui.get_window_pos().y

@@ -234,6 +234,8 @@ def _side(
     imgui.set_next_item_width(width)
     why_not = {side: split_view.why_not(session, side) for side in choices}
     shown = {side: _NAMES[side] for side in (*choices, current)}
+    if Side.VERSION in shown:
+        shown[Side.VERSION] = split_view.name_of_version(session) or _NAMES[Side.VERSION]
     return widgets.combo(name, shown, current, why_not)
 
 

@@ -165,6 +165,7 @@ class PlanSheet:
 
     plan: ReconstructionPlan | None = None
     photos: "PhotoFind | None" = None  # that it is for
+    shows_more: bool = False  # all settings, also when the sheet comes back from a file dialog
 
 
 def draw_photos(session: Session) -> None:
@@ -326,7 +327,7 @@ def sheet(session: Session, held: PlanSheet) -> None:
     _photo_row(session, found)
     imgui.dummy(ImVec2(0, em(0.2)))
     try:
-        plan = _fields(session, held.plan, found)
+        plan = _fields(session, held, held.plan, found)
     except GagaError as error:
         session.notify(Level.WARNING, str(error))
         plan = held.plan
@@ -348,7 +349,9 @@ def _photo_row(session: Session, found: "PhotoFind") -> None:
         widgets.tooltip(path.name)
 
 
-def _fields(session: Session, plan: ReconstructionPlan, found: "PhotoFind") -> ReconstructionPlan:
+def _fields(
+    session: Session, held: PlanSheet, plan: ReconstructionPlan, found: "PhotoFind"
+) -> ReconstructionPlan:
     config, choices = plan.config, []
     for name, title, hint in _QUALITIES:
         other = plan if name == config.quality else reconstruction.plan_with(plan, "quality", name)
@@ -359,7 +362,8 @@ def _fields(session: Session, plan: ReconstructionPlan, found: "PhotoFind") -> R
     if chosen != config.quality:
         plan = reconstruction.plan_with(plan, "quality", chosen)
     widgets.dim(next(text for name, _, text in _QUALITIES if name == chosen), wrap=True)
-    if not widgets.section("More"):
+    held.shows_more = widgets.section("More", held.shows_more)
+    if not held.shows_more:
         return plan
     settings = plan.config.train()
     plan = draw_setting(plan, "max_side", settings.longest_side, steps=(80, 320))

@@ -146,6 +146,8 @@ _CHOICES = (
 )
 _MOST_RECENT = 5
 _TILE = 7.2, 3.8  # width and height of the picture of a recent scene, em
+_HEAD = 2.0  # of the words over cards in a low window, em
+_LOW_CARD = 3.2  # without room for the second line, em
 _CARD_EDGE = 12.0  # of a card that no text comes near, both sides together, pixels at 96 dpi
 
 
@@ -162,15 +164,17 @@ def _draw_welcome(session: Session, steps_height: float) -> None:
     widest = max(imgui.calc_text_size(text).x for choice in _CHOICES for text in choice[2:])
     is_wide = widest <= card.x - theme.scaled(_CARD_EDGE)
     if not is_wide:
-        card = ImVec2(min(room.x - em(3), em(24)), em(3.5))
+        # Titles alone where the window is too low for all of them.
+        high = (room.y - em(_HEAD)) / n - imgui.get_style().item_spacing.y
+        card = ImVec2(min(room.x - em(1.6), em(24)), min(em(3.5), max(high, em(1.5))))
     height = card.y + em(3.6) if is_wide else n * card.y + em(4.2)
     rows = em(_TILE[1] + 1.5 + 2)
     recent = session.settings.recent[:_MOST_RECENT] if room.y > height + rows else ()
     height += rows if recent else em(2)
-    imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + max((room.y - height) * 0.45, em(0.5)))
-    with theme.face(strong=True, scale=1.35):
+    imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + max((room.y - height) * 0.45, em(0.2)))
+    with theme.face(strong=True, scale=1.35 if is_wide or card.y > em(_LOW_CARD) else 1.1):
         widgets.wrapped("Open a scene to begin", theme.TEXT)
-    imgui.dummy(ImVec2(0, em(0.5)))
+    imgui.dummy(ImVec2(0, em(0.5) if is_wide or card.y > em(_LOW_CARD) else 0.0))
     left = (room.x - (n * card.x + (n - 1) * em(0.8) if is_wide else card.x)) / 2
     for position, (command, icon, title, detail) in enumerate(_CHOICES):
         if position == 0 or not is_wide:
@@ -202,16 +206,18 @@ def _card(title: str, icon: str, detail: str, size: ImVec2, is_wide: bool) -> bo
         _text_centred(drawing, title, corner, size.x, em(5.1), strong=True)
         _text_centred(drawing, detail, corner, size.x, em(6.5), strong=False)
     else:
-        with theme.face(scale=1.4):
-            at = ImVec2(corner.x + em(0.8), corner.y + em(0.75))
-            drawing.add_text(at, theme.u32(theme.ACCENT), icon)
+        is_low = size.y <= em(_LOW_CARD)
+        left = corner.x + em(2.3 if is_low else 3.4)
+        with theme.face(scale=1.0 if is_low else 1.4):
+            top = corner.y + (size.y - imgui.get_font_size()) / 2
+            drawing.add_text(ImVec2(corner.x + em(0.6), top), theme.u32(theme.ACCENT), icon)
         with theme.face(strong=True):
-            at = ImVec2(corner.x + em(3.4), corner.y + em(0.5))
-            drawing.add_text(at, theme.u32(theme.TEXT), title)
-        shown = widgets.elided(detail, size.x - em(4))
-        drawing.add_text(
-            ImVec2(corner.x + em(3.4), corner.y + em(1.85)), theme.u32(theme.DIM), shown
-        )
+            shown = widgets.elided(title, high.x - left - em(0.2))
+            top = corner.y + (size.y - imgui.get_font_size()) / 2 if is_low else corner.y + em(0.5)
+            drawing.add_text(ImVec2(left, top), theme.u32(theme.TEXT), shown)
+        if not is_low:
+            shown = widgets.elided(detail, high.x - left - em(0.6))
+            drawing.add_text(ImVec2(left, corner.y + em(1.85)), theme.u32(theme.DIM), shown)
     return clicked
 
 
