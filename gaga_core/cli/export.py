@@ -237,7 +237,7 @@ class ExportCommand:
             up=options.up,
             scale=options.scale,
             background=describe_project(project).background,
-        )
+        ).seeing(project)
         stage = export_simulation_stage(
             project.scene, self.out, how, self._only(project), str(self.scene)
         )

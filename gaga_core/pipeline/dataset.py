@@ -28,10 +28,12 @@ from gaga_core.export.dataset.formats import (
     SceneObject,
     SceneSet,
     Source,
+    is_model_of,
+    model_box,
     read_dataset_file,
     tables,
     write_forms_stage,
-    write_points,
+    write_model,
     write_tables,
 )
 from gaga_core.export.dataset.page import PAGE, write_page_stage
@@ -59,7 +61,8 @@ from gaga_core.export.dataset.views import (
     proposal,
     rng_of,
 )
-from gaga_core.export.export import exported_indices
+from gaga_core.export.export import as_step, exported_indices
+from gaga_core.export.solids import MeshConfig, proxy_mesh_stage
 from gaga_core.fill.fill import fill_stage
 from gaga_core.fill.surfaces import FillConfig
 from gaga_core.gaussians import Gaussians
@@ -68,6 +71,7 @@ from gaga_core.io.folder.lock import lock_folder
 from gaga_core.io.folder.staging import staging_folder
 from gaga_core.io.images import read_rgb
 from gaga_core.io.json_file import read_json
+from gaga_core.io.meshes import TriangleMesh
 from gaga_core.pipeline.executors import SceneTask, answers_of
 from gaga_core.pipeline.search import describe_project
 from gaga_core.pipeline.settings import EngineConfig
@@ -79,12 +83,12 @@ from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.orientation import up_of_moved
 from gaga_core.scene.project import Project, open_path_stage
-from gaga_core.scene.selection.bounds import robust_box
 from gaga_core.scene.tint import Grade, grade_affine
 
 _STAGE = "Make pictures"
 _AS_IT_IS = "as-it-is"  # placement of the scene without changes
 _NOTHING = "Photos do not cover any of these views. Lower --coverage, or take more photos."
+_MODEL_VOXELS = 64  # of a model of BOP, along its longest side
 _AHEAD = 2  # pictures that wait to be written while the next one is drawn
 _FILL_VIEWS = 24  # photos that a hole is judged by
 _MOST_PHOTOS = 160  # whose depth says what was seen
@@ -298,6 +302,7 @@ def pictures_stage(
                 left_out += record.is_left_out
                 names += [] if record.is_left_out else [view]
     yield Progress(_STAGE, config.views, config.views)
+    yield from _models_stage(out, base)
     return _write_scene(out, base, names, (made, left_out), is_varied=len(splits) > 1)
 
 
@@ -584,20 +589,40 @@ def _holes_stage(
         holes[group] = Hole(rows, found.splats, found.labels, stained, found.gains)
 
 
+def _model_path(out: Path, base: _Base, item: Item) -> Path:
+    return out / "models" / base.name / f"{item.group}.ply"
+
+
+def _models_stage(out: Path, base: _Base) -> Stage[None]:
+    """Write the closed surface of each object, in its frame; its splats' centres if it has none."""
+    config, up = MeshConfig(_MODEL_VOXELS), base.room.upright[2]
+    for k, item in enumerate(base.items):
+        path = _model_path(out, base, item)
+        note = f"{_MODEL_VOXELS} voxels of {base.content} {item.digest}"
+        if is_model_of(path, note):
+            continue
+        name = group_name(base.project.scene, item.group)
+        step = Progress("Mesh objects", k, len(base.items), name)
+        yield step
+        own = base.gaussians.take(item.splats)
+        stage = proxy_mesh_stage(own, choose("cpu"), up=up, config=config, is_soft=True)
+        try:
+            mesh = yield from as_step(step, stage)
+        except GagaError:  # too few splats, or nearly transparent ones
+            colors = np.rint(255 * np.clip(rgb_from_dc(own.sh[:, 0]), 0, 1)).astype(np.uint8)
+            mesh = TriangleMesh(own.means, np.zeros((0, 3), np.int32), colors)
+        write_model(path, mesh.moved(item.centre, 1.0), note)
+
+
 def _write_scene(
     out: Path, base: _Base, names: list[str], counts: tuple[int, int], *, is_varied: bool
 ) -> SceneSet:
-    """Write scenes/<name>.json, and the points of each object for BOP."""
+    """Write scenes/<name>.json."""
     scene, objects = base.project.scene, []
     for item in base.items:
-        own = base.gaussians.take(item.splats)
-        points = own.means.astype(np.float64) - item.centre
-        lo, hi = robust_box(points.astype(np.float32), 1.0)
-        name = group_name(scene, item.group)
+        lo, hi = model_box(_model_path(out, base, item))
         values = [list(map(float, v)) for v in (item.centre, lo, hi)]
-        objects.append(SceneObject(item.group, name, *values))
-        path = out / "models" / base.name / f"{item.group}.ply"
-        write_points(path, points, np.clip(rgb_from_dc(own.sh[:, 0]), 0, 1))
+        objects.append(SceneObject(item.group, group_name(scene, item.group), *values))
     notes = []
     if not base.room.supports:
         notes.append(f"{base.name}: no object stands on a plane, so all stay where they are.")

@@ -8,18 +8,28 @@ overlap, matching small windows between them tells the depth of each pixel. Patc
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, LongArray, UInt8Array, check_shape
+from gaga_core.arrays import (
+    BoolArray,
+    DoubleArray,
+    FloatArray,
+    IntArray,
+    LongArray,
+    UInt8Array,
+    check_shape,
+)
 from gaga_core.camera import Camera
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads, run_chunks
 from gaga_core.training import stereo_kernels as kernels
 from gaga_core.training.views import TrainView
 
+T = TypeVar("T")
 STAGE = "Match surfaces"
 _MATCH_SIDE = 160  # pixels of the longest side of the pictures that are matched
 _MOST_VIEWS = 40  # evenly among all: more bring more of the same
@@ -34,6 +44,11 @@ _TAIL = 0.01  # quantile of known points that may be wrong
 _LEAST_SCORE = 0.7  # correlation
 _TOLERANCE = 0.01  # relative difference of two depths of one surface
 _CONFIRMED = 2  # photos that must agree
+# Of one object alone: pixels of the longest side of what is cut out, room around its splats there,
+# fewest pixels of a side, and how well depths must agree. Half of the tolerance of whole scenes
+# finds as much of the inside of a mug (ycb_table) and half as much that is not there.
+_OBJECT_SIDE, _ROOM, _SMALLEST = 128, 8, 16
+_OBJECT_TOLERANCE = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +80,14 @@ class _Sources:
 
 
 @dataclass(frozen=True, eq=False)
+class DepthView:
+    """How far what a photo shows of an object is, where other photos confirm it."""
+
+    camera: Camera  # of the part of the photo that shows it
+    depth: DoubleArray  # (H, W) along the viewing direction; 0 = not known
+
+
+@dataclass(frozen=True, eq=False)
 class _DepthMap:
     planes: DoubleArray  # (H, W, 3) inverse depth, and its change by a pixel right and down
     scores: FloatArray  # (H, W) correlation, -1..1
@@ -82,15 +105,8 @@ def stereo_points_stage(
     result does not depend on the number of threads.
     """
     check_shape("points", points, ("P", 3))
-    photos = _photos(views)
-    seen = [photo.camera.shows(*photo.camera.project(points)) for photo in photos]
-    sources = [_sources(i, photos, points, seen) for i in range(len(photos))]
-    pixels = np.concatenate([photo.grey.ravel() for photo in photos])
-    maps: list[_DepthMap] = []
-    while len(maps) < len(photos):
-        yield Progress(STAGE, len(maps), len(photos), "depth")
-        some = range(len(maps), min(len(maps) + n_threads(), len(photos)))
-        maps += _match(some, photos, sources, pixels, [points[s] for s in seen])
+    photos = _photos(evenly(views), _MATCH_SIDE)
+    sources, maps = yield from _matched_stage(points, photos)
     found, colors = _confirmed(photos, sources, maps)
     if len(found) > most:
         chosen = np.sort(np.random.default_rng(seed).permutation(len(found))[:most])
@@ -98,16 +114,71 @@ def stereo_points_stage(
     return found, colors
 
 
-def _photos(views: Sequence[TrainView]) -> list[_Photo]:
+def object_depths_stage(
+    points: DoubleArray,  # (P, 3) of its splats, world
+    views: Sequence[TrainView],
+) -> Stage[list[DepthView]]:
+    """What ``views`` say of where an object is: its part of each of at most 40 of them."""
+    check_shape("points", points, ("P", 3))
+    parts = [part for view in evenly(views) if (part := _part_of(view, points)) is not None]
+    photos = _photos(parts, _OBJECT_SIDE)
+    sources, maps = yield from _matched_stage(points, photos)
+    counts, _ = _agreeing(photos, sources, maps, _OBJECT_TOLERANCE)
+    return [
+        DepthView(photo.camera, np.where(n >= _CONFIRMED, 1 / found.planes[..., 0], 0.0))
+        for photo, n, found in zip(photos, counts, maps, strict=True)
+        if found.planes[..., 0].all()
+    ]
+
+
+def evenly(views: Sequence[T]) -> list[T]:
+    """As many of ``views``, or of their cameras, as are matched: evenly among all."""
     n = min(len(views), _MOST_VIEWS)
+    return [views[i] for i in np.unique(np.linspace(0, len(views) - 1, n).astype(int))]
+
+
+def _part_of(view: TrainView, points: DoubleArray) -> TrainView | None:
+    """The part of a view around ``points``; None where it shows little of them."""
+    pixels, depths = view.camera.project(points)
+    if not (depths > 0).all():
+        return None
+    size = np.array([view.camera.width, view.camera.height])
+    lo = np.clip(np.floor(pixels.min(axis=0)) - _ROOM, 0, size).astype(int)
+    hi = np.clip(np.ceil(pixels.max(axis=0)) + _ROOM, 0, size).astype(int)
+    if (hi - lo < _SMALLEST).any():
+        return None
+    K = view.camera.K.copy()
+    K[:2, 2] -= lo
+    width, height = (hi - lo).tolist()
+    camera = replace(view.camera, K=K, width=width, height=height)
+    rows, columns = slice(lo[1], hi[1]), slice(lo[0], hi[0])
+    return TrainView(camera, np.ascontiguousarray(view.picture[rows, columns]))
+
+
+def _photos(views: Sequence[TrainView], side: int) -> list[_Photo]:
+    """``views`` with no side longer than ``side`` pixels."""
     photos, offset = list[_Photo](), 0
-    for i in np.unique(np.linspace(0, len(views) - 1, n).astype(int)):
-        camera = views[i].camera
-        view = views[i].smaller(min(1.0, _MATCH_SIDE / max(camera.width, camera.height)))
+    for whole in views:
+        view = whole.smaller(min(1.0, side / max(whole.camera.width, whole.camera.height)))
         grey = view.target() @ np.array([0.299, 0.587, 0.114], np.float32)
         photos.append(_Photo(view, np.ascontiguousarray(grey, np.float32), offset))
         offset += grey.size
     return photos
+
+
+def _matched_stage(
+    points: DoubleArray, photos: Sequence[_Photo]
+) -> Stage[tuple[list[_Sources], list[_DepthMap]]]:
+    """What each photo is compared with, and its depth map."""
+    seen = [photo.camera.shows(*photo.camera.project(points)) for photo in photos]
+    sources = [_sources(i, photos, points, seen) for i in range(len(photos))]
+    pixels = np.concatenate([np.zeros(0, np.float32), *(photo.grey.ravel() for photo in photos)])
+    maps: list[_DepthMap] = []
+    while len(maps) < len(photos):
+        yield Progress(STAGE, len(maps), len(photos), "depth")
+        some = range(len(maps), min(len(maps) + n_threads(), len(photos)))
+        maps += _match(some, photos, sources, pixels, [points[s] for s in seen])
+    return sources, maps
 
 
 def _sources(
@@ -202,23 +273,9 @@ def _confirmed(
     photos: Sequence[_Photo], sources: Sequence[_Sources], maps: Sequence[_DepthMap]
 ) -> tuple[DoubleArray, UInt8Array]:
     """Points (Q, 3) and colors where depth maps agree; a surface is taken from the first photo."""
-    inverse = [np.where(m.scores >= _LEAST_SCORE, m.planes[..., 0], 0).ravel() for m in maps]
-    inverse_depths = np.concatenate(inverse).astype(np.float32)
     points, colors = [], []
-    for i, (photo, near, found) in enumerate(zip(photos, sources, maps, strict=True)):
-        counts = np.zeros(found.scores.shape, np.int32)
-        is_new = np.ones(found.scores.shape, np.bool_)
-        kernels.count_agreeing(
-            inverse_depths[photo.offset : photo.offset + counts.size].reshape(counts.shape),
-            inverse_depths,
-            near.places,
-            near.M,
-            near.t,
-            near.numbers < i,
-            _TOLERANCE,
-            counts,
-            is_new,
-        )
+    agreeing = zip(*_agreeing(photos, sources, maps, _TOLERANCE), strict=True)
+    for photo, near, found, (counts, is_new) in zip(photos, sources, maps, agreeing, strict=True):
         v, u = np.nonzero((counts >= max(1, min(_CONFIRMED, len(near.numbers)))) & is_new)
         K, pose = photo.camera.K, photo.camera.world_from_cam
         rays = np.stack(
@@ -227,3 +284,33 @@ def _confirmed(
         points.append(rays / found.planes[v, u, :1] @ pose[:3, :3].T + pose[:3, 3])
         colors.append(photo.view.picture[v, u])
     return np.concatenate(points), np.concatenate(colors)
+
+
+def _agreeing(
+    photos: Sequence[_Photo],
+    sources: Sequence[_Sources],
+    maps: Sequence[_DepthMap],
+    tolerance: float,
+) -> tuple[list[IntArray], list[BoolArray]]:
+    """Of each pixel (H, W): how many sources agree with it, and whether none before it does."""
+    inverse = [np.where(m.scores >= _LEAST_SCORE, m.planes[..., 0], 0).ravel() for m in maps]
+    joined = np.concatenate([np.zeros(0), *inverse]).astype(np.float32)
+    all_counts, all_new = [], []
+    for i, (photo, near, found) in enumerate(zip(photos, sources, maps, strict=True)):
+        counts = np.zeros(found.scores.shape, np.int32)
+        is_new = np.ones(found.scores.shape, np.bool_)
+        own = joined[photo.offset : photo.offset + counts.size].reshape(counts.shape)
+        kernels.count_agreeing(
+            own,
+            joined,
+            near.places,
+            near.M,
+            near.t,
+            near.numbers < i,
+            tolerance,
+            counts,
+            is_new,
+        )
+        all_counts.append(counts)
+        all_new.append(is_new)
+    return all_counts, all_new

@@ -196,7 +196,7 @@ def show_parts(session: Session, how: SimulationExport) -> bool:
         text = f"{n} convex part{'' if n == 1 else 's'} of {objects}, drawn in the picture."
         session.notify(Level.INFO, " ".join((text, *sentences(world))))
 
-    made = world_stage(scene, how, groups or None)
+    made = world_stage(scene, how.seeing(document.project), groups or None)
     ready = stages.prepared("Draw", lambda: made)
     return session.jobs.start("Show convex parts", ready, on_done=done)
 
@@ -214,9 +214,9 @@ def part_edges(world: World, place: AnyArray) -> tuple[DoubleArray, IntArray]:
     At most 6,000, those between the steepest faces first.
     """
     ends, parts, angles = list[DoubleArray](), list[IntArray](), list[DoubleArray]()
-    solids = [(body.position, part) for body in world.bodies for part in body.parts]
-    for k, (position, part) in enumerate(solids):
-        corners = part.vertices.astype(np.float64) + position
+    solids = [(body, part) for body in world.bodies for part in body.parts]
+    for k, (body, part) in enumerate(solids):
+        corners = part.vertices.astype(np.float64) @ body.turn.T + body.position
         a, b, c = (corners[part.faces[:, i]] for i in range(3))
         normals = np.cross(b - a, c - a)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -241,7 +241,8 @@ def export_stage(session: Session, path: Path, how: SimulationExport) -> Stage[s
     world = state.world if is_made else None
 
     def stage() -> Stage[str]:
-        made = export_simulation_stage(scene, path, how, groups or None, document.name, world)
+        seen = how.seeing(document.project)
+        made = export_simulation_stage(scene, path, seen, groups or None, document.name, world)
         manifest, bodies = yield from made
         n, where = len(bodies.bodies), paths.shown(manifest.parent)
         said = f"Exported {'1 body' if n == 1 else f'{n} bodies'} to {where}."

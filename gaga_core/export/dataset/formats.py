@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 from plyfile import PlyData, PlyElement
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray
+from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.export.dataset.records import SPLITS, Record, Shown, Split, read_record
 from gaga_core.export.dataset.settings import Form
@@ -24,11 +24,13 @@ from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.json_file import read_json
 from gaga_core.io.masks.coco import decode_rle
 from gaga_core.io.masks.label_maps import read_labels
+from gaga_core.io.meshes import TriangleMesh
 from gaga_core.progress import Progress, Stage
 
 DATASET_FILE = "dataset.json"
 DATASET_VERSION = 1
 _RGB = ("red", "green", "blue")
+_HEAD = 400  # bytes in which the note of a model lies
 _MM = 1000.0  # millimetres of a metre: BOP's unit
 _CURE = "Remove the folder, and run the command again."
 _STAGE = "Write the labels"
@@ -286,7 +288,7 @@ def _yolo_stage(source: Source, staging: Path) -> Stage[None]:
 
 
 def _bop_stage(source: Source, staging: Path) -> Stage[None]:
-    """bop/: models/ as points, and <split>/<placement>/ with pictures, masks and poses."""
+    """bop/: models/ as meshes, and <split>/<placement>/ with pictures, masks and poses."""
     bop, row_of = staging / "bop", source.row_of()
     _bop_models(source, bop / "models", row_of)
     folders = dict[tuple[str, str], Path]()
@@ -416,16 +418,37 @@ def _bop_models(source: Source, folder: Path, row_of: Mapping[tuple[str, int], O
     (folder / "models_info.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
 
 
-def write_points(path: Path, points: DoubleArray, colors: FloatArray) -> None:
-    """Write points (N, 3) of an object's frame, scene units, with colors (N, 3) 0..1: a model of
-    BOP, in millimetres."""
+def write_model(path: Path, mesh: TriangleMesh, note: str) -> None:
+    """Write a mesh, or points where it has no faces, of an object's frame in scene units, as a
+    model of BOP, in millimetres. ``note``: of what it was made, see `is_model_of`."""
     fields = [(name, "<f4") for name in "xyz"] + [(name, "u1") for name in _RGB]
-    rows = np.zeros(len(points), fields)
+    rows = np.zeros(len(mesh.vertices), fields)
     for k, axis in enumerate("xyz"):
-        rows[axis] = _MM * points[:, k]
-        rows[_RGB[k]] = np.rint(255 * colors[:, k])
+        rows[axis] = _MM * mesh.vertices[:, k]
+        rows[_RGB[k]] = 128 if mesh.colors is None else mesh.colors[:, k]
+    elements = [PlyElement.describe(rows, "vertex")]
+    if len(mesh.faces):
+        faces = np.zeros(len(mesh.faces), [("vertex_indices", "<i4", (3,))])
+        faces["vertex_indices"] = mesh.faces
+        elements.append(PlyElement.describe(faces, "face"))
     with atomic_write(path) as temporary:
-        PlyData([PlyElement.describe(rows, "vertex")]).write(str(temporary))
+        PlyData(elements, comments=[note]).write(str(temporary))
+
+
+def is_model_of(path: Path, note: str) -> bool:
+    """Whether a model is there that was made of the same."""
+    try:
+        with path.open("rb") as file:
+            return f"comment {note}\n".encode() in file.read(_HEAD)
+    except OSError:
+        return False
+
+
+def model_box(path: Path) -> tuple[DoubleArray, DoubleArray]:
+    """Lowest and highest corner (3,) of a model, scene units."""
+    rows = PlyData.read(str(path))["vertex"]
+    points = np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64) / _MM
+    return points.min(axis=0), points.max(axis=0)
 
 
 def _extents(lo: DoubleArray, hi: DoubleArray) -> dict[str, float]:

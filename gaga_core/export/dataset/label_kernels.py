@@ -6,48 +6,59 @@ from gaga_core.kernels import kernel
 
 @kernel
 def tally_objects(
-    labels: IntArray,  # (H, W) seen label
-    bits: UInt64Array,  # (H, W, words) bit k % 64 of word k // 64: object k
+    labels: IntArray,  # (W, H) seen label, column by column
+    bits: UInt64Array,  # (W, H, words) bit k % 64 of word k // 64: object k
     rows: IntArray,  # object k of each label, -1 = none
     seen: LongArray,  # (K, 5) area, top, left, bottom, right: zeros, then H, W, 0, 0
     whole: LongArray,  # (K, 5)
 ) -> None:
-    """Count the pixels of each object, seen and whole, and the box around them."""
-    height, width, n_words = bits.shape
-    for y in range(height):
-        for x in range(width):
+    """Count the pixels of each object, seen and whole, and the box around them.
+
+    What is the same along a column is counted at once.
+    """
+    width, height, n_words = bits.shape
+    for x in range(width):
+        start = 0
+        for y in range(1, height + 1):
+            if y < height and labels[x, y] == labels[x, start]:
+                is_same = True
+                for word in range(n_words):
+                    is_same &= bits[x, y, word] == bits[x, start, word]
+                if is_same:
+                    continue
             for word in range(n_words):
-                left, k = bits[y, x, word], 64 * word
+                left, k = bits[x, start, word], 64 * word
                 while left:
                     while not left & 1:
                         left >>= 1
                         k += 1
-                    _count(whole[k], y, x)
+                    _count(whole[k], x, start, y)
                     left >>= 1
                     k += 1
-            k = rows[labels[y, x]]
+            k = rows[labels[x, start]]
             if k >= 0:
-                _count(seen[k], y, x)
+                _count(seen[k], x, start, y)
+            start = y
 
 
 @kernel
-def _count(row: LongArray, y: int, x: int) -> None:
-    row[0] += 1
-    row[1], row[2] = min(row[1], y), min(row[2], x)
-    row[3], row[4] = max(row[3], y + 1), max(row[4], x + 1)
+def _count(row: LongArray, x: int, start: int, stop: int) -> None:
+    row[0] += stop - start
+    row[1], row[2] = min(row[1], start), min(row[2], x)
+    row[3], row[4] = max(row[3], stop), max(row[4], x + 1)
 
 
 @kernel
 def run_lengths(
-    labels: IntArray,
-    bits: UInt64Array,
+    labels: IntArray,  # (W, H)
+    bits: UInt64Array,  # (W, H, words)
     label: int,  # >= 0: pixels of that label; -1: of object k
     k: int,
     box: LongArray,  # (5,) of `tally_objects`
     text: UInt8Array,  # room for the answer
 ) -> int:
     """COCO's compressed run lengths of one mask into ``text``; how many characters."""
-    height, width, _ = bits.shape
+    width, height, _ = bits.shape
     word, bit = k // 64, k % 64
     before_last, last, n_runs, n = 0, 0, 0, 0
     run, value = box[2] * height, False  # down the columns; the ones left of the box are empty
@@ -57,7 +68,7 @@ def run_lengths(
             before_last, last, n_runs, n = _put(text, n, run - box[1], before_last, last, n_runs)
             run, value = box[1], False
         for y in range(box[1], box[3]):
-            here = labels[y, x] == label if label >= 0 else bool(bits[y, x, word] >> bit & 1)
+            here = labels[x, y] == label if label >= 0 else bool(bits[x, y, word] >> bit & 1)
             if here != value:
                 before_last, last, n_runs, n = _put(text, n, run, before_last, last, n_runs)
                 run, value = 0, here

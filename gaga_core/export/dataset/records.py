@@ -127,13 +127,16 @@ def shown_objects(drawn: Outlines, poses: Mapping[int, DoubleArray], camera: Cam
     seen, whole = empty.copy(), empty
     rows = np.full(int(max(drawn.labels.max(initial=0), drawn.objects.max(initial=0))) + 1, -1)
     rows[drawn.objects] = np.arange(n)
-    kernels.tally_objects(drawn.labels, drawn.bits, rows.astype(np.int32), seen, whole)
+    # Run lengths go down the columns: along memory they take a third of the time.
+    labels = np.ascontiguousarray(drawn.labels.T)
+    bits = np.ascontiguousarray(drawn.bits.transpose(1, 0, 2))
+    kernels.tally_objects(labels, bits, rows.astype(np.int32), seen, whole)
     text = np.empty(_MOST_DIGITS * (height * width + 2), np.uint8)
 
     def counts(label: int, k: int, box: LongArray) -> str:
         if box[0] == 0:
             box = np.zeros(5, np.int64)
-        n_characters = kernels.run_lengths(drawn.labels, drawn.bits, label, k, box, text)
+        n_characters = kernels.run_lengths(labels, bits, label, k, box, text)
         return text[:n_characters].tobytes().decode("ascii")
 
     found = []

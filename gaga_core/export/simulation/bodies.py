@@ -6,7 +6,7 @@ of a body are those of that world; its origin is the middle of its box's undersi
 
 import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 from typing import Any
 
@@ -23,6 +23,7 @@ from gaga_core.io.splats.glb import placed
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene.orientation import upright_basis
+from gaga_core.training.stereo import DepthView
 
 UP = (0.0, 0.0, 1.0)  # of the world of a simulation
 GRAVITY = 9.81  # m/s^2 downwards
@@ -79,6 +80,16 @@ class Body:
     parts: tuple[TriangleMesh, ...]  # convex, from its origin
     properties: MassProperties
     underside: str  # "assumed flat", or "as seen"
+    turn: DoubleArray = field(default_factory=lambda: np.eye(3))  # (3, 3) world from its axes
+    copy_of: str = ""  # stem of the body whose splats, mesh, parts and mass it shares
+
+    def moved(self, motion: DoubleArray, id: int, name: str, stem: str) -> "Body":
+        """A copy where ``motion`` (4, 4), rigid, brings it."""
+        position = motion[:3, :3] @ self.position + motion[:3, 3]
+        turn, origin = motion[:3, :3] @ self.turn, self.copy_of or self.stem
+        return replace(
+            self, id=id, name=name, stem=stem, position=position, turn=turn, copy_of=origin
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,13 +282,14 @@ def body_stage(
     mesh_config: MeshConfig,
     mass: float | None,
     density: float | None,
+    photos: Sequence[DepthView] = (),
 ) -> Stage[tuple[Body, bool]]:
     """The body of an object without a name, and whether its mesh is closed.
 
     Raises ``GagaError`` when it has no surface, or an extra is missing.
     """
     mesh = yield from proxy_mesh_stage(
-        gaussians, choose(), up=np.array(UP), config=mesh_config, is_soft=True
+        gaussians, choose(), up=np.array(UP), config=mesh_config, is_soft=True, photos=photos
     )
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     stands = is_closed = False

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.export.export import as_step, exported_indices, slug
 from gaga_core.export.simulation import mjcf, usd
@@ -29,18 +30,26 @@ from gaga_core.export.simulation.bodies import (
 )
 from gaga_core.export.simulation.settings import SimulationConfig
 from gaga_core.export.solids import MeshConfig
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import matrices_to_quats
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.meshes import TriangleMesh
 from gaga_core.io.splats.glb import placed
 from gaga_core.io.splats.splat_files import write_splats_stage
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.objects import group_name
+from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene, of_scene_now
+from gaga_core.training.stereo import DepthView, evenly, object_depths_stage
+from gaga_core.training.views import TrainView, read_view
 
 STEP = "Make bodies"
 MANIFEST = "simulation.json"
 MANIFEST_VERSION = 1
+_PHOTO_SIDE = 1600  # pixels of the longest side of photos
+_STILL = 1e-4  # of the scene: what moved less stands where photos saw it
 _SOLID = 0.2  # opacity from which on a splat counts as a surface that carries something
 
 
@@ -64,6 +73,16 @@ class SimulationExport:
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)  # unit, world
     scale: float = 1.0  # metres per scene unit, where it is given
     background: Collection[int] = ()  # groups that stay
+    cameras: tuple[Camera, ...] = ()  # of photos, world
+    photos: Mapping[str, Path] = field(default_factory=dict)  # by name of a camera
+
+    def seeing(self, project: Project) -> "SimulationExport":
+        """With the photos of ``project``, so that what they saw through is empty."""
+        folder = project.placed_folder
+        if folder is None:
+            return self
+        cameras = tuple(camera for camera in folder.cameras if camera.name in folder.image_paths)
+        return replace(self, cameras=cameras, photos=folder.image_paths)
 
 
 def unit_sentence(*, is_metric: bool) -> str:
@@ -100,6 +119,8 @@ def world_stage(
     firm = finite & (gaussians.opacities > _SOLID)
     means = gaussians.means.astype(np.float64)
     rest = ~np.isin(labels, chosen)
+    views = yield from _views_stage(how)
+    stays_put = _stays_put(scene, splats, gaussians, upright_place(how.up, how.scale))
     planes = {
         int(g): support_of(means[firm & (labels == g)], means[firm & (labels != g)])
         for g in chosen
@@ -116,12 +137,28 @@ def world_stage(
         yield step
         plane = planes.get(group)
         plane = plane and on_box(plane, boxes)
+        stem = slug(name) or f"group-{group}"
+        stem = stem if stem not in used else f"{stem}-{group}"
+        copy = _copied(scene, how, bodies, group, name, stem)
+        if copy is not None:
+            used.add(stem)
+            bodies.append(copy)
+            holes += (
+                [name] if any(b.stem == copy.copy_of and b.name in holes for b in bodies) else []
+            )
+            continue
+        own = finite & (labels == group)
+        photos = list[DepthView]()
+        if views and stays_put[own].all():
+            looks = object_depths_stage(means[own & firm], views)
+            photos = yield from as_step(step, looks)
         stage = body_stage(
-            gaussians.take(np.flatnonzero(finite & (labels == group))),
+            gaussians.take(np.flatnonzero(own)),
             plane,
             how.config,
             how.mesh,
             *_weight(scene, how, group),
+            photos,
         )
         try:
             body, is_closed = yield from as_step(step, stage)
@@ -130,8 +167,6 @@ def world_stage(
         except GagaError:  # it has no surface: the others are written
             left_out.append(name)
             continue
-        stem = slug(name) or f"group-{group}"
-        stem = stem if stem not in used else f"{stem}-{group}"
         used.add(stem)
         holes += [] if is_closed else [name]
         bodies.append(replace(body, id=group, name=name, stem=stem))
@@ -166,6 +201,64 @@ def world_stage(
         without_support=tuple(b.name for b in bodies if planes.get(b.id) is None),
         not_closed=tuple(holes),
     )
+
+
+def _copied(
+    scene: Scene, how: SimulationExport, bodies: Sequence[Body], group: int, name: str, stem: str
+) -> Body | None:
+    """The body of a group that is a copy of one of ``bodies``, moved and turned; else None."""
+    place, own = upright_place(how.up, how.scale), _rows(scene, group)
+    for body in bodies:
+        other = _rows(scene, body.id)
+        same = len(own) == len(other) and np.array_equal(scene.source[own], scene.source[other])
+        if not same or _weight(scene, how, group) != _weight(scene, how, body.id):
+            continue
+        table, (here, there) = scene.placements, scene.placement[np.stack([own, other])]
+        pairs = np.unique(np.stack([here, there]), axis=1).T
+        here, there = pairs[:, 0], pairs[:, 1]
+        if not (
+            np.array_equal(table.color[here], table.color[there])
+            and np.array_equal(table.opacity[here], table.opacity[there])
+            and np.array_equal(scene.gaussians.means[own], scene.gaussians.means[other])
+        ):
+            continue
+        whole = np.tile(np.eye(4), (2, len(pairs), 1, 1))
+        whole[:, :, :3] = table.matrix[here], table.matrix[there]
+        motions = place @ whole[0] @ np.linalg.inv(whole[1]) @ np.linalg.inv(place)
+        turn = motions[0, :3, :3]
+        is_rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-5) and np.linalg.det(turn) > 0
+        if is_rigid and np.allclose(motions, motions[0], atol=1e-6):
+            return body.moved(motions[0], group, name, stem)
+    return None
+
+
+def _rows(scene: Scene, group: int) -> IntArray:
+    """Splats of a group that are exported, in the order of the opened file."""
+    rows = exported_indices(scene)
+    rows = rows[scene.labels[rows] == group]
+    ordered: IntArray = rows[np.argsort(scene.source[rows], kind="stable")]
+    return ordered
+
+
+def _views_stage(how: SimulationExport) -> Stage[list[TrainView]]:
+    """The photos in the world of the simulation, evenly among all; none where none are given."""
+    cameras = evenly(carried_cameras(how.cameras, upright_place(how.up, how.scale)))
+    views = []
+    for k, camera in enumerate(cameras):
+        yield Progress("Read photos", k, len(cameras), camera.name)
+        views.append(read_view(camera, how.photos[camera.name], _PHOTO_SIDE))
+    return views
+
+
+def _stays_put(
+    scene: Scene, splats: IntArray, gaussians: Gaussians, place: DoubleArray
+) -> BoolArray:
+    """Which of ``splats`` (K,) are where the photos saw them, not moved since."""
+    motion = place @ scene.frame.world
+    stood = scene.gaussians.means[splats] @ motion[:3, :3].T + motion[:3, 3]
+    off = np.abs(stood - gaussians.means).max(axis=1)
+    still: BoolArray = ~(off > _STILL * float(np.ptp(gaussians.means, axis=0).max()))
+    return still
 
 
 def _weight(scene: Scene, how: SimulationExport, group: int) -> tuple[float | None, float | None]:
@@ -242,13 +335,14 @@ def export_simulation_stage(
     with staging_folder(folder) as staging:
         files, splats = list[str](), dict[str, str]()
         (staging / "splats").mkdir()
-        parts = [(body.stem, body.gaussians) for body in world.bodies]
+        parts = [(body.stem, body.gaussians) for body in world.bodies if not body.copy_of]
         if world.static.gaussians is not None:
             parts.append(("static", world.static.gaussians))
         for stem, gaussians in parts:
             splats[stem] = f"splats/{stem}.ply"
             yield from write_splats_stage(staging / splats[stem], gaussians)
         files += splats.values()
+        splats |= {body.stem: splats[body.copy_of] for body in world.bodies if body.copy_of}
         if {SimulatorForm.MJCF, SimulatorForm.URDF} & set(how.forms):
             files += mjcf.write_meshes(staging, world)
         texts = dict[str, str]()
@@ -282,6 +376,8 @@ def _described(world: World, splats: Mapping[str, str], source: str) -> dict[str
                 "name": body.name,
                 "splats": splats[body.stem],
                 "position": body.position.tolist(),
+                "orientation": matrices_to_quats(body.turn[None])[0].tolist(),
+                "copy_of": body.copy_of,
                 "volume": body.properties.volume,
                 "mass": body.properties.mass,
                 "centre_of_mass": body.properties.centre.tolist(),

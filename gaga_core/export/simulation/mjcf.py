@@ -24,8 +24,8 @@ _SPIN, _ROLL = 0.005, 0.0005
 
 
 def part_file(body: Body, k: int) -> str:
-    """Name of the file of a convex part."""
-    return f"{body.stem}_part_{k}.obj"
+    """Name of the file of a convex part; a copy has those of its original."""
+    return f"{body.copy_of or body.stem}_part_{k}.obj"
 
 
 def write_meshes(folder: Path, world: World) -> list[str]:
@@ -33,6 +33,8 @@ def write_meshes(folder: Path, world: World) -> list[str]:
     (folder / MESHES).mkdir(exist_ok=True)
     files = {f"{_OBSTACLE}{k}.obj": part for k, part in enumerate(world.static.obstacles)}
     for body in world.bodies:
+        if body.copy_of:
+            continue
         files[f"{body.stem}.obj"] = body.mesh
         files |= {part_file(body, k): part for k, part in enumerate(body.parts)}
     for name, mesh in files.items():
@@ -55,18 +57,19 @@ def mjcf_of(world: World, splats: dict[str, str], *, inline: bool = False) -> st
         assets.append(f'<mesh name="{name}" {where}/>')
         parts.append(f'<geom class="collision" mesh="{name}"/>')
     for body in world.bodies:
-        geoms = []
+        geoms, shared = [], body.copy_of or body.stem
         for k, mesh in enumerate(body.parts):
-            name = f"{body.stem}_part_{k}"
-            where = _vertices(mesh) if inline else f'file="{part_file(body, k)}"'
-            assets.append(f'<mesh name="{name}" {where}/>')
+            name = Path(part_file(body, k)).stem
+            where = _vertices(mesh) if inline else f'file="{name}.obj"'
+            assets += [] if body.copy_of else [f'<mesh name="{name}" {where}/>']
             geoms.append(f'<geom class="collision" mesh="{name}"/>')
         if not inline:
-            assets.append(f'<mesh name="{body.stem}" file="{body.stem}.obj"/>')
+            assets += [] if body.copy_of else [f'<mesh name="{shared}" file="{shared}.obj"/>']
             color = row([*_color(body.mesh), 1.0])
-            geoms.append(f'<geom class="visual" mesh="{body.stem}" rgba="{color}"/>')
+            geoms.append(f'<geom class="visual" mesh="{shared}" rgba="{color}"/>')
+        quat = row(matrices_to_quats(body.turn[None])[0])
         parts.append(
-            f'<body name="{body.stem}" pos="{row(body.position)}"><freejoint/>'
+            f'<body name="{body.stem}" pos="{row(body.position)}" quat="{quat}"><freejoint/>'
             f"{_inertial(body)}{''.join(geoms)}</body>"
         )
     told = [f'<text name="splats:{name}" data={quoteattr(file)}/>' for name, file in splats.items()]

@@ -12,6 +12,7 @@ from gaga_core.io.meshes import TriangleMesh
 from gaga_core.io.splats.usd import add_splats, export, usd
 
 _ROOT = "/World"
+_OBJECTS = f"{_ROOT}/objects"
 
 
 def check() -> None:
@@ -38,9 +39,9 @@ def write_world(path: Path, world: World) -> None:
     surface = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
     surface.CreateStaticFrictionAttr(world.config.friction)
     surface.CreateDynamicFrictionAttr(world.config.friction)
-    UsdGeom.Scope.Define(stage, f"{_ROOT}/objects")
+    UsdGeom.Scope.Define(stage, _OBJECTS)
     for body in world.bodies:
-        _add_body(stage, f"{_ROOT}/objects/{_prim_name(body.stem)}", body, material)
+        _add_body(stage, f"{_OBJECTS}/{_prim_name(body.stem)}", body, material)
     static = UsdGeom.Xform.Define(stage, f"{_ROOT}/static")
     if world.static.gaussians is not None:
         add_splats(stage, f"{_ROOT}/static/splats", world.static.gaussians)
@@ -66,13 +67,22 @@ def _add_body(stage: Any, path: str, body: Body, material: Any) -> None:
 
     xform = UsdGeom.Xform.Define(stage, path)
     prim = xform.GetPrim()
-    xform.AddTranslateOp().Set(Gf.Vec3d(*body.position.tolist()))
+    w, x, y, z = (float(v) for v in matrices_to_quats(body.turn[None])[0])
+    if body.copy_of:  # the same prims again, at another place
+        prim.GetReferences().AddInternalReference(f"{_OBJECTS}/{_prim_name(body.copy_of)}")
+        prim.GetAttribute("xformOp:translate").Set(Gf.Vec3d(*body.position.tolist()))
+        prim.GetAttribute("xformOp:orient").Set(Gf.Quatd(w, x, y, z))
+    else:
+        xform.AddTranslateOp().Set(Gf.Vec3d(*body.position.tolist()))
+        xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Quatd(w, x, y, z))
     Usd.ModelAPI(prim).SetKind(Kind.Tokens.component)
     prim.SetDisplayName(body.name)
     prim.SetCustomDataByKey("gaga:group", body.id)
     prim.SetCustomDataByKey("gaga:name", body.name)
     prim.SetCustomDataByKey("gaga:underside", body.underside)
     _label(prim, body.name)
+    if body.copy_of:
+        return
     UsdPhysics.RigidBodyAPI.Apply(prim)
     mass = UsdPhysics.MassAPI.Apply(prim)
     of = body.properties

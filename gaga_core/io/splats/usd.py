@@ -75,7 +75,9 @@ def read_usd_stage(path: Path) -> Stage[Gaussians]:
     yield reading(path, 0, 2)
     try:
         stage = Usd.Stage.Open(str(path), Usd.Stage.LoadAll)
-        prims = [p for p in stage.TraverseAll() if p.IsA(UsdVol.ParticleField3DGaussianSplat)]
+        # What references and instances show is there as often as they do.
+        every = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
+        prims = [p for p in every if p.IsA(UsdVol.ParticleField3DGaussianSplat)]
     except Tf.ErrorException as error:
         raise damaged(path.name) from error
     if not prims:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.cli.main import main
@@ -22,7 +23,12 @@ from gaga_core.export.simulation.bodies import (
     support_of,
     upright_place,
 )
-from gaga_core.export.simulation.export import SimulationExport, unit_sentence, world_stage
+from gaga_core.export.simulation.export import (
+    SimulationExport,
+    export_simulation_stage,
+    unit_sentence,
+    world_stage,
+)
 from gaga_core.export.simulation.falling import fall
 from gaga_core.export.simulation.mjcf import mjcf_of, urdf_of
 from gaga_core.export.simulation.settings import SimulationConfig
@@ -31,6 +37,8 @@ from gaga_core.io.meshes import TriangleMesh
 from gaga_core.io.splats.glb import placed
 from gaga_core.io.splats.splat_files import read_splats, write_splats
 from gaga_core.progress import run_stage
+from gaga_core.scene.bake import bake
+from gaga_core.scene.edits import duplicate
 from gaga_core.scene.scene import Scene
 from tests.scenes import box_on_table, random_gaussians
 from tests.usd_files import complaints
@@ -213,3 +221,48 @@ def test_the_command_writes_what_simulators_load(
     assert len(read_splats(out / "scene.usd")) == len(read_splats(table_scene))
     assert main([*call, "2", "--to", "urdf", "--voxels", "24", "--parts", "1"]) == 1
     assert "one object" in capsys.readouterr().err
+
+
+def test_a_copy_is_the_same_body_at_another_place(tmp_path: Path) -> None:
+    """A duplicate, turned and moved: shared meshes and a reference, read back where it stands."""
+    pytest.importorskip("pxr.UsdVol", reason="usd-core is not installed")
+    import mujoco
+    from pxr import Usd
+
+    scene = Scene.of(box_on_table(), box_on_table().extra["group"])
+    motion = np.array([[0, 0, 1.0, 0.2], [0, 1, 0, 0], [-1, 0, 0, 0.1]])  # about the vertical
+    edit = duplicate(scene, np.flatnonzero(scene.labels == 1), motion)
+    assert edit is not None
+    edit.apply(scene)
+    config = replace(_CONFIG, parts=2)
+    how = SimulationExport(config=config, mesh=MeshConfig(voxels=32), up=(0, -1, 0))
+    new = int(scene.labels[-1])
+    _, world = run_stage(export_simulation_stage(scene, tmp_path, how, (1, new)))
+    first, copy = world.bodies
+    assert (copy.id, copy.copy_of) == (new, first.stem)
+    told = json.loads((tmp_path / "simulation.json").read_text())["objects"]
+    assert told[1]["splats"] == told[0]["splats"]
+    stage = Usd.Stage.Open(str(tmp_path / "scene.usd"))
+    assert complaints(tmp_path / "scene.usd") == []
+    prims = [
+        stage.GetPrimAtPath(f"/World/objects/{b.stem.replace('-', '_')}") for b in world.bodies
+    ]
+    assert prims[1].HasAuthoredReferences()
+    assert [p.GetCustomDataByKey("gaga:group") for p in prims] == [1, new]
+    n_stored = len(stage.GetRootLayer().GetObjectAtPath(f"{prims[0].GetPath()}").nameChildren)
+    assert n_stored == 3
+    assert not stage.GetRootLayer().GetObjectAtPath(str(prims[1].GetPath())).nameChildren
+    # As the scene has it, in the axes of a .ply: every splat of the copy, where it is.
+    back = read_splats(tmp_path / "scene.usd").means
+    shown = bake(scene).means
+    assert len(back) == len(shown)
+    place = upright_place(how.up, 1.0)
+    there = shown @ place[:3, :3].T
+    down = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # of z up
+    assert np.max(cKDTree(back).query(there @ down.T)[0]) < 1e-5
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml"))
+    assert model.nbody == 3
+    assert model.nmesh == len(first.parts) + 1
+    assert model.body_mass[1] == model.body_mass[2]
+    *_, last = fall(world, 1.0)
+    assert np.abs(last[1, :3, :3] - copy.turn).max() < 0.05

@@ -8,6 +8,7 @@ import pytest
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
+from gaga_core.export.simulation.bodies import mass_properties
 from gaga_core.export.solids import (
     MOST_TRIANGLES,
     MeshConfig,
@@ -19,9 +20,12 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats, quats_to_matrices
 from gaga_core.io.meshes import MeshFile, TriangleMesh, write_mesh
 from gaga_core.io.splats.glb import Buffers
+from gaga_core.io.splats.packing import joined_splats
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
+from gaga_core.scene.orientation import views_around
 from gaga_core.scene.selection.bounds import oriented_box
+from gaga_core.training.stereo import DepthView
 
 trimesh = pytest.importorskip("trimesh")
 _VOXELS = 32
@@ -202,3 +206,36 @@ def test_what_has_no_surface_is_one_sentence() -> None:
     clear.logit_opacities[:] = -9
     with pytest.raises(GagaError, match="transparent"):
         _meshed(clear)
+
+
+def _tube(radius: float, low: float, high: float, floor: float, reach: float) -> Gaussians:
+    """The wall of an upright cylinder, and a level ring from 0 or ``reach`` to it at ``floor``."""
+    rng = np.random.default_rng(3)
+    angle, z = rng.uniform(0, 2 * np.pi, 5000), rng.uniform(low, high, 5000)
+    out = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(5000)])
+    ring = np.sqrt(rng.uniform(reach**2, radius**2, 3000))[:, None] * out[:3000]
+    points = np.vstack([radius * out + [0, 0, 1] * z[:, None], ring + np.array([0, 0, floor])])
+    normals = np.vstack([out, np.tile([0.0, 0, 1], (3000, 1))])
+    return _surfels(points, normals, 0.02, np.full((8000, 3), 0.5))
+
+
+def test_what_photos_saw_through_is_empty() -> None:
+    """A vessel whose mouth splats close: photos of the open one carve it, one wrong depth not."""
+    closed = joined_splats([_tube(0.5, 0, 0.8, 0.8, 0), _tube(0.5, 0, 0.8, 0, 0)], Path())
+    is_open = joined_splats([_tube(0.5, 0, 0.8, 0.8, 0.4), _tube(0.4, 0.3, 0.8, 0.3, 0)], Path())
+    box = np.array([-0.5, -0.5, 0.0]), np.array([0.5, 0.5, 0.8])
+    up, engine = np.array([0.0, 0, 1]), CpuRasterizer()
+    cameras = views_around(box, up, [(60.0, 10)], side=160, field=0.6, room=1.2)
+    seen = [DepthView(c, engine.render(is_open, c).median_depth.astype(float)) for c in cameras]
+    wrong = engine.render(closed, cameras[0]).median_depth.astype(float)
+    wrong[79:82, 79:82] += 0.5
+
+    def volume(photos: list[DepthView]) -> float:
+        stage = proxy_mesh_stage(closed, engine, config=MeshConfig(voxels=48), photos=photos)
+        return mass_properties(run_stage(stage), 1.0, None).volume
+
+    full, cavity = np.pi * 0.5**2 * 0.8, np.pi * 0.4**2 * 0.5
+    assert volume([]) == pytest.approx(full, rel=0.15)
+    # Nearer to the wall than a voxel and what depths are unsure of, nothing is cut.
+    assert full - 1.1 * cavity < volume(seen) < full - 0.5 * cavity
+    assert volume([DepthView(cameras[0], wrong)]) == pytest.approx(volume([]), rel=0.01)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from plyfile import PlyData
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
@@ -245,6 +246,15 @@ def test_bop_has_the_documented_layout(project: Project, tmp_path: Path) -> None
     out = tmp_path / "set"
     report = made(project, out)
     info = json.loads((out / "bop" / "models" / "models_info.json").read_text())
+    models = {path.name: PlyData.read(str(path)) for path in (out / "bop" / "models").glob("*.ply")}
+    for number, facts in info.items():
+        model = models[f"obj_{int(number):06d}.ply"]
+        corners = np.stack(model["face"]["vertex_indices"])
+        sides = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        assert (np.unique(sides, axis=0, return_counts=True)[1] == 2).all()  # it is closed
+        for axis in "xyz":
+            assert model["vertex"][axis].min() == pytest.approx(facts[f"min_{axis}"], abs=1e-3)
+            assert np.ptp(model["vertex"][axis]) == pytest.approx(facts[f"size_{axis}"], abs=1e-3)
     n_pictures = 0
     for folder in sorted((out / "bop").glob("*/0*")):
         cameras, poses, facts = (
@@ -259,7 +269,7 @@ def test_bop_has_the_documented_layout(project: Project, tmp_path: Path) -> None
             depth = values(folder / "depth" / f"{name}.png") * cameras[key]["depth_scale"]
             for k, (pose, fact) in enumerate(zip(poses[key], facts[key], strict=True)):
                 assert str(pose["obj_id"]) in info
-                assert (out / "bop" / "models" / f"obj_{pose['obj_id']:06d}.ply").is_file()
+                assert f"obj_{pose['obj_id']:06d}.ply" in models
                 whole = values(folder / "mask" / f"{name}_{k:06d}.png") > 0
                 seen = values(folder / "mask_visib" / f"{name}_{k:06d}.png") > 0
                 assert fact["px_count_all"] == whole.sum()
