@@ -1,6 +1,6 @@
 """The training loop that the engines of the CPU and of CUDA share."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -46,7 +46,7 @@ class Setting:
     """All that stays the same from one iteration to the next."""
 
     views: Sequence[TrainView]
-    half: Sequence[TrainView]  # the same views at half size, or none
+    smaller: Mapping[float, Sequence[TrainView]]  # the same views at shares of their size
     config: TrainConfig
     extent: float  # of the cameras, scene units
     team: Team
@@ -65,7 +65,7 @@ class Setting:
 
     def view(self, index: int, moment: float) -> TrainView:
         """A view at the current size."""
-        return (self.half if moment <= self.config.half_until else self.views)[index]
+        return self.smaller.get(self.config.size_at(moment), self.views)[index]
 
     def rates(self, moment: float) -> Rates:
         """Learning rates; those of a team grow with the root of its size, as its gradients are

@@ -68,7 +68,8 @@ class TrainConfig:
     quality: Literal["draft", "standard", "full"] = "full"  # where the others come from
     iterations: int = 30_000  # steps; in each, every worker draws a view (Kerbl)
     longest_side: int = 1600  # pixels of a training picture (Kerbl)
-    half_until: float = 0.0  # moment until which pictures have half that size; 0 = never
+    # (moment, share): until then pictures have that share of the size, in this order
+    smaller: tuple[tuple[float, float], ...] = ()
     sh_degree: int = 3  # of view-dependent color (Kerbl)
     sh_every: float = 1 / 30  # moments from one degree to the next: 1,000 of 30,000 (Kerbl)
     dissimilarity: float = DISSIMILARITY
@@ -99,6 +100,8 @@ class TrainConfig:
             raise ValueError("iterations: at least 1")
         if self.longest_side < 16:
             raise ValueError("longest_side: at least 16 pixels")
+        if any(not 0 < share < 1 for _, share in self.smaller):
+            raise ValueError("smaller: shares of the size between 0 and 1")
         if not 0 <= self.sh_degree <= 3:
             raise ValueError("sh_degree: 0 to 3")
         if not 0 <= self.dropout < 1:
@@ -122,7 +125,7 @@ class TrainConfig:
                 quality="standard",
                 iterations=10_000,
                 longest_side=960,
-                half_until=0.25,
+                smaller=((0.25, 0.5),),
                 sh_every=0.1,
                 stereo=40_000,
                 shell=2000,
@@ -133,21 +136,39 @@ class TrainConfig:
         if quality == "draft":
             return TrainConfig(
                 quality="draft",
-                iterations=3000,
+                iterations=2000,
                 longest_side=640,
-                half_until=0.3,
+                smaller=((0.15, 0.25), (0.45, 0.5), (0.7, 0.71)),  # 0.51 of all pixels
                 sh_every=0.15,
+                initial_opacity=0.5,
                 stereo=20_000,
                 shell=2000,
                 dropout=0.2,
-                rates=_quick(RateConfig(means=8e-4, log_scales=0.01, sh=0.01)),
-                density=_quick_density(80_000),
+                rates=replace(
+                    _quick(RateConfig(means=1.6e-3, log_scales=0.02, sh=0.02)),
+                    end=0.05,
+                    end_from=0.8,
+                ),
+                density=replace(_quick_density(80_000), every=50),
             )
         raise ValueError(f"quality: {quality!r} is none of {QUALITIES}")
 
     def at(self, moment: float) -> int:
         """Iteration at a share of the schedule."""
         return round(moment * self.iterations)
+
+    def size_at(self, moment: float) -> float:
+        """Share of `longest_side` that pictures have at a moment."""
+        return next((share for until, share in self.smaller if moment <= until), 1.0)
+
+    def pixels_until(self, moment: float) -> float:
+        """Pixels drawn in all steps until a moment, as a share of those of all steps at full
+        size."""
+        drawn, before = 0.0, 0.0
+        for until, share in (*self.smaller, (1.0, 1.0)):
+            drawn += max(0.0, min(moment, until) - before) * share**2
+            before = max(before, until)
+        return drawn
 
     def degree_at(self, moment: float) -> int:
         """SH degree that is trained at a moment: one more every `sh_every`."""
@@ -179,7 +200,7 @@ class TrainConfig:
         Measured on one core of a server of the 2020s: 0.21 microseconds a pixel and 0.67 a splat in
         an iteration; while it grows, a model has 0.7 of its last splats on average.
         """
-        pixels = n_pixels * (1 - 0.75 * self.half_until)
+        pixels = n_pixels * self.pixels_until(1.0)
         splats = 0.7 * self.density.max_splats
         return self.iterations * (0.21e-6 * pixels + 0.67e-6 * splats)
 
@@ -189,10 +210,10 @@ class TrainConfig:
         Early ones are cheaper: by the figures of `cpu_seconds`, with splats that grow evenly from
         none until 0.6 of the iterations, which are those 0.7 on average.
         """
-        halved, grown = self.half_until, 0.6
+        grown = 0.6
 
         def until(x: float) -> float:
-            pixels = n_pixels * (x - 0.75 * min(x, halved))
+            pixels = n_pixels * self.pixels_until(x)
             splats = min(x, grown) ** 2 / (2 * grown) + max(x - grown, 0.0)
             return 0.21e-6 * pixels + 0.67e-6 * self.density.max_splats * splats
 

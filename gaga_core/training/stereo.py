@@ -32,7 +32,7 @@ from gaga_core.training.views import TrainView
 T = TypeVar("T")
 STAGE = "Match surfaces"
 _MATCH_SIDE = 160  # pixels of the longest side of the pictures that are matched
-_MOST_VIEWS = 40  # evenly among all: more bring more of the same
+_MOST_VIEWS = 20  # evenly among all: more bring more of the same
 _SOURCES = 4  # photos that each photo is compared with
 _FEWEST = 8  # points that two photos share, for either to be compared with the other
 _ANGLE = 10.0  # degrees between two views of a point that tell its depth best

@@ -6,7 +6,7 @@ number of threads, and whether or not the training was stopped and taken up agai
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -139,7 +139,7 @@ def train_stage(
     With a ``team`` each worker runs this with equal arguments and draws its own views; all return
     the same splats. Raises ``GagaError`` when the checkpoint is damaged or cannot be written.
     """
-    half = yield from _half_views(views.train, config)
+    smaller = yield from _smaller_views(views.train, config)
     first = with_degree(initial, min(initial.sh_degree, config.sh_degree))
     state = TrainState.first(first, len(views.train), config.iterations)
     digest = ""
@@ -152,7 +152,7 @@ def train_stage(
             _log.info("%s: going on after iteration %d", checkpoint, found.iteration)
         state = found or state
     positions = np.array([view.camera.position for view in views.train])
-    setting = Setting(views.train, half, config, camera_extent(positions), team)
+    setting = Setting(views.train, smaller, config, camera_extent(positions), team)
     engine = _engine(state, setting, rasterizer)
     keeper = Keeper(
         engine, checkpoint if team.rank == 0 else None, digest, config.checkpoint_seconds
@@ -205,13 +205,17 @@ def _engine(state: TrainState, setting: Setting, rasterizer: Rasterizer) -> Engi
     return CpuEngine(state, setting, cast("TrainableRasterizer", rasterizer))
 
 
-def _half_views(views: Sequence[TrainView], config: TrainConfig) -> Stage[tuple[TrainView, ...]]:
-    """The views at half size; none when the schedule has no use for them."""
-    half = []
-    for i, view in enumerate(views if config.half_until > 0 else ()):
-        yield Progress("Halve photos", i, len(views), view.camera.name)
-        half.append(view.smaller(0.5))
-    return tuple(half)
+def _smaller_views(
+    views: Sequence[TrainView], config: TrainConfig
+) -> Stage[Mapping[float, Sequence[TrainView]]]:
+    """The views at each share of their size that the schedule has a use for."""
+    result = dict[float, list[TrainView]]()
+    for _, share in config.smaller:
+        made = result.setdefault(share, [])
+        for i, view in enumerate(views):
+            yield Progress("Shrink photos", i, len(views), view.camera.name)
+            made.append(view.smaller(share))
+    return result
 
 
 def _is_due(state: TrainState, config: TrainConfig) -> bool:

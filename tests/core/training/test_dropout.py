@@ -71,8 +71,8 @@ def test_a_training_moves_splats_by_the_gradients_of_the_logits_that_are_stored(
     known: Known,
 ) -> None:
     """An iteration of the engine, whose gradients come in pieces, against its single steps."""
-    config = replace(short(30), dropout=0.3, half_until=0.0)
-    setting = Setting(known.views.train, (), config, 1.0, SINGLE_WORKER)
+    config = replace(short(30), dropout=0.3, smaller=())
+    setting = Setting(known.views.train, {}, config, 1.0, SINGLE_WORKER)
     n_views = len(known.views.train)
     states = [TrainState.first(known.initial, n_views, 30) for _ in range(2)]
     got, want = states

@@ -34,7 +34,7 @@ def quality_of(gaussians: Gaussians, known: Known) -> float:
 @pytest.mark.parametrize("strategy", ["gradient", "mcmc"])
 def test_a_short_training_learns_the_scene(known: Known, strategy: str) -> None:
     """Held-out views get better by decibels, and the loss falls."""
-    config = short(sh_degree=1)
+    config = short(sh_degree=1, smaller=())  # losses of one size of picture
     if strategy == "mcmc":
         config = config.with_mcmc()
     trained = train(known.initial, known.views, config, CPU)
@@ -256,8 +256,10 @@ def test_the_report_is_plain_json_and_says_what_came_out(known: Known) -> None:
 def test_what_has_no_points_is_covered_first(known: Known) -> None:
     """Photos of a floor that has no points: splats of its color, about there, and a better end."""
     on_balls = known.points[:, 2] > -0.2
-    bare = initial_gaussians(known.points[on_balls], known.colors[on_balls])
     config = short(60, cover=500)
+    bare = initial_gaussians(
+        known.points[on_balls], known.colors[on_balls], opacity=config.initial_opacity
+    )
 
     def covered(most: int) -> Gaussians:
         return run_stage(

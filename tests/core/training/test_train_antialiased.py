@@ -46,14 +46,14 @@ def test_both_engines_draw_the_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     ]
     losses = {}
     for antialiased in (False, True):
-        config = replace(short(10), half_until=0.0, dropout=0.0, antialiased=antialiased)
+        config = replace(short(10), smaller=(), dropout=0.0, antialiased=antialiased)
         engines: dict[str, Callable[[TrainState, Setting], Engine]] = {
             "cpu": partial(CpuEngine, rasterizer=CPU),
             "cuda": partial(cuda_train.CudaEngine, device="cpu"),
         }
         for name, engine in engines.items():
             state = TrainState.first(small, 2, 10)
-            setting = Setting(views, (), config, 1.0, SINGLE_WORKER)
+            setting = Setting(views, {}, config, 1.0, SINGLE_WORKER)
             engine(state, setting).advance(state)
             losses[name, antialiased] = float(state.losses[0])
     for antialiased in (False, True):

@@ -25,7 +25,7 @@ def contrary(known: Known) -> Known:
 
 
 def config(**changes: object) -> TrainConfig:
-    return short(30, measure_every=0.2, snapshot_seconds=0.0, sh_degree=1, **changes)
+    return short(30, measure_every=0.2, snapshot_seconds=0.0, sh_degree=1, smaller=(), **changes)
 
 
 def previewed(known: Known, settings: TrainConfig) -> tuple[Trained, list[Gaussians]]:

@@ -77,7 +77,7 @@ def tiny(strategy: str, iterations: int = 20, **changes: object) -> TrainConfig:
     )
     rates = replace(config.rates, sh=0.05)
     changed = replace(config, iterations=iterations, sh_degree=1, density=density, rates=rates)
-    changed = replace(changed, half_until=0.0, dropout=0.0)  # so few splats must all be drawn
+    changed = replace(changed, smaller=(), dropout=0.0)  # so few splats must all be drawn
     return replace(changed, **changes)  # type: ignore[arg-type]
 
 
