@@ -181,10 +181,9 @@ def _small_regions(
     regions_kernels.smooth(lab, _SMOOTH_RADIUS, space, value, smooth)
     features, cues, creases = [smooth], [_contours(smooth)], []
     if inverse is not None:
-        log_depth = np.float32(_LOG_DEPTH) * np.log(
-            np.maximum(inverse / inverse[inverse > 0].min(), 1)
-        )
-        features.append(log_depth[None])
+        # In float64: logarithms of float32 round otherwise on other processors.
+        nearness = np.maximum(inverse / inverse[inverse > 0].min(), 1).astype(np.float64)
+        features.append((_LOG_DEPTH * np.log(nearness)).astype(np.float32)[None])
         bend = np.empty_like(inverse)
         regions_kernels.creases(inverse, _REACH, bend)
         creases.append(_above_noise(bend, config.bend))
