@@ -5,23 +5,21 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from tyro.conf import Positional
+
 from gaga_core.cli import output as out
-from gaga_core.cli.output import AnyScene, AsJson, SwitchError, options, possible
+from gaga_core.cli.output import AnyScene, AsJson, Backend, SwitchError, options, possible
 from gaga_core.errors import GagaError
+from gaga_core.export.dataset.settings import DatasetConfig, forms_of
 from gaga_core.export.options import ExportOptions
 from gaga_core.export.simulation.settings import SimulationConfig
+from gaga_core.pipeline.settings import EngineConfig
 
 if TYPE_CHECKING:
     from gaga_core.export.export import MeshExport
     from gaga_core.identity.field import IdentityField
     from gaga_core.io.splats.splat_files import SplatFormat
     from gaga_core.scene.project import Project
-
-from tyro.conf import Positional
-
-from gaga_core.cli.output import Backend
-from gaga_core.export.dataset.settings import DatasetConfig, forms_of
-from gaga_core.pipeline.settings import EngineConfig
 
 _CHANGES = ("sh_degree", "crop", "centre", "ground", "scale", "decimate", "as_trained")
 _PHYSICS = ("density", "friction", "parts", "concavity")

@@ -32,7 +32,7 @@ from gaga_core.training.views import TrainView
 T = TypeVar("T")
 STAGE = "Match surfaces"
 _MATCH_SIDE = 160  # pixels of the longest side of the pictures that are matched
-_MOST_VIEWS = 20  # evenly among all: more bring more of the same
+_MOST_VIEWS = 20  # of a whole scene, evenly among all: more bring more of the same
 _SOURCES = 4  # photos that each photo is compared with
 _FEWEST = 8  # points that two photos share, for either to be compared with the other
 _ANGLE = 10.0  # degrees between two views of a point that tell its depth best
@@ -48,6 +48,7 @@ _CONFIRMED = 2  # photos that must agree
 # fewest pixels of a side, and how well depths must agree. Half of the tolerance of whole scenes
 # finds as much of the inside of a mug (ycb_table) and half as much that is not there.
 _OBJECT_SIDE, _ROOM, _SMALLEST = 128, 8, 16
+OBJECT_VIEWS = 40  # enough of an object
 _OBJECT_TOLERANCE = 0.005
 
 
@@ -105,7 +106,7 @@ def stereo_points_stage(
     result does not depend on the number of threads.
     """
     check_shape("points", points, ("P", 3))
-    photos = _photos(evenly(views), _MATCH_SIDE)
+    photos = _photos(evenly(views, _MOST_VIEWS), _MATCH_SIDE)
     sources, maps = yield from _matched_stage(points, photos)
     found, colors = _confirmed(photos, sources, maps)
     if len(found) > most:
@@ -118,9 +119,9 @@ def object_depths_stage(
     points: DoubleArray,  # (P, 3) of its splats, world
     views: Sequence[TrainView],
 ) -> Stage[list[DepthView]]:
-    """What ``views`` say of where an object is: its part of each of at most 40 of them."""
+    """What ``views`` say of where an object is: its part of each of them."""
     check_shape("points", points, ("P", 3))
-    parts = [part for view in evenly(views) if (part := _part_of(view, points)) is not None]
+    parts = [part for view in views if (part := _part_of(view, points)) is not None]
     photos = _photos(parts, _OBJECT_SIDE)
     sources, maps = yield from _matched_stage(points, photos)
     counts, _ = _agreeing(photos, sources, maps, _OBJECT_TOLERANCE)
@@ -131,9 +132,9 @@ def object_depths_stage(
     ]
 
 
-def evenly(views: Sequence[T]) -> list[T]:
-    """As many of ``views``, or of their cameras, as are matched: evenly among all."""
-    n = min(len(views), _MOST_VIEWS)
+def evenly(views: Sequence[T], most: int) -> list[T]:
+    """At most ``most`` of ``views``, or of their cameras, evenly among all."""
+    n = min(len(views), most)
     return [views[i] for i in np.unique(np.linspace(0, len(views) - 1, n).astype(int))]
 
 

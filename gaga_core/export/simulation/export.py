@@ -42,7 +42,7 @@ from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene, of_scene_now
-from gaga_core.training.stereo import DepthView, evenly, object_depths_stage
+from gaga_core.training.stereo import OBJECT_VIEWS, DepthView, evenly, object_depths_stage
 from gaga_core.training.views import TrainView, read_view
 
 STEP = "Make bodies"
@@ -242,7 +242,8 @@ def _rows(scene: Scene, group: int) -> IntArray:
 
 def _views_stage(how: SimulationExport) -> Stage[list[TrainView]]:
     """The photos in the world of the simulation, evenly among all; none where none are given."""
-    cameras = evenly(carried_cameras(how.cameras, upright_place(how.up, how.scale)))
+    carried = carried_cameras(how.cameras, upright_place(how.up, how.scale))
+    cameras = evenly(carried, OBJECT_VIEWS)
     views = []
     for k, camera in enumerate(cameras):
         yield Progress("Read photos", k, len(cameras), camera.name)

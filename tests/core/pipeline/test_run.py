@@ -155,7 +155,7 @@ ALL = ["reconstruct", "masks", "associate", "lift", "render"]
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder that ``gaga run PHOTOS`` made of eight photos, beside them."""
+    """The folder that ``gaga run PHOTOS`` made of eight photos, next to them."""
     photos = tmp_path_factory.mktemp("walk") / "shots"
     write_photos(photos, 8)
     run_stage(run_folder(photos.with_name("shots-scene"), RunConfig(_tiny()), photos=photos))
