@@ -242,8 +242,11 @@ def command_submenu(session: Session, label: str, command_ids: Sequence[str]) ->
     listed = [commands.command(command_id) for command_id in command_ids if command_id]
     entries = [f"{one.title_now(session)}  {commands.shortcut_of(one, session)}" for one in listed]
     with widgets.submenu(label, entries) as is_open:
-        if is_open:
-            command_items(session, command_ids)
+        for command_id in command_ids if is_open else ():
+            if command_id:
+                command_item(session, command_id)
+            else:
+                imgui.separator()
 
 
 def command_items(session: Session, command_ids: Iterable[str]) -> None:
