@@ -322,6 +322,34 @@ class EditedGroups:
         return result
 
 
+def with_decisions(edited: EditedGroups, found: IntArray) -> tuple[IntArray, dict[int, int]]:
+    """Groups (N,) found again, ``found`` (N,), with those that a person changed as they were.
+
+    A group is changed when Gaussians or masks were put into it by hand, or Gaussians out of it; it
+    stays whole, with a new id. A found group that is mostly part of changed ones is taken up by
+    that which holds most of it: its rim would join what was divided by hand. Also the new ids by
+    the former ones: of changed groups, and of others that are the same object, IoU over a half.
+    """
+    by_hand, in_bank = edited.by_hand, np.maximum(edited.bank.group, 0)
+    of_masks = np.array([d.group for d in edited.bank.log if d.by_hand], np.int32)
+    changed = np.concatenate([edited.labels[by_hand], in_bank[by_hand], of_masks])
+    changed = np.intersect1d(changed[changed > 0], edited.labels)
+    n, first = 1 + int(edited.labels.max(initial=0)), 1 + int(found.max(initial=0))
+    counts = np.zeros((n, first), np.int64)  # few groups: a dense table
+    np.add.at(counts, (edited.labels, found), 1)
+    new_ids = dict(zip(changed.tolist(), range(first, first + len(changed)), strict=True))
+    result = found.copy()
+    for k in np.flatnonzero(2 * counts[changed].sum(axis=0) > counts.sum(axis=0)).tolist():
+        if k > 0:
+            result[found == k] = new_ids[int(changed[counts[changed, k].argmax()])]
+    for old, new in new_ids.items():
+        result[edited.labels == old] = new
+    either = counts.sum(axis=1)[:, None] + counts.sum(axis=0) - counts
+    same = [(i, k) for i, k in np.argwhere(2 * counts > either).tolist() if i and k]
+    there = set(np.unique(result).tolist())
+    return result, {old: new for old, new in same if new in there} | new_ids
+
+
 def add_to_edited_stage(
     gaussians: Gaussians,
     cameras: Sequence[Camera],  # former views and new ones

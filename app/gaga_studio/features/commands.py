@@ -17,6 +17,7 @@ from gaga_studio.features import (
     folders,
     level_of_detail,
     measure,
+    object_list,
     objects,
     reconstruction,
     selection,
@@ -124,6 +125,7 @@ _ALL = (
     *(_OWN + files.COMMANDS + export.COMMANDS + reconstruction.COMMANDS + transform.COMMANDS),
     *(selection.COMMANDS + objects.COMMANDS + folders.COMMANDS + cleanup.COMMANDS + fill.COMMANDS),
     *(masks.COMMANDS + association.COMMANDS + memory_bank.COMMANDS + search.COMMANDS),
+    *object_list.COMMANDS,
     *(click_object.COMMANDS + view.COMMANDS + split_view.COMMANDS + camera.COMMANDS),
     *(measure.COMMANDS + dataset.COMMANDS + add_scene.COMMANDS + simulate.COMMANDS),
 )
@@ -142,7 +144,7 @@ _ORDER = {
         object.import_masks object.import_masks_file object.associate object.find_settings
         object.add_views object.lift object.labels_votes object.labels_identities object.find
         object.find_in_view object.index object.name_all object.quality object.worst_view
-        object.uncertain""",
+        object.uncertain object.list_unsure""",
     "Object": """object.hide object.isolate object.show_all object.lock object.unlock_all
         object.reset_placement object.rename object.folder object.folder_out object.folder_delete
         object.leave_parent object.children_go_along object.make object.merge object.separate

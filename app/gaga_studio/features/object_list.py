@@ -21,6 +21,7 @@ from gaga_core.scene.object_picture import (
 )
 from gaga_core.scene.objects import ObjectTable, confidence_of_groups, group_indices
 from gaga_core.scene.scene import Scene, State
+from gaga_studio.features.base import Command, no_confidence
 from gaga_studio.features.find.memory_bank import quality_column
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.session.document import Document
@@ -404,6 +405,35 @@ def kept_groups(session: Session, table: ObjectTable) -> frozenset[int] | None:
         return frozenset(table.ids[rows].tolist())
 
     return session.need().read.once("kept groups", (table, rows.tobytes()), find)
+
+
+UNSURE = 0.5  # confidence up to which an object is unsure: as likely as not it is something else
+
+
+@notifies
+def list_unsure(session: Session) -> None:
+    """List only the objects of low confidence, for a decision by hand; again: list all."""
+    view = session.need().feature(ObjectListView)
+    view.filter = ListFilter() if is_unsure(session) else ListFilter({"confidence": (0.0, UNSURE)})
+
+
+def is_unsure(session: Session) -> bool:
+    """Whether only objects of low confidence are listed."""
+    if session.document is None:
+        return False
+    ranges = session.document.feature(ObjectListView).filter.ranges
+    return ranges == {"confidence": (0.0, UNSURE)}
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command(
+        "object.list_unsure",
+        "List unsure objects only",
+        list_unsure,
+        enabled=no_confidence,
+        is_on=is_unsure,
+    ),
+)
 
 
 # --- lines of a session

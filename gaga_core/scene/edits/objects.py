@@ -177,7 +177,7 @@ def merge_groups(scene: Scene, groups: Sequence[int], title: str = "Merge") -> E
 
 def _merged_bank(bank: MemoryBank, into: int, others: Sequence[int]) -> MemoryBank:
     gone = set(others)
-    log = tuple(replace(d, group=into) if d.group in gone else d for d in bank.log)
+    log = tuple(replace(d, group=into, by_hand=True) if d.group in gone else d for d in bank.log)
     group, held = (
         np.where(np.isin(ids, np.array(others, np.int32)), into, ids).astype(np.int32)
         for ids in (bank.group, bank.shared[:, 1])

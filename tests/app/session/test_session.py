@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.scene import edits
 from gaga_core.scene.project import open_path_stage
 from gaga_studio.features import files, objects, selection, transform
 from gaga_studio.features.commands import command, run
@@ -320,6 +321,34 @@ def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
     assert session.decisions(group) == ()
     session.redo()
     assert len(objects_of(session)) == n_objects
+
+
+def test_what_a_person_changed_stays_when_objects_are_found_again(session: Session) -> None:
+    association.associate(session, preset="robust")
+    finish(session)
+    scene = scene_of(session)
+    by_size = sorted(objects_of(session), key=lambda k: -int((scene.labels == k).sum()))
+    one, other, third, named = by_size[:4]
+    selection.select_groups(session, (named,))
+    objects.rename(session, named, "a ball")
+    of_name = scene.labels == named
+    selection.select_groups(session, (one, other))
+    assert objects.merge(session)
+    joined = scene.labels == one
+    part = np.flatnonzero(scene.labels == third)[::2]
+    session.edit(lambda scene: edits.select(scene, part, "set"))
+    assert run("object.separate", session)
+    divided = np.isin(np.arange(len(scene)), part)
+    association.associate(session, preset="robust")
+    finish(session)
+    for whole in (joined, divided):
+        (group,) = np.unique(scene.labels[whole])
+        np.testing.assert_array_equal(scene.labels == group, whole)
+    (group,) = (k for k, name in scene.names.items() if name == "a ball")
+    np.testing.assert_array_equal(scene.labels == group, of_name)
+    assert "stay as you changed them" in session.notices[-1].text
+    session.undo()
+    np.testing.assert_array_equal(scene.labels == one, joined)
 
 
 def test_cancelled_association_leaves_everything(session: Session) -> None:

@@ -20,7 +20,7 @@ from gaga_studio.features import folders, object_list, objects, selection
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.find.search import SearchState
-from gaga_studio.features.object_list import ListFilter, ObjectListView
+from gaga_studio.features.object_list import UNSURE, ListFilter, ObjectListView, measures
 from gaga_studio.session.settings import load_settings
 from gaga_studio.tools.move import MoveTool
 from tests.app.folders import write_scene
@@ -327,6 +327,13 @@ def _filter(d: Driver) -> None:
     listing, table = d.session.need().feature(ObjectListView), d.session.objects()
     d.click("Objects/###Filter")
     assert d.exists("$FOCUSED/##splats/##min") or d.exists("**/##splats/##min")
+    d.click("**/Unsure only")
+    d.frames(3)
+    sure = measures(d.session, table)["confidence"]
+    for group, of_group in zip(table.ids.tolist(), sure.tolist(), strict=True):
+        assert not group or d.exists(_ROW.format(group, "##row")) == (0 <= of_group <= UNSURE)
+    d.click("**/Unsure only")
+    assert not listing.filter.is_on
     d.keys(KEY.escape)
     most = float(table.counts[table.ids > 0].max())
     listing.filter = ListFilter({"splats": (most, most)})

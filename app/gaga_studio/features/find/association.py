@@ -140,7 +140,7 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
     progress, end = watch_bank(session)
 
     def done(result: Association) -> None:
-        session.notify(Level.INFO, f"Found {take_groups(document, result)} objects.")
+        session.notify(Level.INFO, take_groups(document, result))
         for note in result.notes:
             session.notify(Level.WARNING, note)
         lift_after_finding(session, preset)
@@ -148,11 +148,20 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
     session.jobs.start("Associate masks", stage, progress, done, end)
 
 
-def take_groups(document: Document, found: Association) -> int:
-    """Set the groups of the scene; return how many objects there are now."""
+def take_groups(document: Document, found: Association) -> str:
+    """Set the groups of the scene, but those that a person changed stay; return what there is."""
+    # Numba and SciPy: imported when first needed, they take a part of the launch time.
+    from gaga_core.grouping.add_views import EditedGroups, with_decisions
+
     scene = document.settled().scene
-    labels = spread(scene, found.labels)  # duplicates follow their originals
-    kept = ids_of_added(scene, labels)
+    of_file, new_ids, n_kept = found.labels, dict[int, int](), 0
+    if scene.bank is not None and scene.identities.source == "votes":
+        now = scene.labels[: len(of_file)]
+        former = EditedGroups(scene.bank, now, None, edits.free_group(scene))
+        of_file, new_ids = with_decisions(former, found.labels)
+        n_kept = int(of_file.max(initial=0)) - int(found.labels.max(initial=0))
+    labels = spread(scene, of_file)  # duplicates follow their originals
+    kept = new_ids | ids_of_added(scene, labels)
     names = {new: scene.names[old] for old, new in kept.items() if old in scene.names}
     order = scene.folders.renumbered(kept)
     document.do(
@@ -160,7 +169,9 @@ def take_groups(document: Document, found: Association) -> int:
             scene, labels, found.bank, names, confidence=found.confidence, folders=order
         )
     )
-    return int((document.read.objects(None, False).ids > 0).sum())
+    text = f"Found {int((document.read.objects(None, False).ids > 0).sum())} objects."
+    text += f" {n_kept} of them stay as you changed them." if n_kept else ""
+    return text
 
 
 def watch_bank(session: Session) -> tuple[Callable[[object], None], Callable[[], None]]:

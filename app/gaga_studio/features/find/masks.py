@@ -511,9 +511,7 @@ def make_live(session: Session, request: MaskRequest) -> None:
         if not ended:
             keep_partial(session, request.provider)
         if found:
-            n = association.take_groups(document, found[-1])
-            n_views = len(found[-1].mask_groups)
-            session.notify(Level.INFO, f"Found {n} objects in {n_views} photos.")
+            session.notify(Level.INFO, association.take_groups(document, found[-1]))
             for note in found[-1].notes:
                 session.notify(Level.WARNING, note)
             association.lift_after_finding(session, found[-1].bank.preset)

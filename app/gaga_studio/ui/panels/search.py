@@ -74,6 +74,8 @@ def _ranges(session: Session) -> None:
     if widgets.button("Clear", why_not=why_not):
         listing.filter = ListFilter()
     imgui.same_line()
+    command_buttons.command_button(session, "object.list_unsure", "Unsure only", Face())
+    imgui.same_line()
     kept = int(np.count_nonzero(listing.filter.keeps(table, measures)))
     widgets.dim(f"{kept:,} of {int((table.ids > 0).sum()):,} objects")
 
