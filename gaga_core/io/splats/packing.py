@@ -415,23 +415,45 @@ def palette_of(rest: FloatArray) -> tuple[FloatArray, IntArray]:
     Splats with few different SH keep them all. Else k-means in two levels: each of a few coarse
     clusters is divided into its share of the entries, so that the time grows with N alone.
     """
-    flat = np.ascontiguousarray(rest.reshape(len(rest), -1), np.float32)
-    entries, labels = np.unique(flat, axis=0, return_inverse=True)
-    if len(entries) <= PALETTE:
-        return entries.reshape(-1, *rest.shape[1:]), labels.reshape(-1).astype(np.int32)
+    few = _few_rows(rest)
+    if few is not None:
+        return few
     rng = np.random.default_rng(0)
-    coarse = _closest(_means_of(_sampled(flat), _COARSE, rng), flat)
+    coarse = _closest(_means_of(_flat(_sampled(rest)), _COARSE, rng), rest)
     order = np.argsort(coarse, kind="stable")
     parts = np.split(order, np.cumsum(np.bincount(coarse, minlength=_COARSE))[:-1])
     room = PALETTE - _COARSE  # a cluster has one entry at least
     found: list[FloatArray] = []
-    labels, n_before = np.zeros(len(flat), np.int64), 0
+    labels, n_before = np.zeros(len(rest), np.int64), 0
     for part in (part for part in parts if len(part)):
-        means = _means_of(flat[part], 1 + room * len(part) // len(flat), rng)
-        labels[part] = n_before + _closest(means, flat[part])
+        rows = _flat(rest[part])
+        means = _means_of(rows, 1 + room * len(part) // len(rest), rng)
+        labels[part] = n_before + _closest(means, rows)
         found.append(means)
         n_before += len(means)
     return np.concatenate(found).reshape(-1, *rest.shape[1:]), labels.astype(np.int32)
+
+
+def _flat(rows: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(rows.reshape(len(rows), -1), np.float32)
+
+
+def _few_rows(rest: FloatArray) -> tuple[FloatArray, IntArray] | None:
+    """The different rows, and the one of each splat, by their hashes, which take little memory;
+    None where there are more than the palette has room for."""
+    factors = np.random.default_rng(1).integers(
+        1, 1 << 62, rest.shape[1] * 3, np.uint64
+    ) | np.uint64(1)
+    hashes = np.empty(len(rest), np.uint64)
+    for part in parts_of(len(rest)):
+        words = _flat(rest[part]).view(np.uint32).astype(np.uint64)
+        hashes[part] = (words * factors).sum(axis=1, dtype=np.uint64)
+    _, first, labels = np.unique(hashes, return_index=True, return_inverse=True)
+    if len(first) > PALETTE:
+        return None
+    entries = rest[first]
+    same = all(np.array_equal(entries[labels[p]], rest[p]) for p in parts_of(len(rest)))
+    return (entries, labels.astype(np.int32)) if same else None
 
 
 def _means_of(rows: FloatArray, k: int, rng: np.random.Generator) -> FloatArray:
@@ -451,11 +473,11 @@ def _means_of(rows: FloatArray, k: int, rng: np.random.Generator) -> FloatArray:
 
 
 def _closest(means: FloatArray, rows: FloatArray) -> IntArray:
-    """The nearest of ``means`` (K, D) to each row (R, D)."""
+    """The nearest of ``means`` (K, D) to each row (R, D) or (R, S - 1, 3)."""
     lengths = (means * means).sum(axis=1)
     step = max(_CELLS // len(means), 1)
     pieces = [
-        (lengths - 2 * (rows[at : at + step] @ means.T)).argmin(axis=1)
+        (lengths - 2 * (_flat(rows[at : at + step]) @ means.T)).argmin(axis=1)
         for at in range(0, len(rows), step)
     ]
     return np.concatenate([*pieces, np.zeros(0, np.int64)]).astype(np.int32)
