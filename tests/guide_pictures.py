@@ -121,7 +121,8 @@ def _click_real(d: Driver, shot: Shot) -> None:
     commands.run("tool.object", d.session)
     d.until(lambda: d.session.jobs.running is None, "the scene was looked at")
     means = d.session.need().scene.gaussians.means
-    d.click_picture(*d.project(np.median(means, axis=0).astype(np.float64)))
+    u, v = d.project(np.median(means, axis=0).astype(np.float64))
+    d.click_picture(u - 0.01 * d.size[0], v + 0.07 * d.size[1])  # the body, next to its knobs
     shot.window(d)
 
 

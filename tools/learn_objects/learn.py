@@ -33,7 +33,9 @@ from gaga_core.grouping.surfaces.objects import (
 )
 from gaga_core.io.files import assets, atomic_write
 from tools.learn_objects.samples import (
+    ALONE,
     Labelled,
+    cut_out_samples,
     painted_samples,
     scene_samples,
     trained_samples,
@@ -49,6 +51,7 @@ _TREES, _LEAVES, _ROWS, _RATE = 400, 20, 40, 0.04  # of an ensemble; leaves, the
 _OF_OBJECTS = 2  # times as many trees judge objects: a quarter of them cost 2 points of recall
 _PAINTED_SEEDS = {"train": range(101, 104), "val": range(105, 106), "test": range(11, 12)}
 _TRAINED = (0, 1, 4, 5, 7)  # seeds whose splats are trained as well
+_CUT_OUT = 3  # every so many of the scenes are a scene without surroundings as well
 _KNOWN = ("ycb_table", "ycb_crowd")  # scenes that earlier rules were fitted to: training
 
 
@@ -125,6 +128,8 @@ def _scenes(work: Path, scans: Path, split: Split, sizes: Sizes) -> Iterator[Lab
         yield scene_samples(folder, work / "samples", seed, all_views=split == "test")
         if split != "val" and seed in _TRAINED and not sizes.only_scans:
             yield trained_samples(folder, work, work / "samples", all_views=split == "test")
+        if seed % _CUT_OUT == 1:
+            yield cut_out_samples(folder, work / "samples" / "alone", seed)
     for seed in () if sizes.only_scans else _PAINTED_SEEDS[split]:
         for painted in PAINTED_KINDS:
             yield painted_samples(painted, seed, work / "samples", all_views=split == "test")
@@ -140,8 +145,9 @@ def _say(line: str) -> None:
 
 
 def learn(scenes: Sequence[Labelled], n_trees: int = _TREES) -> Learned:
-    """The ensembles that these scenes teach."""
-    rng = np.random.default_rng(0)
+    """The ensembles that these scenes teach; borders are those of scenes with surroundings."""
+    rng, every = np.random.default_rng(0), scenes
+    scenes = [scene for scene in every if not scene.name.endswith(ALONE)]
     rows = []
     for scene in scenes:
         borders = borders_of(scene.seen, scene.seen.piece)
@@ -175,7 +181,7 @@ def learn(scenes: Sequence[Labelled], n_trees: int = _TREES) -> Learned:
     borders_by = _log_odds(rows, n_trees)
     _say("objects")
     nodes, best = [], []
-    for scene in scenes:
+    for scene in every:
         tree = grown(scene.seen, pieces=pieces, borders=borders_by)
         nodes.append(node_features(scene.seen, tree, scene.views, scene.n_splats))
         best.append(best_ious(scene, tree))
@@ -300,6 +306,8 @@ def _kind_of(name: str) -> str:
     first, *_, last = name.split("_")
     if first == "trained":
         return "trained splats"
+    if name.endswith(ALONE):
+        return "without surroundings"
     return f"painted {first}" if last.isdecimal() else last
 
 
@@ -331,9 +339,10 @@ with a true object ({_OF_OBJECTS * sizes.trees}).
 
 Data: {n_train} scenes with truth. {sizes.train} of scanned objects of the YCB set (CC BY 4.0) that
 fell on tables, shelves, into boxes and bowls and onto each other (`tools.scenes`, seeds 0 to
-{sizes.train - 1} of `train`; every fifth object appears in test scenes alone), painted rooms,
-tables, contents and objects of parts, and the scenes ycb_table and ycb_crowd. Of each scene 10 to
-60 views were used, and regions of 400 or 480 pixels.
+{sizes.train - 1} of `train`; every fifth object appears in test scenes alone), objects cut out of
+every third of them (for the IoU of nodes alone: their borders are no borders of objects), painted
+rooms, tables, contents and objects of parts, and the scenes ycb_table and ycb_crowd. Of each scene
+10 to 60 views were used, and regions of 400 or 480 pixels.
 
 Scores on validation scenes, by samples of the surface, at the level of whole objects: mean and
 standard deviation over scenes of IoU, precision, recall in percent, and listed groups for each true

@@ -30,12 +30,16 @@ from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
+from gaga_core.scene.selection.click import click_views
 from gaga_core.segmentation.regions import FURTHER_STEPS, RegionsConfig, regions_at
 from tools.scenes.parts import PaintedKind, painted_scene
 
 _MISS = 0.02  # share of its depth by which a sample may miss the surface that a view shows
 _FEW_VIEWS = (28, 10, 20, 28, 14, 36)  # of a scene, by its seed
 _ITERATIONS, _SIDE = 700, 320  # of a training; pixels of its pictures
+ALONE = "_alone"  # what names of scenes without surroundings end in
+_CUT_OUT = (1, 1, 1, 3)  # objects that are cut out of a scene, by its seed
+_LEAST_SPLATS = 300  # of an object that is cut out
 _WIDTHS = (480, 480, 400)  # pixels of the regions, by its seed
 
 
@@ -82,6 +86,30 @@ def trained_samples(folder: Path, work: Path, cache: Path, *, all_views: bool = 
         gaga_core.reconstruct(copy / "images", copy, config=config)
     found = scene_samples(copy, cache / "trained", 0, all_views=all_views)
     return replace(found, name=f"trained_{found.name}")
+
+
+def cut_out_samples(folder: Path, cache: Path, seed: int) -> Labelled:
+    """Samples of one object of the scene without anything around it, or of some next to each other,
+    as files of splats from other programs are; seen from all around, as clicks see such a file."""
+
+    def look() -> Labelled:
+        gaussians = run_stage(read_model(open_scene_folder(folder)))
+        labels = np.load(folder / "gt" / "splat_labels.npy")
+        rng = np.random.default_rng(seed)
+        n_splats = np.bincount(labels, minlength=2)
+        whole = 1 + np.flatnonzero(n_splats[1:] >= _LEAST_SPLATS)
+        centres = np.array([np.median(gaussians.means[labels == k], axis=0) for k in whole])
+        away = np.linalg.norm(centres - centres[rng.integers(len(whole))], axis=1)
+        chosen = whole[np.argsort(away)[: _CUT_OUT[seed % len(_CUT_OUT)]]]
+        rows = np.flatnonzero(np.isin(labels, chosen))
+        alone, engine = gaussians.take(rows), choose("cpu")
+        cameras = click_views((), alone.means)
+        frames = {c.name: np.nan_to_num(engine.render(alone, c).image) for c in cameras}
+        photos = {k: np.rint(255 * np.clip(i, 0, 1)).astype(np.uint8) for k, i in frames.items()}
+        made = _looked(folder.name, alone, cameras, photos, _WIDTHS[0])
+        return _with_truth(made, alone, labels[rows])
+
+    return replace(_kept(cache / f"{folder.name}.npz", look), name=folder.name + ALONE)
 
 
 def painted_samples(
