@@ -12,6 +12,7 @@
 # make faults KILLS=100  kills each kind of program so often at random moments
 # make cluster  runs twenty scenes on a dask cluster whose workers are killed and run out of memory
 # make peers  installs the programs of others that tests compare with, where there is npm
+# make bench-peers  times OpenSplat (built here) and splat-transform next to ours, hours of one processor
 # make browser  installs the Chromium that tests of web pages drive, where there is apt
 # make test-browsers  web pages in Chromium and, on demand, in Firefox
 # make soak MINUTES=10 COMMANDS=20000  random commands of the session, then random events in a window; nothing may be lost
@@ -24,7 +25,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
-.PHONY: wheels test-gl33 app app-models test-app test-browsers test-portable studio test quick peers browser kernels fuzz soak faults cluster captures check demo style types imports pages docs setup bench screenshots clean
+.PHONY: bench-peers wheels test-gl33 app app-models test-app test-browsers test-portable studio test quick peers browser kernels fuzz soak faults cluster captures check demo style types imports pages docs setup bench screenshots clean
 
 studio:
 	@.ci/has-display
@@ -65,6 +66,16 @@ peers: .peers/.ready
 	@command -v npm >/dev/null || { echo "no npm: tests against other programs are skipped"; exit 0; }; \
 	npm install --silent --no-audit --no-fund --ignore-scripts --prefix .peers $(PEERS) \
 	&& touch $@ || echo "npm failed: tests against other programs are skipped"
+
+# OpenSplat on the CPU, where there is a compiler: with Debian's libopencv-dev, nlohmann-json3-dev, libcxxopts-dev, libnanoflann-dev.
+bench-peers: setup peers
+	@[ -x .peers/OpenSplat/build/opensplat ] || { command -v cmake >/dev/null && command -v c++ >/dev/null \
+	&& { [ -d .peers/OpenSplat ] || git clone --quiet --depth 1 https://github.com/pierotofy/OpenSplat .peers/OpenSplat; } \
+	&& cmake -S .peers/OpenSplat -B .peers/OpenSplat/build -DGPU_RUNTIME=CPU -DFETCHCONTENT_TRY_FIND_PACKAGE_MODE=ALWAYS \
+	-DCMAKE_PREFIX_PATH=$$($(BIN)/python -c "import torch; print(torch.utils.cmake_prefix_path)") \
+	&& cmake --build .peers/OpenSplat/build --target opensplat; } || echo "OpenSplat is not built: it is left out"
+	@$(BIN)/python -m tests.bench peers --record
+	@$(BIN)/python -m tests.bench --tables
 
 # Debian's Chromium, which tests of web pages drive.
 browser:

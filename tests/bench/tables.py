@@ -74,6 +74,22 @@ def _quality(said: str, variant: str) -> Row:
     return Row(said, _QUALITY, tuple(f"quality: {variant}, {key}" for key in keys))
 
 
+def _conversion(form: str) -> Row:
+    title = f"peers: 1M splats to {form}"
+    names = tuple(f"{title}, {end}" for end in ("ours", "splat-transform", "ours to theirs"))
+    said = f"1M splats, degree 3, to {form}: ours / splat-transform in CPU-s / the ratio"
+    return Row(said, _SPLATS, names, ("", "", "<= 0.5"))
+
+
+def _peer(name: str, data: Data) -> Iterable[Row]:
+    ours, theirs = f"peers: {name}, ours, a draft", f"peers: {name}, OpenSplat, 300 steps"
+    times = (ours, theirs, f"{theirs}, ours to theirs")
+    said = "trained on a processor: a draft here / 300 steps of OpenSplat in CPU-s / the ratio"
+    yield Row(said, data, times, ("", "", "<= 0.33"))
+    scores = (f"{ours}, held-out", f"{theirs}, held-out")
+    yield Row("their held-out photos: ours / OpenSplat in dB", data, scores)
+
+
 def _parts(said: str, variant: str, after: str = "", bar: str = "") -> Row:
     names = tuple(f"parts: {variant}, {key.lower()}{after}" for key in _SCORES)
     return Row(said, _PARTS, names, (bar,) * 3)
@@ -305,6 +321,10 @@ TABLES: Mapping[str, Sequence[Row]] = {
             (">= -1",),
         ),
     ],
+    "Next to other programs": [
+        *(_conversion(form) for form in ("compressed .ply", ".spz", ".sog", ".glb")),
+        *(row for name, data in (("fox", _FOX), ("garden", _GARDEN)) for row in _peer(name, data)),
+    ],
     "Speed and memory": [
         _speed(
             "association of a view, 1M splats, 54 masks",
@@ -349,7 +369,6 @@ TABLES: Mapping[str, Sequence[Row]] = {
             "<= 65",
             "CPU-ms",
         ),
-        Row("OpenSplat's step on a processor, to ours", _YCB, once=(4.6,), unit="times"),
         _speed(
             "window with 5,000 objects, a frame at rest",
             "window, 5000 groups: at rest",
