@@ -11,7 +11,7 @@ from scipy import ndimage
 from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.fill.chart import Chart, chart_of, darker, tolerance_of
-from gaga_core.fill.fill import Filling, accepted, fill_stage, filled_edit
+from gaga_core.fill.fill import Filling, accepted_stage, fill_stage, filled_edit
 from gaga_core.fill.shadows import gains
 from gaga_core.fill.surfaces import FillConfig, Seen, seen_stage, surfaces_around
 from gaga_core.gaussians import Gaussians
@@ -127,7 +127,7 @@ def test_splats_that_change_what_is_next_to_a_hole_are_taken_out(
     nothing = np.zeros(len(bare), np.bool_)
 
     def kept(fresh: Gaussians) -> np.ndarray:
-        return accepted(bare, fresh, nothing, chart, seen.views, CPU)
+        return run_stage(accepted_stage(bare, fresh, nothing, chart, seen.views, CPU))
 
     assert kept(found.splats).all()
     stray = found.splats.take(np.arange(0, len(found.splats), 8))
@@ -152,7 +152,8 @@ def test_what_photos_showed_at_the_foot_stays(
     ring = np.stack([along, np.full(40, -HALF - 1.8 * STEP), np.full(40, 0.004)], axis=1)
     small, black = np.full_like(stray.log_scales, np.log(0.2 * STEP)), np.full_like(stray.sh, -1.5)
     stray = replace(stray, means=ring.astype(np.float32), log_scales=small, sh=black)
-    kept = accepted(bare, joined(found.splats, stray), nothing, chart, seen.views, CPU)
+    both = joined(found.splats, stray)
+    kept = run_stage(accepted_stage(bare, both, nothing, chart, seen.views, CPU))
     assert kept[: len(found.splats)].mean() > 0.9
     assert kept[len(found.splats) :].mean() < 0.3
 

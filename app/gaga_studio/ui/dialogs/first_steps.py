@@ -34,7 +34,7 @@ class FirstSteps:
     has_photos: bool = False  # photos without splats were opened
     _document: int = 0
     _state: int = -1  # of the history when it was last looked at
-    _look: object = None  # of the scene when an object was first clicked
+    _look: tuple[int, object] = (0, None)  # splats, and what was looked at last
     _selected: tuple[int, ...] = ()  # objects, as the scene was opened: nobody clicked them
 
     @property
@@ -67,7 +67,8 @@ class FirstSteps:
         if document.history.state_id == self._state or "change" in self.done:
             return
         self._state, look = document.history.state_id, look_of(document.scene)
-        if "click" in self.done and look != self._look:
+        # More splats are a copy or another scene: nothing was hidden, colored or moved.
+        if "click" in self.done and look != self._look and look[0] == self._look[0]:
             self.done.add("change")
         self._look = look
 
@@ -77,10 +78,11 @@ class FirstSteps:
         return next((i for i, (name, _) in enumerate(self.steps, 1) if name not in self.done), 0)
 
 
-def look_of(scene: Scene) -> object:
-    """What changes when something is hidden, colored, moved or deleted; not by making objects."""
+def look_of(scene: Scene) -> tuple[int, object]:
+    """How many splats there are, and what changes when something is hidden, colored, moved or
+    deleted; not by making objects."""
     states = tuple(int(scene.has(state).sum()) for state in (State.HIDDEN, State.DELETED))
-    return states, scene.revision.placement, scene.revision.placements
+    return len(scene), (states, scene.revision.placement, scene.revision.placements)
 
 
 @dataclass(frozen=True)

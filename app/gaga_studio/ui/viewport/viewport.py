@@ -376,6 +376,7 @@ class ViewportPanel:
         overlays.source_mark(self.controller.clone_source(session), camera, corner)
         follows = is_over and not self._on_handle and not self.controller.is_dragging
         overlays.ground(session, camera, corner, follows=follows)
+        overlays.waiting_clicks(session, camera, corner)
         overlays.box(session, camera, corner)
         overlays.parts(session, camera, corner)
         overlays.draw_marks(session, camera, corner, follows=follows)
