@@ -28,6 +28,7 @@ from gaga_studio.ui.kit import theme
 from gaga_studio.ui.kit.theme import visual
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.layout_check import TextWatch, findings
+from tests.core.placing.photo_scenes import write_photos
 
 pytestmark = pytest.mark.window
 _LEAST = 100  # pixels of a dock, times the scale of the text
@@ -494,6 +495,46 @@ def test_all_ways_to_begin_are_in_reach(display: str) -> None:
         assert tab.width >= tab.content_width
 
     drive(walk, size=(800, 500), settings=Settings(ui_scale=2.0))
+
+
+def test_a_low_window_with_large_text_is_used_by_hand(
+    display: str, grouped_copy: Path, tmp_path: Path
+) -> None:
+    """The last menu, the right end of the tool bar, most forms of an export and half of the ways
+    on from photos were cut; under the list's search there was no row."""
+    write_photos(tmp_path / "shots", 6)
+
+    def is_whole(d: Driver, ref: str) -> None:
+        item = d.engine.item_info(f"//{ref}")
+        for side in ("min", "max"):
+            seen, whole = getattr(item.rect_clipped, side), getattr(item.rect_full, side)
+            assert (seen.x, seen.y) == (whole.x, whole.y), ref
+
+    def walk(d: Driver) -> None:
+        panels = [d.engine.get_window_by_ref(f"//{name}") for name in ("Objects", "Inspector")]
+        assert [window.hidden for window in panels] == [False, True], "one place, the list first"
+        is_whole(d, "##MainMenuBar/##MenuBar/Help")
+        is_whole(d, "**/More render modes")
+        d.click("**/More render modes")
+        d.click("**/###Groups")
+        assert d.session.view.mode is Mode.GROUPS
+        rows = d.engine.window_info("//Objects/Table").window.inner_clip_rect
+        assert rows.max.y - rows.min.y > 2.5 * 30, "more than one row"
+        d.on_main(partial(commands.run, "file.export_scene", d.session))
+        d.frames(4)
+        sheet = d.engine.get_window_by_ref("//Export")
+        assert sheet.scroll_max.y == 0, "the choices scroll, the buttons stay"
+        for form in ("PLY", "USD", "Web page"):
+            d.click(f"Export/**/###{form}")
+            is_whole(d, f"Export/**/###{form}")
+        d.keys(KEY.escape)
+        d.on_main(partial(d.session.open, tmp_path / "shots"))
+        d.settle()
+        for button in ("Make splats", "Settings…", "Open another…"):
+            is_whole(d, f"Viewport/{button}")
+
+    settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
+    drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
 
 
 def _tabs(d: Driver) -> list[Any]:

@@ -16,7 +16,7 @@ from gaga_core.fill.shadows import gains
 from gaga_core.fill.surfaces import FillConfig, Seen, seen_stage, surfaces_around
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splats.ply import write_ply
-from gaga_core.progress import run_stage
+from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
@@ -69,6 +69,17 @@ def test_the_place_under_a_box_looks_as_the_table_around_it(table: Table, found:
         gain = psnr(new.image, truth.image, inside) - psnr(hole.image, truth.image, inside)
         assert gain > 15
         assert psnr(new.image, truth.image, ~inside) > psnr(hole.image, truth.image, ~inside) - 0.05
+
+
+def test_one_share_counts_all_that_is_done_and_never_goes_back(table: Table) -> None:
+    seen: list[Progress] = []
+    scene = Scene.of(table.gaussians, table.labels)
+    run_stage(fill_stage(scene, table.labels == BOX, table.cameras, CPU), seen.append)
+    assert len({step.stage for step in seen if step.total}) == 1, "no share of a step alone"
+    shares = [step.done / step.total for step in seen]
+    assert shares == sorted(shares)
+    assert shares[0] == 0
+    assert max(np.diff([*shares, 1.0])) < 0.35, "it moves while the hole is filled, too"
 
 
 def test_new_splats_are_like_those_around_and_of_their_group(table: Table, found: Filling) -> None:

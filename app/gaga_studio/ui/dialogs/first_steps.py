@@ -34,7 +34,7 @@ class FirstSteps:
     has_photos: bool = False  # photos without splats were opened
     _document: int = 0
     _state: int = -1  # of the history when it was last looked at
-    _look: tuple[int, object] = (0, None)  # splats, and what was looked at last
+    _look: "Look | None" = None  # at the scene, the last one
     _selected: tuple[int, ...] = ()  # objects, as the scene was opened: nobody clicked them
 
     @property
@@ -67,8 +67,7 @@ class FirstSteps:
         if document.history.state_id == self._state or "change" in self.done:
             return
         self._state, look = document.history.state_id, look_of(document.scene)
-        # More splats are a copy or another scene: nothing was hidden, colored or moved.
-        if "click" in self.done and look != self._look and look[0] == self._look[0]:
+        if "click" in self.done and self._look is not None and look.is_changed_since(self._look):
             self.done.add("change")
         self._look = look
 
@@ -78,11 +77,24 @@ class FirstSteps:
         return next((i for i, (name, _) in enumerate(self.steps, 1) if name not in self.done), 0)
 
 
-def look_of(scene: Scene) -> tuple[int, object]:
-    """How many splats there are, and what changes when something is hidden, colored, moved or
-    deleted; not by making objects."""
-    states = tuple(int(scene.has(state).sum()) for state in (State.HIDDEN, State.DELETED))
-    return len(scene), (states, scene.revision.placement, scene.revision.placements)
+@dataclass(frozen=True)
+class Look:
+    """What changes when something is hidden, colored, moved or deleted; not by making objects."""
+
+    n: int  # splats: more are a copy, which is none of that
+    states: tuple[int, int]  # hidden and deleted splats
+    placed: tuple[int, int]  # revisions
+
+    def is_changed_since(self, before: "Look") -> bool:
+        """Whether one of them was done."""
+        return self.states != before.states or (self.n == before.n and self.placed != before.placed)
+
+
+def look_of(scene: Scene) -> Look:
+    """Return what is seen of ``scene`` now."""
+    hidden, deleted = (int(scene.has(state).sum()) for state in (State.HIDDEN, State.DELETED))
+    revision = scene.revision
+    return Look(len(scene), (hidden, deleted), (revision.placement, revision.placements))
 
 
 @dataclass(frozen=True)
