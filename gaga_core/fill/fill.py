@@ -382,7 +382,9 @@ class Work:
             yield _at(_CHARTS * i / len(planes))
             how = self.seen.views, self.rasterizer, self.config
             charts.append(chart_of(self.gaussians, plane, own, *how))
-        within = ~self.is_object & ~self.is_known & ~self.locked & _inside(own, self.points)
+        thick = float(np.median(self.gaussians.scales[part].min(axis=1)))
+        inside = _inside(own, self.points, thick)
+        within = ~self.is_object & ~self.is_known & ~self.locked & inside
         for chart in charts:  # what lies on a surface is not in the object
             within &= ~_on_surface(chart, self.points)
         self.dropped |= within  # whether there is a hole or not: nothing is in an object's body
@@ -409,7 +411,9 @@ class Work:
             # Seen splats at its rim are made again too, but for large ones: they reach far beyond.
             small = self.gaussians.scales.max(axis=1) < largest * chart.plane.spacing
             under = inside & low & chart.hole[row, column]
-            goes = ((hidden | (small & ~self.is_object)) & under) | within
+            # What is on the surface, and so not in the object's body, is made again with the hole.
+            on_hole = hidden & _on_surface(chart, self.points) & chart.hole[row, column]
+            goes = ((hidden | (small & ~self.is_object)) & under) | on_hole | within
             filled = self._fill_chart(chart, goes & ~self.locked, shadow)
             n_filled += yield from _within(filled, begin, end)
 
@@ -506,10 +510,10 @@ def _on_surface(chart: Chart, points: DoubleArray) -> BoolArray:
     return inside & near & surface[row, column]
 
 
-def _inside(own: DoubleArray, points: DoubleArray) -> BoolArray:
-    """Points (N,) in the convex hull of the object's splats ``own`` (K, 3)."""
+def _inside(own: DoubleArray, points: DoubleArray, thick: float) -> BoolArray:
+    """Points (N,) in the convex hull of the object's splats ``own`` (K, 3), which are ``thick``."""
     lo, hi = np.percentile(own, 1, axis=0), np.percentile(own, 99, axis=0)
-    within: BoolArray = np.all((points > lo) & (points < hi), axis=1)
+    within: BoolArray = np.all((points > lo - thick) & (points < hi + thick), axis=1)
     own = own[((own >= lo) & (own <= hi)).all(axis=1)]
     result = np.zeros(len(points), np.bool_)
     if len(own) < 5 or not within.any():
@@ -518,9 +522,9 @@ def _inside(own: DoubleArray, points: DoubleArray) -> BoolArray:
         planes = ConvexHull(own[:: max(1, len(own) // 3000)]).equations
     except QhullError:  # flat: nothing is inside
         return result
-    near, slack = np.flatnonzero(within), 1e-9 * float((hi - lo).max())
+    near = np.flatnonzero(within)
     for plane in planes:  # normals look outwards
-        near = near[points[near] @ plane[:3] + plane[3] <= slack]
+        near = near[points[near] @ plane[:3] + plane[3] <= thick]
     result[near] = True
     return result
 

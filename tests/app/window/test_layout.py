@@ -13,12 +13,14 @@ import pytest
 from imgui_bundle import ImVec2, ImVec4, imgui
 from PIL import Image
 
+from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import camera, commands, objects, transform
 from gaga_studio.features.find import memory_bank
+from gaga_studio.features.reconstruction import KnownRates
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
@@ -464,7 +466,14 @@ def _names_of_what_was_done(d: Driver) -> None:
     assert _said(d, "camera.film", "Writing takes about ")
     assert not d.session.view.playback.is_playing, "it stops behind the sheet"
     d.keys(KEY.escape)
+    for name in ("Film", "Film, graphics card"):  # a film took so much longer here
+        known = d.session.feature(KnownRates)
+        known.keep(known.rates | {name: 1e4})
+    assert _said(d, "camera.film", " h here"), "the time is this machine's"
+    d.keys(KEY.escape)
+    assert "%.3f" in _number_formats(d)
     d.on_main(lambda: d.session.edit(lambda scene: edits.set_scale(scene, 1.0, 2.0, np.zeros(3))))
+    assert {"%.3f m", "%.3f"} & _number_formats(d) == {"%.3f m"}, "positions are in metres"
     d.on_main(partial(commands.run, "file.export_scene", d.session))
     d.frames(3)
     field = d.engine.item_info("//**/##Units")
@@ -472,6 +481,22 @@ def _names_of_what_was_done(d: Driver) -> None:
     d.keys(KEY.escape)
     assert _said(d, "edit.preferences", "Copy of huggingface.co")
     d.keys(KEY.escape)
+
+
+def _number_formats(d: Driver) -> set[str]:
+    """How numbers of the Inspector are written."""
+    d.focus("Inspector")
+    formats: set[str] = set()
+    draw = imgui.drag_float
+
+    def noting(label: str, value: float, speed: float, low: float, high: float, form: str) -> Any:
+        formats.add(form)
+        return draw(label, value, speed, low, high, form)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(imgui, "drag_float", noting)
+        d.frames(3)
+    return formats
 
 
 def _every_form_is_whole(d: Driver) -> None:
@@ -520,13 +545,19 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         assert d.session.view.mode is Mode.GROUPS
         rows = d.engine.window_info("//Objects/Table").window.inner_clip_rect
         assert rows.max.y - rows.min.y > 2.5 * 30, "more than one row"
+        d.keys(KEY.escape)
+        bright = _bar(d, tmp_path)
         d.on_main(partial(commands.run, "file.export_scene", d.session))
         d.frames(4)
+        assert _bar(d, tmp_path) < 0.4 * bright, "the window behind is dimmed"
         sheet = d.engine.get_window_by_ref("//Export")
         assert sheet.scroll_max.y == 0, "the choices scroll, the buttons stay"
-        for form in ("PLY", "USD", "Web page"):
+        for form in ("PLY", "Web page", "USD"):
             d.click(f"Export/**/###{form}")
             is_whole(d, f"Export/**/###{form}")
+        d.keys(KEY.escape)
+        d.on_main(partial(commands.run, "file.export_scene", d.session))
+        assert d.studio.ui.export.form is SplatFormat.USD, "as it was chosen"
         d.keys(KEY.escape)
         d.on_main(partial(d.session.open, tmp_path / "shots"))
         d.settle()
@@ -535,6 +566,13 @@ def test_a_low_window_with_large_text_is_used_by_hand(
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
+
+
+def _bar(d: Driver, folder: Path) -> float:
+    """Brightest value of the menu bar, 0..255."""
+    d.capture(folder / "window.png")
+    with Image.open(folder / "window.png") as image:
+        return float(np.asarray(image.convert("L"))[5:40].max())
 
 
 def _tabs(d: Driver) -> list[Any]:

@@ -278,6 +278,9 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
         d.menu("Camera/Save film…")
         assert not d.studio.ui.film.through_photos
         d.click("Save film/###Save film…")
+        d.keys(KEY.escape)
+        assert d.exists("Save film/###Save film…"), "without a path the sheet comes back"
+        d.click("Save film/###Save film…")
         d.answer_path(film)
         d.settle()
         d.menu("Camera/Save film…")  # through the photos: half a second each
@@ -286,6 +289,9 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
         d.click("Save film/###Save film…")
         d.answer_path(photos)
         d.settle()
+        d.menu("Camera/Save film…")
+        assert d.studio.ui.film.through_photos, "as it was chosen"
+        d.keys(KEY.escape)
         d.menu("File/Save picture…")
         d.click("Save picture/###Save picture…")
         d.answer_path(picture)

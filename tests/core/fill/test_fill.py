@@ -169,6 +169,20 @@ def test_what_photos_showed_at_the_foot_stays(
     assert kept[len(found.splats) :].mean() < 0.3
 
 
+def test_nothing_is_left_between_the_body_and_the_surface(
+    table: Table, looked_at: tuple[Seen, Chart]
+) -> None:
+    """A dark splat just over the cloth was neither in the teapot nor on the cloth."""
+    _, chart = looked_at
+    dark = table.empty.take(np.arange(1))
+    dark = replace(dark, sh=np.full_like(dark.sh, -1.5))
+    for height in (1.25 * chart.step, 0.999 * tolerance_of(chart), 1.5 * tolerance_of(chart)):
+        over = replace(dark, means=np.array([[0.03, 0.02, height]], np.float32))
+        scene = Scene.of(joined(table.gaussians, over), np.append(table.labels, np.int32(TABLE)))
+        found = run_stage(fill_stage(scene, scene.labels == BOX, table.cameras, CPU))
+        assert len(scene) - 1 in found.unseen, height
+
+
 def test_only_what_is_dark_is_a_gap() -> None:
     color = np.full((40, 40, 3), 0.6) * np.linspace(0.7, 1.0, 40)[:, None]
     known, asked, dark = (np.zeros((40, 40), np.bool_) for _ in range(3))
