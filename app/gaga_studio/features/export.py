@@ -41,7 +41,7 @@ from gaga_core.scene import cleanup as cleanup_edits
 from gaga_core.scene.export_manifest import listed_files, read_manifest
 from gaga_core.scene.objects import selected_groups
 from gaga_core.scene.scene import Scene, State
-from gaga_studio.features import camera, cleanup, folders, simulate, split_view
+from gaga_studio.features import camera, cleanup, folders, measure, simulate, split_view
 from gaga_studio.features.base import (
     Command,
     ask,
@@ -154,7 +154,7 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
         return _cameras_summary(session, plan)
     scene, options = folders.scene_along(session), plan.options
     if isinstance(plan.form, SimulationExport):
-        unit = unit_sentence(is_metric=scene.frame.is_metric)
+        unit = unit_sentence(is_metric=scene.frame.is_metric, how=measure.HOW_TO_SCALE)
         return ExportSummary(len(exported_indices(scene)), 0, 0, (unit,) if unit else ())
     groups = selected_groups(scene).tolist() or None
     if isinstance(plan.form, MeshExport):

@@ -92,10 +92,12 @@ def start(session: Session, *, lighten: bool = True) -> None:
     project = document.settled()
     taken = folders.along(session) if len(session.selected_indices()) else None
     named = folders.title_along(document, "Delete and fill", taken.groups) if taken else ""
-    scene, views = replace(project.scene), project.training_views
+    # A selection that changes meanwhile changes nothing here.
+    scene = replace(project.scene, state=project.scene.state.copy())
+    views, at = project.training_views, document.history.state_id
     model = session.settings.inpainting_model
 
-    def stage() -> "Stage[tuple[Filling, Edit | None]]":
+    def stage() -> "Stage[tuple[Filling, Edit | None, str]]":
         yield Progress("Look behind the object", 0, 0)
         # SciPy's and numba's import takes long: it belongs to the job.
         from gaga_core.fill.fill import fill_stage, fill_title, fillable, filled_edit
@@ -107,14 +109,24 @@ def start(session: Session, *, lighten: bool = True) -> None:
         found = yield from fill_stage(scene, splats, views, choose(), config)
         is_alone = taken is None or not taken.groups
         done_title = fill_title(scene, splats) if is_alone else named
-        return found, filled_edit(scene, found, done_title)
+        return found, filled_edit(scene, found, done_title), done_title
 
-    check = watch(session, document, _CHANGED)
+    def looks() -> object:
+        revision = document.scene.revision
+        shown = revision.splats, revision.labels, revision.placement, revision.placements
+        return shown, document.scene.has(~(State.SELECTED | State.LOCKED)).sum()
 
-    def done(result: "tuple[Filling, Edit | None]") -> None:
-        found, edit = result
+    before = looks()
+    check = watch(session, document, _CHANGED, lambda: looks() == before)
+
+    def done(result: "tuple[Filling, Edit | None, str]") -> None:
+        found, edit, done_title = result
         if not check():
             return
+        if document.history.state_id != at:
+            from gaga_core.fill.fill import filled_edit
+
+            edit = filled_edit(document.settled().scene, found, done_title)
         if edit is None or not found:
             text = f"There is nothing to fill: {_why(found)}"
             session.notify(Level.HINT, text, "edit.delete" if taken is not None else "")

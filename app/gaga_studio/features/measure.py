@@ -16,6 +16,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view import Point, ToolName
 
 _MOST = 3  # points: two lengths and the angle between them
+HOW_TO_SCALE = "Set scale by a known length, in the menu Tools, gives them."
 HELP = "Drag orbits, Backspace takes one back, Esc leaves."
 
 

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, IntArray, UInt8Array
+from gaga_core.camera import Camera
 from gaga_core.grouping.levels import Levels
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits import How
@@ -553,8 +554,11 @@ def picture_request(
     key = f"object {digest:x} {side}"
     if not _may_draw(session, document):
         return key, None
-    scene = replace(document.scene)  # columns are never written in place: a snapshot
-    return key, partial(_drawn, scene, group, _view(session, table, row), side)
+    # Columns are never written in place: a snapshot. What the picture takes is left to the loader,
+    # which is called once, while this is asked for every row in every frame.
+    revision = document.scene.revision.total()
+    scene = document.read.once("snapshot", revision, lambda: replace(document.scene))
+    return key, partial(_drawn, scene, table, row, session.cameras, session.rig.up, side)
 
 
 def _may_draw(session: Session, document: Document) -> bool:
@@ -563,16 +567,22 @@ def _may_draw(session: Session, document: Document) -> bool:
     return not is_busy and session.jobs.quiet is None and document.feature(SearchState).is_measured
 
 
-def _view(session: Session, table: ObjectTable, row: int) -> ObjectView:
+def _view(table: ObjectTable, row: int, cameras: Sequence[Camera], up: DoubleArray) -> ObjectView:
     """From where the object of a row is drawn."""
     extent = np.linalg.norm(table.hi[row] - table.lo[row]) / 2
     radius = float(max(min(table.radius[row] * 1.2, extent), 1e-6))
-    up = np.asarray(session.rig.up, np.float64)
-    return object_view(table.centre[row], radius, session.cameras, up)
+    return object_view(table.centre[row], radius, cameras, up)
 
 
-def _drawn(scene: Scene, group: int, view: ObjectView, side: int) -> UInt8Array:
+def _drawn(
+    scene: Scene,
+    table: ObjectTable,
+    row: int,
+    cameras: Sequence[Camera],
+    up: DoubleArray,
+    side: int,
+) -> UInt8Array:
     """The object (side, side, 3) and nothing else."""
-    rows = group_indices(scene, group)
+    rows = group_indices(scene, int(table.ids[row]))
     splats = bake(scene, indices=rows[:: max(-(-len(rows) // MOST_DRAWN), 1)])
-    return object_picture(splats, view, side)
+    return object_picture(splats, _view(table, row, cameras, up), side)

@@ -26,7 +26,7 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
-from gaga_studio.features import camera
+from gaga_studio.features import camera, measure
 from gaga_studio.features.base import Command, busy, no_groups
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.session import stages
@@ -194,7 +194,7 @@ def show_parts(session: Session, how: SimulationExport) -> bool:
         n, n_bodies = sum(len(body.parts) for body in world.bodies), len(world.bodies)
         objects = "1 object" if n_bodies == 1 else f"{n_bodies} objects"
         text = f"{n} convex part{'' if n == 1 else 's'} of {objects}, drawn in the picture."
-        session.notify(Level.INFO, " ".join((text, *sentences(world))))
+        session.notify(Level.INFO, " ".join((text, *sentences(world, measure.HOW_TO_SCALE))))
 
     made = world_stage(scene, how.seeing(document.project), groups or None)
     ready = stages.prepared("Draw", lambda: made)
@@ -246,7 +246,7 @@ def export_stage(session: Session, path: Path, how: SimulationExport) -> Stage[s
         manifest, bodies = yield from made
         n, where = len(bodies.bodies), paths.shown(manifest.parent)
         said = f"Exported {'1 body' if n == 1 else f'{n} bodies'} to {where}."
-        return " ".join((said, *sentences(bodies)))
+        return " ".join((said, *sentences(bodies, measure.HOW_TO_SCALE)))
 
     return stage()
 

@@ -17,7 +17,7 @@ from imgui_bundle import ImVec2, ImVec4, glfw_utils, hello_imgui, imgui, immapp
 from gaga_core.errors import GagaError, plain_text
 from gaga_studio.system.key_queue import KeyQueue, correct_modifiers
 
-# --- Docking of the panels: a wide and a compact layout, sized for the text that they hold.
+# --- Docking of the panels: a wide, a compact and a low layout, sized for the text that they hold.
 # Docks keep their pixels when the window grows; text does not when its scale changes. So each scale
 # has layouts of its own, a compact one is made again where little is left of the picture, and a
 # remembered layout in which there is no picture is forgotten.
@@ -25,13 +25,16 @@ from gaga_studio.system.key_queue import KeyQueue, correct_modifiers
 Draw = Callable[[], None]
 Split = tuple[str, str, imgui.Dir, float]
 _Made = tuple[int, int, float]  # width, height, scale
-_WIDE, _COMPACT = "Wide", "Compact"
-_MAIN = "MainDockSpace"
+_WIDE, _COMPACT, _LOW = "Wide", "Compact", "Low"
+_MAIN, _BESIDE = "MainDockSpace", "Right"  # dock spaces: of the picture, next to it
 # Columns of the wide layout, pixels at 96 dpi, and the most of the window that they take.
 _RIGHT, _RIGHT_MOST, _LEFT, _LEFT_MOST = 345.0, 0.3, 310.0, 0.36
 _BOTTOM, _BOTTOM_MOST, _BARS = 205.0, 0.32, 95.0  # its row at the foot; menu, tool and status bar
 _SETTLED = 4  # frames after which a layout is built: it is neither left nor looked at before
 _PICTURE_SHARE = 0.55  # of the width of a compact window that the picture has at least
+_STACKED = (
+    330.0  # pixels at 96 dpi: in a lower window two panels, one below the other, show no list
+)
 _LEAST = 80  # pixels: a remembered picture that is smaller is lost
 _PICTURE = re.compile(r"\[Window\]\[Viewport\]\n(?:(?!\[).*\n)*?Size=(\d+),(\d+)")
 
@@ -51,7 +54,7 @@ class Panel:
 
 @dataclass
 class Layout:
-    """The two layouts of one window, and which of them is used."""
+    """The layouts of one window, and which of them is used."""
 
     panels: Sequence[Panel]
     dockable: Callable[[Panel, str], hello_imgui.DockableWindow]
@@ -62,19 +65,20 @@ class Layout:
     remembered: frozenset[str] = frozenset()  # layouts that a person has arranged
     _frames: int = field(default=0)  # since the layout or its scale changed
     _size: tuple[int, int] = (0, 0)  # of the window, in the frame before
-    _shown: tuple[str, ...] = ()  # panels that were in front, the one used last at the end
+    _shown: Sequence[str] = ()  # panels that were in front, the one used last at the end
 
     def prepare(
         self, params: hello_imgui.RunnerParams, size: tuple[int, int], scale: float
     ) -> None:
-        """Give both layouts to the runner, the one for a window of ``size`` first."""
+        """Give all layouts to the runner, the one for a window of ``size`` first."""
         self._name = _named(self._wanted(size, scale), scale)
-        names = [_named(name, scale) for name in (_WIDE, _COMPACT)]
-        both = [self._docking(name, size, scale) for name in names]
+        names = [_named(name, scale) for name in (_WIDE, _COMPACT, _LOW)]
+        layouts = [self._docking(name, size, scale) for name in names]
         self._made_for = dict.fromkeys(names, (*size, scale))
-        both.sort(key=lambda docking: docking.layout_name != self._name)
-        params.docking_params, other = both
-        params.alternative_docking_layouts = [other]
+        if self._name not in self.remembered:
+            self._shown = next(([p.label] for p in self.panels if not p.is_bare), [])
+        layouts.sort(key=lambda docking: docking.layout_name != self._name)
+        params.docking_params, *params.alternative_docking_layouts = layouts
         params.remember_selected_alternative_layout = False
 
     def fit(self, size: imgui.ImVec2, scale: float) -> None:
@@ -107,9 +111,10 @@ class Layout:
         # Shares of a window that has another size by now would make panels of another width.
         made, now = self._made_for.pop(self._name, None), (*whole, scale)
         is_stale = made not in (None, now) and self._name not in self.remembered
-        is_narrow = wanted.startswith(_COMPACT) and before != whole and _is_narrow(whole[0])
+        is_narrow = not wanted.startswith(_WIDE) and before != whole and _is_narrow(whole[0])
         if is_stale or is_narrow:
-            self._shown = _in_front(self.panels)
+            if self._frames > 2 * _SETTLED:  # else the first layout is not in front yet
+                self._shown = _in_front(self.panels)
             self._made_for[self._name] = now
             docking.docking_splits = _splits(self._name, *whole, scale)
             docking.layout_reset = True
@@ -122,18 +127,26 @@ class Layout:
 
     def _wanted(self, size: tuple[int, int], scale: float) -> str:
         narrow, low = (side * scale for side in self.compact_below)
-        return _COMPACT if size[0] < narrow or size[1] < low else _WIDE
+        if size[0] >= narrow and size[1] >= low:
+            return _WIDE
+        return _COMPACT if size[1] >= _STACKED * scale else _LOW
 
     def _docking(self, name: str, size: tuple[int, int], scale: float) -> hello_imgui.DockingParams:
         docking = hello_imgui.DockingParams()
         docking.layout_name = name
         docking.docking_splits = _splits(name, *size, scale)
         docking.dockable_windows = [
-            self.dockable(panel, panel.space if name.startswith(_WIDE) else panel.compact_space)
-            for panel in self.panels
+            self.dockable(panel, _space(panel, name)) for panel in self.panels
         ]
         docking.main_dock_space_node_flags = imgui.DockNodeFlags_.none
         return docking
+
+
+def _space(panel: Panel, name: str) -> str:
+    """The dock space of ``panel`` in the layout ``name``."""
+    if name.startswith(_WIDE):
+        return panel.space
+    return _BESIDE if name.startswith(_LOW) and not panel.is_bare else panel.compact_space
 
 
 def _named(layout: str, scale: float) -> str:
@@ -167,7 +180,7 @@ def remembered(settings_file: Path | None) -> frozenset[str]:
         text = "" if settings_file is None else settings_file.read_text("utf-8", "replace")
     except OSError:
         text = ""  # there is none yet
-    return frozenset(re.findall(rf"_((?:{_WIDE}|{_COMPACT})(?: [\d.]+)?)>>>", text))
+    return frozenset(re.findall(rf"_((?:{_WIDE}|{_COMPACT}|{_LOW})(?: [\d.]+)?)>>>", text))
 
 
 def forget_if_lost(settings_file: Path) -> None:
@@ -184,18 +197,16 @@ def forget_if_lost(settings_file: Path) -> None:
 def _splits(name: str, width: float, height: float, scale: float) -> list[hello_imgui.DockingSplit]:
     """How a layout divides a window of so many pixels, whose text has ``scale``."""
     width, height = width / scale, height / scale
+    splits: list[Split] = [(_MAIN, _BESIDE, imgui.Dir.right, 0.43)]
     if name.startswith(_COMPACT):
-        splits: list[Split] = [
-            (_MAIN, "Right", imgui.Dir.right, 0.43),
-            ("Right", "RightBottom", imgui.Dir.down, 0.53),
-        ]
-    else:
+        splits.append((_BESIDE, "RightBottom", imgui.Dir.down, 0.53))
+    elif name.startswith(_WIDE):
         right = min(_RIGHT / width, _RIGHT_MOST)
         left = min(_LEFT / (width * (1 - right)), _LEFT_MOST)
         bottom = min(_BOTTOM / max(height - _BARS, 1.0), _BOTTOM_MOST)
         splits = [
-            (_MAIN, "Right", imgui.Dir.right, right),
-            ("Right", "RightDown", imgui.Dir.down, 0.36),
+            (_MAIN, _BESIDE, imgui.Dir.right, right),
+            (_BESIDE, "RightDown", imgui.Dir.down, 0.36),
             (_MAIN, "Bottom", imgui.Dir.down, bottom),
             (_MAIN, "Left", imgui.Dir.left, left),
         ]

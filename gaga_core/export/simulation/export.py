@@ -85,13 +85,17 @@ class SimulationExport:
         return replace(self, cameras=cameras, photos=folder.image_paths)
 
 
-def unit_sentence(*, is_metric: bool) -> str:
-    """What is said where no length of the scene is known; empty where one is."""
+HOW_TO_SCALE = "Set the scale in the window, or give --scale."
+
+
+def unit_sentence(*, is_metric: bool, how: str = HOW_TO_SCALE) -> str:
+    """What is said where no length of the scene is known, and ``how`` it is set; empty where one
+    is."""
     return (
         ""
         if is_metric
         else "The length of a unit is not known, so lengths are written as they are and taken for "
-        "metres. Set the scale in the window, or give --scale."
+        f"metres. {how}"
     )
 
 
@@ -298,9 +302,9 @@ def _is_static(plane: Plane, means: DoubleArray, firm: BoolArray, rest: BoolArra
     return bool((near & rest).sum() >= (near & ~rest).sum())
 
 
-def sentences(world: World) -> tuple[str, ...]:
-    """What a person should know of ``world``, a sentence each."""
-    said = [unit_sentence(is_metric=world.is_metric)]
+def sentences(world: World, how: str = HOW_TO_SCALE) -> tuple[str, ...]:
+    """What a person should know of ``world``, a sentence each; ``how`` its scale is set."""
+    said = [unit_sentence(is_metric=world.is_metric, how=how)]
     if world.left_out:
         said.append(f"Without a surface, and so left out: {', '.join(world.left_out)}.")
     if world.without_support:

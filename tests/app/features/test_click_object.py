@@ -118,9 +118,11 @@ def test_a_click_before_the_scene_was_looked_at_is_answered_later(session: Sessi
     hand = Hand(session)
     hand.click_at(balls(session)[0][0])
     assert titles(session) == []
-    assert "clicks are answered" in hand.controller.tool(session).hint(session)
+    assert "1 click waits" in hand.controller.tool(session).hint(session)
+    assert len(click_object.waiting(session)) == 1
     assert session.jobs.wait()
     assert titles(session) == ["Click an object"]
+    assert not click_object.waiting(session)
 
 
 def test_cancelling_the_look_forgets_the_clicks(session: Session) -> None:

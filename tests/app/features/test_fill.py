@@ -87,6 +87,27 @@ def test_preview_switch_and_cancel(at_table: Session) -> None:
     assert session.need().history.cursor == entries
 
 
+def test_a_selection_meanwhile_throws_nothing_away(at_table: Session) -> None:
+    """A click while the hole was analysed threw its minute away; another edit still does."""
+    session = at_table
+    before = snapshot(session.need().scene)
+    run("object.fill", session)
+    run("select.none", session)
+    finish(session)
+    found = fill.shown(session)
+    assert found is not None
+    assert run("object.fill_apply", session)
+    assert session.need().scene.has(State.DELETED)[found.removed].all()
+    for _ in range(2):
+        session.undo()
+    assert snapshot(session.need().scene) == before
+    run("object.fill", session)
+    run("object.hide", session)
+    finish(session)
+    assert fill.shown(session) is None
+    assert "changed" in session.notices[-1].text
+
+
 def test_an_inpainting_model_colors_the_hole_until_it_is_switched_off(
     at_table: Session, tmp_path: Path
 ) -> None:

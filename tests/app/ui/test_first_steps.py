@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_studio.features import export, objects, selection
+from gaga_studio.features import export, objects, selection, transform
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
@@ -72,7 +72,9 @@ def test_only_what_was_done_is_ticked_and_photos_count(session: Session, tmp_pat
     finish(session)
     progress.follow(session)
     assert "export" in progress.done
-    assert "change" not in progress.done
+    transform.duplicate(session)
+    progress.follow(session)
+    assert "change" not in progress.done, "a copy is none of the three"
     objects.hide(session)
     progress.follow(session)
     assert progress.next == 0

@@ -13,12 +13,14 @@ import pytest
 from imgui_bundle import ImVec2, ImVec4, imgui
 from PIL import Image
 
+from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import camera, commands, objects, transform
 from gaga_studio.features.find import memory_bank
+from gaga_studio.features.reconstruction import KnownRates
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
@@ -28,6 +30,7 @@ from gaga_studio.ui.kit import theme
 from gaga_studio.ui.kit.theme import visual
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.layout_check import TextWatch, findings
+from tests.core.placing.photo_scenes import write_photos
 
 pytestmark = pytest.mark.window
 _LEAST = 100  # pixels of a dock, times the scale of the text
@@ -463,7 +466,14 @@ def _names_of_what_was_done(d: Driver) -> None:
     assert _said(d, "camera.film", "Writing takes about ")
     assert not d.session.view.playback.is_playing, "it stops behind the sheet"
     d.keys(KEY.escape)
+    for name in ("Film", "Film, graphics card"):  # a film took so much longer here
+        known = d.session.feature(KnownRates)
+        known.keep(known.rates | {name: 1e4})
+    assert _said(d, "camera.film", " h here"), "the time is this machine's"
+    d.keys(KEY.escape)
+    assert "%.3f" in _number_formats(d)
     d.on_main(lambda: d.session.edit(lambda scene: edits.set_scale(scene, 1.0, 2.0, np.zeros(3))))
+    assert {"%.3f m", "%.3f"} & _number_formats(d) == {"%.3f m"}, "positions are in metres"
     d.on_main(partial(commands.run, "file.export_scene", d.session))
     d.frames(3)
     field = d.engine.item_info("//**/##Units")
@@ -471,6 +481,22 @@ def _names_of_what_was_done(d: Driver) -> None:
     d.keys(KEY.escape)
     assert _said(d, "edit.preferences", "Copy of huggingface.co")
     d.keys(KEY.escape)
+
+
+def _number_formats(d: Driver) -> set[str]:
+    """How numbers of the Inspector are written."""
+    d.focus("Inspector")
+    formats: set[str] = set()
+    draw = imgui.drag_float
+
+    def noting(*shown: Any) -> Any:
+        formats.add(shown[5])
+        return draw(*shown)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(imgui, "drag_float", noting)
+        d.frames(3)
+    return formats
 
 
 def _every_form_is_whole(d: Driver) -> None:
@@ -494,6 +520,59 @@ def test_all_ways_to_begin_are_in_reach(display: str) -> None:
         assert tab.width >= tab.content_width
 
     drive(walk, size=(800, 500), settings=Settings(ui_scale=2.0))
+
+
+def test_a_low_window_with_large_text_is_used_by_hand(
+    display: str, grouped_copy: Path, tmp_path: Path
+) -> None:
+    """The last menu, the right end of the tool bar, most forms of an export and half of the ways
+    on from photos were cut; under the list's search there was no row."""
+    write_photos(tmp_path / "shots", 6)
+
+    def is_whole(d: Driver, ref: str) -> None:
+        item = d.engine.item_info(f"//{ref}")
+        for side in ("min", "max"):
+            seen, whole = getattr(item.rect_clipped, side), getattr(item.rect_full, side)
+            assert (seen.x, seen.y) == (whole.x, whole.y), ref
+
+    def walk(d: Driver) -> None:
+        panels = [d.engine.get_window_by_ref(f"//{name}") for name in ("Objects", "Inspector")]
+        assert [window.hidden for window in panels] == [False, True], "one place, the list first"
+        is_whole(d, "##MainMenuBar/##MenuBar/Help")
+        is_whole(d, "**/More render modes")
+        d.click("**/More render modes")
+        d.click("**/###Groups")
+        assert d.session.view.mode is Mode.GROUPS
+        rows = d.engine.window_info("//Objects/Table").window.inner_clip_rect
+        assert rows.max.y - rows.min.y > 2.5 * 30, "more than one row"
+        d.keys(KEY.escape)
+        contrast = _edge(d, tmp_path)
+        d.on_main(partial(commands.run, "file.export_scene", d.session))
+        d.frames(4)
+        sheet = d.engine.get_window_by_ref("//Export")
+        assert sheet.scroll_max.y == 0, "the choices scroll, the buttons stay"
+        assert _edge(d, tmp_path) < 0.3 * contrast, "the window behind is dimmed"
+        for form in ("PLY", "Web page", "USD"):
+            d.click(f"Export/**/###{form}")
+            is_whole(d, f"Export/**/###{form}")
+        d.keys(KEY.escape)
+        d.on_main(partial(commands.run, "file.export_scene", d.session))
+        assert d.studio.ui.export.form is SplatFormat.USD, "as it was chosen"
+        d.keys(KEY.escape)
+        d.on_main(partial(d.session.open, tmp_path / "shots"))
+        d.settle()
+        for button in ("Make splats", "Settings…", "Open another…"):
+            is_whole(d, f"Viewport/{button}")
+
+    settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
+    drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
+
+
+def _edge(d: Driver, folder: Path) -> float:
+    """Contrast of the left edge of the window, 0..255, where no sheet is."""
+    d.capture(folder / "window.png")
+    with Image.open(folder / "window.png") as image:
+        return float(np.asarray(image.convert("L"))[:, 2:20].std())
 
 
 def _tabs(d: Driver) -> list[Any]:

@@ -266,6 +266,9 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
         assert s.view.swipe < 0.48
         commands.run("camera.swipe", s)
 
+        d.menu("Camera/Save film…")  # without a path: nobody has chosen the photos
+        assert d.studio.ui.film.through_photos
+        d.keys(KEY.escape)
         d.keys(KEY.k)
         s.rig.orbit(100, 0)
         d.keys(KEY.k)
@@ -273,15 +276,22 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
         d.studio.ui.film.width, d.studio.ui.film.height = 64, 48
         d.studio.ui.film.fps = 5.0
         d.menu("Camera/Save film…")
+        assert not d.studio.ui.film.through_photos
+        d.click("Save film/###Save film…")
+        d.keys(KEY.escape)
+        assert d.exists("Save film/###Save film…"), "without a path the sheet comes back"
         d.click("Save film/###Save film…")
         d.answer_path(film)
         d.settle()
         d.menu("Camera/Save film…")  # through the photos: half a second each
-        d.click("Save film/Way/###Through the photos")
+        d.click("Save film/**/Way/###Through the photos")
         d.studio.ui.film.seconds = 0.4
         d.click("Save film/###Save film…")
         d.answer_path(photos)
         d.settle()
+        d.menu("Camera/Save film…")
+        assert d.studio.ui.film.through_photos, "as it was chosen"
+        d.keys(KEY.escape)
         d.menu("File/Save picture…")
         d.click("Save picture/###Save picture…")
         d.answer_path(picture)

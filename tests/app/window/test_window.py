@@ -72,8 +72,14 @@ def test_nothing_open_offers_four_ways(display: str, balls: Path, tmp_path: Path
         d.on_main(d.session.close)
         d.frames(3)
         d.menu("File/###Make splats from photos")
-        assert d.exists("$FOCUSED/##Path"), "it asks for the photos"
-        d.keys(KEY.escape)
+        d.answer_path(photos)
+        assert d.session.photos is None, "it is entered"
+        d.keys(KEY.enter)
+        d.settle()
+        assert d.session.photos is not None, "nothing named in it: all of it"
+        assert d.session.photos.photos == photos
+        d.on_main(d.session.close)
+        d.frames(3)
         for choice in ("Open a scene folder", "Open a splat file", "Try the demo"):
             assert d.exists(f"Viewport/{choice}"), choice
         d.click("Viewport/Open a scene folder")

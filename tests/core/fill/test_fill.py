@@ -11,12 +11,12 @@ from scipy import ndimage
 from gaga_core.edit_script import run_script
 from gaga_core.errors import GagaError
 from gaga_core.fill.chart import Chart, chart_of, darker, tolerance_of
-from gaga_core.fill.fill import Filling, accepted, fill_stage, filled_edit
+from gaga_core.fill.fill import Filling, accepted_stage, fill_stage, filled_edit
 from gaga_core.fill.shadows import gains
 from gaga_core.fill.surfaces import FillConfig, Seen, seen_stage, surfaces_around
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splats.ply import write_ply
-from gaga_core.progress import run_stage
+from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
@@ -69,6 +69,17 @@ def test_the_place_under_a_box_looks_as_the_table_around_it(table: Table, found:
         gain = psnr(new.image, truth.image, inside) - psnr(hole.image, truth.image, inside)
         assert gain > 15
         assert psnr(new.image, truth.image, ~inside) > psnr(hole.image, truth.image, ~inside) - 0.05
+
+
+def test_one_share_counts_all_that_is_done_and_never_goes_back(table: Table) -> None:
+    seen: list[Progress] = []
+    scene = Scene.of(table.gaussians, table.labels)
+    run_stage(fill_stage(scene, table.labels == BOX, table.cameras, CPU), seen.append)
+    assert len({step.stage for step in seen if step.total}) == 1, "no share of a step alone"
+    shares = [step.done / step.total for step in seen]
+    assert shares == sorted(shares)
+    assert shares[0] == 0
+    assert max(np.diff([*shares, 1.0])) < 0.35, "it moves while the hole is filled, too"
 
 
 def test_new_splats_are_like_those_around_and_of_their_group(table: Table, found: Filling) -> None:
@@ -127,7 +138,7 @@ def test_splats_that_change_what_is_next_to_a_hole_are_taken_out(
     nothing = np.zeros(len(bare), np.bool_)
 
     def kept(fresh: Gaussians) -> np.ndarray:
-        return accepted(bare, fresh, nothing, chart, seen.views, CPU)
+        return run_stage(accepted_stage(bare, fresh, nothing, chart, seen.views, CPU))
 
     assert kept(found.splats).all()
     stray = found.splats.take(np.arange(0, len(found.splats), 8))
@@ -152,9 +163,24 @@ def test_what_photos_showed_at_the_foot_stays(
     ring = np.stack([along, np.full(40, -HALF - 1.8 * STEP), np.full(40, 0.004)], axis=1)
     small, black = np.full_like(stray.log_scales, np.log(0.2 * STEP)), np.full_like(stray.sh, -1.5)
     stray = replace(stray, means=ring.astype(np.float32), log_scales=small, sh=black)
-    kept = accepted(bare, joined(found.splats, stray), nothing, chart, seen.views, CPU)
+    both = joined(found.splats, stray)
+    kept = run_stage(accepted_stage(bare, both, nothing, chart, seen.views, CPU))
     assert kept[: len(found.splats)].mean() > 0.9
     assert kept[len(found.splats) :].mean() < 0.3
+
+
+def test_nothing_is_left_between_the_body_and_the_surface(
+    table: Table, looked_at: tuple[Seen, Chart]
+) -> None:
+    """A dark splat just over the cloth was neither in the teapot nor on the cloth."""
+    _, chart = looked_at
+    dark = table.empty.take(np.arange(1))
+    dark = replace(dark, sh=np.full_like(dark.sh, -1.5))
+    for height in (1.25 * chart.step, 0.999 * tolerance_of(chart), 1.5 * tolerance_of(chart)):
+        over = replace(dark, means=np.array([[0.03, 0.02, height]], np.float32))
+        scene = Scene.of(joined(table.gaussians, over), np.append(table.labels, np.int32(TABLE)))
+        found = run_stage(fill_stage(scene, scene.labels == BOX, table.cameras, CPU))
+        assert len(scene) - 1 in found.unseen, height
 
 
 def test_only_what_is_dark_is_a_gap() -> None:

@@ -222,6 +222,9 @@ def first_click(session: Session, place: ViewportPoint) -> bool:
 def prompt(session: Session) -> str:
     """Return what a click does now, in words."""
     document = session.need()
+    if n := len(document.feature(ClickState).waiting):
+        waits = "1 click waits" if n == 1 else f"{n} clicks wait"
+        return f"{waits}: the scene is being analysed. Middle drag orbits."
     if document.feature(ClickState).is_preparing:
         return "Analysing the scene; clicks are answered when it is done. Middle drag orbits."
     if document.feature(ClickState).is_asking:
@@ -229,6 +232,12 @@ def prompt(session: Session) -> str:
     if not is_clicking(session):
         return "Click an object, or drag a box around it. Middle drag orbits."
     return "Click adds, Alt click takes away. Enter makes it an object, Esc clears."
+
+
+def waiting(session: Session) -> list["Click"]:
+    """The clicks that are answered when the scene is analysed."""
+    state = session.need().feature(ClickState)
+    return [clicked for clicked, _ in state.waiting]
 
 
 def has_clicks(session: Session) -> bool:

@@ -79,6 +79,13 @@ class MenuState:
 def draw(session: Session, state: MenuState, reset_layout: Callable[[], None]) -> None:
     """Menus, and at the right end the name of what is open."""
     before, state.opened = state.opened, ""
+    # The toolkit sets titles twice this far apart; in a narrow window all of them have to fit.
+    wide = sum(imgui.calc_text_size(title).x for title in MENUS)
+    spacing = imgui.get_style().item_spacing
+    between = (imgui.get_content_region_avail().x - wide) / (2 * len(MENUS))
+    imgui.push_style_var(
+        imgui.StyleVar_.item_spacing, imgui.ImVec2(min(spacing.x, max(between, 1.0)), spacing.y)
+    )
     for title, menu in MENUS.items():
         is_open = imgui.begin_menu(title)
         is_clicked = imgui.is_item_hovered() and imgui.is_mouse_clicked(imgui.MouseButton_.left)
@@ -100,6 +107,7 @@ def draw(session: Session, state: MenuState, reset_layout: Callable[[], None]) -
                 if imgui.menu_item_simple(f"{icons.RESET}  Put panels back###Put panels back"):
                     reset_layout()
             imgui.end_menu()
+    imgui.pop_style_var()
     _title(session)
 
 

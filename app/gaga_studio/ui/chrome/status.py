@@ -17,6 +17,7 @@ from gaga_studio.ui.kit.widgets import Face
 
 # --- The status line: what a click does now, what is under the mouse, and which job runs.
 
+_NARROW = 40.0  # em: a narrower bar has no room for figures next to a job
 _LOOK_EVERY = 10.0  # seconds; a look asks the driver and the installed packages
 
 
@@ -47,6 +48,8 @@ def _look(_period: int) -> Backend:
 def status_text(session: Session, tool: Tool) -> str:
     """One line, never empty."""
     document = session.document
+    if session.training is not None and session.training.is_stopped:
+        return "Training has stopped. Continue it, keep these splats, or go back to the photos."
     if session.training is not None:
         return "The splats are shown as they are trained. Drag orbits, the wheel zooms."
     if session.photos is not None:
@@ -81,8 +84,10 @@ def draw(session: Session, hint: str, figures: FrameFigures | None) -> None:
     """The whole bar; ``hint`` says what a click does now."""
     right = _figures_text(session, figures)
     width = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
-    tail = imgui.calc_text_size(right).x + em(1) if right else 0.0
     job = session.jobs.running or session.jobs.quiet or session.jobs.preparing
+    if job is not None and width < em(_NARROW):
+        right = ""
+    tail = imgui.calc_text_size(right).x + em(1) if right else 0.0
     middle = _job_width(session, job, width - tail) if job is not None else 0.0
     imgui.align_text_to_frame_padding()
     room = width - tail - middle - em(1)
@@ -116,7 +121,11 @@ def _job(session: Session, job: Job, width: float) -> None:
     bar = em(_BAR) if words + cancel + em(_GAPS + _BAR) <= width else em(_SHORT_BAR)
     room = width - cancel - bar - em(_GAPS - 0.1)
     shown = job if words <= room else replace(job, is_of_step=False)  # the time left is read first
-    text = widgets.elided(job_text(shown), room)
+    text = job_text(shown)
+    if (wide := imgui.calc_text_size(text).x) > room:  # the share is read before the title, too
+        of_title = imgui.calc_text_size(job.title).x
+        title = widgets.elided(job.title, max(of_title - (wide - room), 0.0))
+        text = widgets.elided(title + text.removeprefix(job.title), room)
     imgui.align_text_to_frame_padding()
     imgui.text_unformatted(text)
     widgets.tooltip(job.message)

@@ -172,9 +172,9 @@ def _model_of_clicks(session: Session) -> None:
     imgui.end_popup()
 
 
-def rule() -> None:
-    """A thin line between groups of buttons."""
-    imgui.same_line(0, em(0.6))
+def rule(room: float = 0.6) -> None:
+    """A thin line between groups of buttons, with ``room`` on both sides, em."""
+    imgui.same_line(0, em(room))
     corner = imgui.get_cursor_screen_pos()
     height = imgui.get_frame_height()
     top, bottom = corner.y + height * 0.15, corner.y + height * 0.85
@@ -182,7 +182,7 @@ def rule() -> None:
         imgui.ImVec2(corner.x, top), imgui.ImVec2(corner.x, bottom), theme.u32(theme.LINE_STRONG)
     )
     imgui.dummy(imgui.ImVec2(1, height))
-    imgui.same_line(0, em(0.6))
+    imgui.same_line(0, em(room))
 
 
 _MODES = (
@@ -190,6 +190,7 @@ _MODES = (
     (Mode.GROUPS, icons.GROUPS, "Groups", "Every object in its list color"),
     (Mode.DEPTH, icons.DEPTH, "Depth", "Near is bright, far is dark"),
 )
+_NARROW = 31.0  # em: a narrower bar has one button for all modes
 _SELECTING = [
     f"tool.{tool}" for tool in ("pick", "object", "rect", "lasso", "polygon", "brush", "sphere")
 ]
@@ -204,9 +205,14 @@ def draw(session: Session, area: PictureArea) -> None:
     _paint()
     width = imgui.get_content_region_avail().x
     left = imgui.get_cursor_screen_pos().x
+    is_narrow = width < em(_NARROW)
     for listed in (_SELECTING, _MOVING, ("edit.undo", "edit.redo")):
         _icons(session, listed)
-        rule()
+        rule(0.25 if is_narrow else 0.6)
+    if is_narrow:
+        _more_modes(session, ())
+        area.has_options = True
+        return
     _modes(session, with_text=width > em(58))
     imgui.same_line()
     if width - (imgui.get_cursor_screen_pos().x - left) < 3 * imgui.get_frame_height() + em(3):
@@ -246,11 +252,17 @@ def _modes(session: Session, *, with_text: bool) -> None:
     if picked is not session.view.mode:
         commands.run(f"view.{picked}", session)
     imgui.same_line(0, theme.scaled(1))
+    _more_modes(session, shown)
+
+
+def _more_modes(session: Session, shown: Sequence[Mode]) -> None:
+    """The way to what is not ``shown`` next to it."""
+    hint = "Confidence, centres, rings, a mask, and the look of small splats"
     if widgets.icon_button(
         "More render modes",
-        icons.MORE,
-        hint="Confidence, centres, rings, a mask, and the look of small splats",
-        on=session.view.mode not in shown,
+        icons.MORE if shown else icons.COLOR,
+        hint=hint if shown else f"Color, groups, depth, {hint[0].lower()}{hint[1:]}",
+        on=session.view.mode not in (shown or (Mode.COLOR,)),
     ):
         imgui.open_popup("More modes")
     low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()

@@ -82,7 +82,8 @@ def _up(options: ExportOptions) -> ExportOptions:
         (True, "", "As trained", "Axes of the scene, x and y reversed, as a .ply has them"),
     ]
     return replace(
-        options, as_trained=widgets.segmented("Up", choices, options.as_trained, why_not={})
+        options,
+        as_trained=widgets.segmented("Up", choices, options.as_trained, why_not={}, wraps=True),
     )
 
 
@@ -337,7 +338,7 @@ def _what_and_form(session: Session, sheet: ExportSheet) -> None:
     off = {what: commands.command(name).enabled(session) for what, *_, name in _WHATS}
     widgets.field_name("What", em(NAMES))
     choices = [(what, icon, label, hint) for what, icon, label, hint, _ in _WHATS]
-    what = widgets.segmented("What", choices, sheet.what, why_not=off)
+    what = widgets.segmented("What", choices, sheet.what, why_not=off, wraps=True)
     if what != sheet.what:
         sheet.what = what
         _propose(session, sheet)
@@ -352,7 +353,7 @@ def _what_and_form(session: Session, sheet: ExportSheet) -> None:
         return
     if sheet.what == "objects":
         widgets.field_name("As", em(NAMES))
-        sheet.solid = widgets.segmented("As", _SOLIDS, sheet.solid, why_not={})
+        sheet.solid = widgets.segmented("As", _SOLIDS, sheet.solid, why_not={}, wraps=True)
         if sheet.solid is not None:
             sheet.mesh_file = _form("File", _FILES, sheet.mesh_file)
             return
@@ -364,7 +365,7 @@ def _what_and_form(session: Session, sheet: ExportSheet) -> None:
 def _form(name: str, forms: Sequence[tuple[T, str, str, str]], current: T) -> T:
     """The row that chooses a form, and what the form is for."""
     widgets.field_name("Form", em(NAMES))
-    chosen = widgets.segmented(name, forms, current, why_not={})
+    chosen = widgets.segmented(name, forms, current, why_not={}, wraps=True)
     widgets.under_fields(em(NAMES))
     widgets.dim(next(hint for form, _, _, hint in forms if form is chosen), wrap=True)
     return chosen

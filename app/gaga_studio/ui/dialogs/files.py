@@ -59,6 +59,7 @@ class FileDialog:
     suffixes: tuple[str, ...] = ()  # (".ply",); empty = any file
     use_native: bool = False
     action: str = "Open"  # text of the button
+    takes_folder: bool = False  # of a file: nothing named means the folder that holds such files
     is_done: bool = False
     result: Path | None = None  # None after it is done: cancelled
     message: str = ""
@@ -340,7 +341,10 @@ def _accept(dialog: FileDialog) -> None:
     elif not path.exists():
         dialog.message = f"There is no {text} here."
     elif dialog.kind is PathKind.OPEN_FILE and path.is_dir():
-        _enter(dialog, path)
+        if dialog.takes_folder and not text and any(p.is_file() for p in dialog._entries):
+            _finish(dialog, path)
+        else:
+            _enter(dialog, path)
     elif dialog.kind in _FOLDERS and not path.is_dir():
         dialog.message = f"{path.name} is a file, not a folder."
     else:
@@ -409,6 +413,7 @@ class _Asked:
     action: str = "Open"
     ending: str = ""  # of the proposed name, after that of the scene
     needs_scene: bool = True
+    takes_folder: bool = False
     back: str = ""  # sheet that comes back when nothing was chosen
 
 
@@ -429,6 +434,7 @@ _ASKED = {
         reconstruction.open_photos,
         (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES),
         needs_scene=False,
+        takes_folder=True,
     ),
     Request.OBJECT_MASKS: _Asked(
         "Choose the folder of masks of the object",
@@ -506,6 +512,7 @@ def _ask(picker: FilePicker, asked: _Asked, session: Session) -> None:
     name = f"{stem(session)}{asked.ending}" if asked.ending else ""
     start = start_folder(session)
     dialog = FileDialog(asked.title, asked.kind, start, name, asked.suffixes, action=asked.action)
+    dialog.takes_folder = asked.takes_folder
     picker.ask(dialog, partial(asked.then, session), asked.back)
 
 

@@ -19,7 +19,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view import Side
 from gaga_studio.ui.dialogs.files import FilePicker, stem, writing
 from gaga_studio.ui.kit import icons, widgets
-from gaga_studio.ui.kit.modal import answer, begin_modal
+from gaga_studio.ui.kit.modal import answer, begin_modal, body_height
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -61,6 +61,7 @@ class FilmChoices:
     left: Left = ""  # of the line of a film; "" = no line
     sweeps: bool = False  # the line
     through_photos: bool = False  # else along the camera's path
+    wants_photos: bool | None = None  # as a person chose; None: along the path where there is one
     side: PhotoSide = "photo"  # left of the line of a film through photos
     views: Views = "all"
     seconds: float = 2.0  # of each photo
@@ -110,9 +111,11 @@ def draw(session: Session, choices: FilmChoices, files: FilePicker) -> None:
 
 
 def _film(session: Session, choices: FilmChoices) -> bool:
+    imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, body_height(1e6)))
+    imgui.begin_child("Choices", ImVec2(0, 0), imgui.ChildFlags_.auto_resize_y)
     _along(session, choices)
     whats = [(what, icon, label, f"Film in {label.lower()}") for what, icon, label in _WHATS]
-    choices.what = widgets.segmented("What", whats, choices.what, why_not={})
+    choices.what = widgets.segmented("What", whats, choices.what, why_not={}, wraps=True)
     if choices.through_photos:
         _photos(session, choices)
     else:
@@ -126,19 +129,24 @@ def _film(session: Session, choices: FilmChoices) -> bool:
     widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
     took = export.film_seconds(session, n, choices.width * choices.height)
     widgets.dim(f"Writing takes {association.duration_text(took)} here")
+    imgui.end_child()
     return _ends(FILM)
 
 
 def _along(session: Session, choices: FilmChoices) -> None:
     """Where the camera goes; what this scene does not have cannot be chosen."""
     why_not = {False: no_path(session), True: no_photo_files(session)}
-    if why_not[choices.through_photos]:
-        choices.through_photos = not choices.through_photos
+    now = choices.wants_photos
+    if now is None or why_not[now]:
+        now = bool(why_not[False]) and not why_not[True]
     ways = [
         (False, icons.PATH, "Along the path", "Along the keyframes of the camera's path"),
         (True, icons.IMAGES, "Through the photos", "One photo after the other, with a line"),
     ]
-    choices.through_photos = widgets.segmented("Way", ways, choices.through_photos, why_not=why_not)
+    picked = widgets.segmented("Way", ways, now, why_not=why_not, wraps=True)
+    if picked != now:
+        choices.wants_photos = picked
+    choices.through_photos = picked
 
 
 def _length(session: Session, choices: FilmChoices) -> tuple[float, int]:

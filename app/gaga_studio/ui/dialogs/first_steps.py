@@ -34,7 +34,7 @@ class FirstSteps:
     has_photos: bool = False  # photos without splats were opened
     _document: int = 0
     _state: int = -1  # of the history when it was last looked at
-    _look: object = None  # of the scene when an object was first clicked
+    _look: "Look | None" = None  # at the scene, the last one
     _selected: tuple[int, ...] = ()  # objects, as the scene was opened: nobody clicked them
 
     @property
@@ -67,7 +67,7 @@ class FirstSteps:
         if document.history.state_id == self._state or "change" in self.done:
             return
         self._state, look = document.history.state_id, look_of(document.scene)
-        if "click" in self.done and look != self._look:
+        if "click" in self.done and self._look is not None and look.is_changed_since(self._look):
             self.done.add("change")
         self._look = look
 
@@ -77,10 +77,24 @@ class FirstSteps:
         return next((i for i, (name, _) in enumerate(self.steps, 1) if name not in self.done), 0)
 
 
-def look_of(scene: Scene) -> object:
+@dataclass(frozen=True)
+class Look:
     """What changes when something is hidden, colored, moved or deleted; not by making objects."""
-    states = tuple(int(scene.has(state).sum()) for state in (State.HIDDEN, State.DELETED))
-    return states, scene.revision.placement, scene.revision.placements
+
+    n: int  # splats: more are a copy, which is none of that
+    states: tuple[int, int]  # hidden and deleted splats
+    placed: tuple[int, int]  # revisions
+
+    def is_changed_since(self, before: "Look") -> bool:
+        """Whether one of them was done."""
+        return self.states != before.states or (self.n == before.n and self.placed != before.placed)
+
+
+def look_of(scene: Scene) -> Look:
+    """Return what is seen of ``scene`` now."""
+    hidden, deleted = (int(scene.has(state).sum()) for state in (State.HIDDEN, State.DELETED))
+    revision = scene.revision
+    return Look(len(scene), (hidden, deleted), (revision.placement, revision.placements))
 
 
 @dataclass(frozen=True)

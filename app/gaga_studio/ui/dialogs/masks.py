@@ -245,7 +245,7 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
         widgets.tooltip(slider.hint)
         if changed:
             settings = masks.with_value(settings, slider, entry, value)
-    views = widgets.segmented("Which photos", _VIEWS, request.views, why_not={})
+    views = widgets.segmented("Which photos", _VIEWS, request.views, why_not={}, wraps=True)
     hint = "Also where masks of the same settings are there already"
     redo = widgets.tick("Make them again", request.redo, hint)
     use_depth = request.use_depth
@@ -424,7 +424,7 @@ def draw_find_objects(session: Session) -> None:
 def _head(session: Session) -> None:
     widgets.dim("Joins the masks of all photos in 3D into objects.", wrap=True)
     settings = session.settings
-    preset = widgets.segmented("Preset", _PRESETS, settings.preset, why_not={})
+    preset = widgets.segmented("Preset", _PRESETS, settings.preset, why_not={}, wraps=True)
     if preset != settings.preset:
         session.change_settings(replace(settings, preset=preset))
     imgui.same_line(0, em(1))

@@ -40,7 +40,7 @@ def draw(session: Session, plan: ReducePlan) -> None:
     )
     widgets.field_name("Of", em(_NAMES))
     off = {what: cleanup.why_not_reducible(session, what) for what, *_ in _WHATS}
-    plan.what = widgets.segmented("Of", _WHATS, plan.what, why_not=off)
+    plan.what = widgets.segmented("Of", _WHATS, plan.what, why_not=off, wraps=True)
     widgets.field_name("Keep", em(_NAMES))
     _, plan.percent = widgets.slider("##Keep", plan.percent, _FEWEST, _MOST, "%d %%")
     widgets.tooltip("Share of the splats that is left")

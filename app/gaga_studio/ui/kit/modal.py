@@ -16,6 +16,13 @@ QUESTION = "Question"  # the sheet that Escape answers instead of closing it
 HIGH = 0.92  # of the window's height: the highest sheet
 
 
+def highest() -> float:
+    """Height of the highest sheet, pixels; the toolkit lets none be higher than what the menu bar
+    leaves."""
+    viewport, edge = imgui.get_main_viewport(), imgui.get_style().display_safe_area_padding.y
+    return min(viewport.size.y * HIGH, viewport.work_size.y - 2 * edge)
+
+
 def begin_modal(name: str, width: float, *, dims: bool = True, is_possible: bool = True) -> bool:
     """A sheet in the middle of the window, ``width`` wide where there is room.
 
@@ -25,8 +32,7 @@ def begin_modal(name: str, width: float, *, dims: bool = True, is_possible: bool
     viewport = imgui.get_main_viewport()
     imgui.set_next_window_pos(viewport.get_center(), imgui.Cond_.always, ImVec2(0.5, 0.5))
     fitting = min(width, viewport.size.x * 0.94)
-    high = viewport.size.y * HIGH
-    imgui.set_next_window_size_constraints(ImVec2(fitting, 0), ImVec2(fitting, high))
+    imgui.set_next_window_size_constraints(ImVec2(fitting, 0), ImVec2(fitting, highest()))
     imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(8))
     # Whole pixels: half of one is enough for a scroll bar.
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(round(em(1.1)), round(em(0.9))))
@@ -45,8 +51,7 @@ def body_height(wanted: float) -> float:
     """Height of a part that scrolls, so that what is above it and one row below stay visible."""
     style = imgui.get_style()
     row = em(0.3) + imgui.get_frame_height() + 2 * style.item_spacing.y
-    high = imgui.get_main_viewport().size.y * HIGH
-    return max(min(wanted, high - imgui.get_cursor_pos_y() - row - em(0.9) - em(0.1)), em(4))
+    return max(min(wanted, highest() - imgui.get_cursor_pos_y() - row - em(0.9) - em(0.1)), em(4))
 
 
 def close_row() -> None:

@@ -413,8 +413,14 @@ def u32(color: ImVec4, alpha: float = 1.0) -> int:
 
 def rim(color: Sequence[float]) -> ImVec4 | None:
     """What a dot of ``color`` (3,) needs around it to be seen on a panel; None: nothing."""
-    low, high = sorted((luminance(color), luminance((PANEL.x, PANEL.y, PANEL.z))))
+    r, g, b = (float(c) for c in color)
+    low, high = sorted((_luminance(r, g, b), _luminance(PANEL.x, PANEL.y, PANEL.z)))
     return DIM if (high + 0.05) / (low + 0.05) < _SEEN else None
+
+
+@lru_cache(maxsize=1024)  # asked for every dot in every frame
+def _luminance(r: float, g: float, b: float) -> float:
+    return luminance((r, g, b))
 
 
 @contextmanager

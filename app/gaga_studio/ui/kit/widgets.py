@@ -148,17 +148,27 @@ def segmented(
     *,
     why_not: Mapping[T, str],
     with_text: bool = True,
+    wraps: bool = False,
 ) -> T:
-    """One choice of several in one control; each choice is (value, icon, label, hint)."""
+    """One choice of several in one control; each choice is (value, icon, label, hint).
+
+    One that ``wraps`` goes on in another line where the window ends.
+    """
     imgui.push_id(name)
     picked = current
+    left, right = imgui.get_cursor_pos_x(), imgui.get_content_region_avail().x
+    right += imgui.get_cursor_screen_pos().x
     for position, (value, icon, label, hint) in enumerate(choices):
+        text = f"{icon}  {label}" if icon and with_text else icon or label
         if position:
-            imgui.same_line(0, theme.scaled(1))
+            width = imgui.calc_text_size(text).x + 2 * imgui.get_style().frame_padding.x
+            if wraps and imgui.get_item_rect_max().x + theme.scaled(1) + width > right:
+                imgui.set_cursor_pos_x(left)
+            else:
+                imgui.same_line(0, theme.scaled(1))
         reason = why_not.get(value, "")
         _push_flat(value == current, rest=theme.RAISED)
         imgui.begin_disabled(bool(reason))
-        text = f"{icon}  {label}" if icon and with_text else icon or label
         if imgui.button(f"{text}###{label}"):
             picked = value
         imgui.end_disabled()

@@ -11,6 +11,7 @@ from gaga_core.camera import Camera
 from gaga_core.scene.edits import How
 from gaga_core.scene.objects import group_colors
 from gaga_studio.features import measure, simulate
+from gaga_studio.features.find import click_object
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, RectShape
@@ -26,6 +27,14 @@ def ground(session: Session, camera: Camera, corner: ImVec2, *, follows: bool) -
     points = measure.clicked(session).points
     if session.tool is ToolName.GROUND and points:
         draw_points(np.array(points), camera, corner, follows=follows, fills=True)
+
+
+def waiting_clicks(session: Session, camera: Camera, corner: ImVec2) -> None:
+    """The clicks that are answered when the scene is analysed; those behind the camera not."""
+    for click in click_object.waiting(session) if session.document is not None else ():
+        point = np.array([click.point])
+        if camera.project(point)[1][0] >= _NEAREST:
+            _mark(on_screen(point, camera, corner)[0], "+" if click.is_on else "-")
 
 
 def draw_points(

@@ -53,7 +53,7 @@ def draw_fields(
     config = plan.config
     if not found.is_video:
         widgets.dim("Poses next to the photos")
-        chosen = widgets.segmented("Poses", _POSES, config.poses, why_not={})
+        chosen = widgets.segmented("Poses", _POSES, config.poses, why_not={}, wraps=True)
         if chosen != config.poses:
             plan = reconstruction.plan_with(plan, "poses", chosen)
         tip = "Poses of another program, a file or a folder; empty: what lies next to the photos"
@@ -180,18 +180,23 @@ def draw_photos(session: Session) -> None:
     missing = reconstruction.too_few(found)
     widgets.wrapped(missing or reconstruction.found_text(found), theme.DIM)
     imgui.dummy(ImVec2(0, em(0.6)))
-    label = _label(session, found)
-    width = imgui.calc_text_size(label).x + em(4.5)
+    labels = _labels(session, found)
+    wide = [imgui.calc_text_size(label).x + em(4.5) for label in labels]
+    at = next((i for i, width in enumerate(wide) if width <= room.x), -1)
+    label, width = labels[at], min(wide[at], room.x)
     _centre(room, width)
     face = Face(label, icons.RUN, width=width, primary=True)
     command_buttons.command_button(session, "file.make_splats", "Make splats", face)
     imgui.dummy(ImVec2(0, em(0.1)))
-    pair = em(9) * 2 + imgui.get_style().item_spacing.x
-    _centre(room, pair)
-    if widgets.button("Settings…", Face(width=em(9)), why_not=reconstruction.why_not(session)):
+    style, others = imgui.get_style(), ("Settings…", "Open another…")
+    wide = [em(9), em(9)]
+    if sum(wide) + style.item_spacing.x > room.x:
+        wide = [imgui.calc_text_size(text).x + 2 * style.frame_padding.x for text in others]
+    _centre(room, sum(wide) + style.item_spacing.x)
+    if widgets.button(others[0], Face(width=wide[0]), why_not=reconstruction.why_not(session)):
         commands.run("file.make_splats_as", session)
     imgui.same_line()
-    if widgets.button("Open another…", Face(width=em(9))):
+    if widgets.button(others[1], Face(width=wide[1])):
         commands.run("file.open_folder", session)
 
 
@@ -199,12 +204,15 @@ def _centre(room: ImVec2, width: float) -> None:
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max((room.x - width) / 2, 0))
 
 
-def _label(session: Session, found: "PhotoFind") -> str:
-    """ "Make splats from 50 photos, about 4 min"; no time where too few cannot make any."""
+def _labels(session: Session, found: "PhotoFind") -> tuple[str, ...]:
+    """ "Make splats from 50 photos, about 4 min", and shorter ones; no time where too few cannot
+    make any."""
+    title, short = reconstruction.title(session), "Make splats"
     if reconstruction.too_few(found):
-        return reconstruction.title(session)
+        return title, short
     seconds = reconstruction.seconds_of(session, found, reconstruction.plan_of(found))
-    return association.StageOffer("", reconstruction.title(session), seconds=seconds).label
+    offers = [association.StageOffer("", text, seconds=seconds).label for text in (title, short)]
+    return (*offers, short)
 
 
 # --- while it runs
@@ -238,8 +246,11 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     if update is None:
         return
     text = f"{update.iteration:,} of {training.iterations:,}  ·  {update.n_splats:,} splats"
-    widgets.dim(text, wrap=True)
-    if job is not None and job.eta_s is not None:
+    if not small:
+        widgets.dim(text, wrap=True)
+    elif not training.is_stopped:  # else the buttons need the room
+        widgets.line(text, theme.DIM)
+    if job is not None and job.eta_s is not None and not small:  # the status line says it, too
         widgets.dim(f"{duration(job.eta_s)} left")
     if training.is_stopped:
         _what_now(session)
@@ -358,7 +369,7 @@ def _fields(
         seconds = reconstruction.seconds_of(session, found, other)
         took = association.duration_text(seconds).removeprefix("about ")
         choices.append((name, "", f"{title}, {took}###{title}", hint))
-    chosen = widgets.segmented("Quality", choices, config.quality, why_not={})
+    chosen = widgets.segmented("Quality", choices, config.quality, why_not={}, wraps=True)
     if chosen != config.quality:
         plan = reconstruction.plan_with(plan, "quality", chosen)
     widgets.dim(next(text for name, _, text in _QUALITIES if name == chosen), wrap=True)

@@ -77,6 +77,8 @@ class PictureState:
 
 # --- The one stage that the open scene lacks next, as one button on the picture.
 
+_LOW_AREA = 14.0  # em: over a lower picture a card has one other way at most
+
 
 def _draw_next_stage(session: Session, state: PictureState, area: PictureArea) -> None:
     """A card at the foot of the picture; nothing when nothing is missing or it was closed.
@@ -97,20 +99,24 @@ def _draw_next_stage(session: Session, state: PictureState, area: PictureArea) -
         return
     at = ImVec2(area.left + (area.width - width) / 2, area.bottom - em(1))
     imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 1))
-    widgets.card("Offer", width, lambda: _content(session, state, width))
+    is_low = area.height < em(_LOW_AREA)
+    widgets.card("Offer", width, lambda: _content(session, state, width, is_low=is_low))
     area.offer_top = imgui.get_item_rect_min().y
 
 
-def _content(session: Session, state: PictureState, width: float) -> None:
+def _content(session: Session, state: PictureState, width: float, *, is_low: bool) -> None:
     offer = association.stage_offer(session)
     if offer is None:
         return
-    first = Face(offer.label, icons.RUN, primary=True)
+    padding, pad = 2 * imgui.get_style().frame_padding.x, imgui.get_style().window_padding.x
+    inside = width - 2 * pad - padding
+    texts = (offer.label, offer.short_label, offer.action)
+    fitting = (t for t in texts if imgui.calc_text_size(f"{icons.RUN}  {t}").x <= inside)
+    first = Face(next(fitting, offer.action), icons.RUN, primary=True)
     buttons = [(offer.command, offer.action, first)] if offer.command else []
-    for text, command in offer.more:
+    for text, command in offer.more[-1:] if is_low else offer.more:
         shown = text or commands.command(command).title_now(session)
-        buttons.append((command, shown.rstrip("…"), Face(shown)))
-    padding = 2 * imgui.get_style().frame_padding.x
+        buttons.append((command, shown.rstrip("…"), Face(widgets.elided(shown, inside))))
     widths = [
         imgui.calc_text_size(f"{face.icon}  {face.text}" if face.icon else face.text).x + padding
         for _, _, face in buttons
@@ -376,6 +382,7 @@ class ViewportPanel:
         overlays.source_mark(self.controller.clone_source(session), camera, corner)
         follows = is_over and not self._on_handle and not self.controller.is_dragging
         overlays.ground(session, camera, corner, follows=follows)
+        overlays.waiting_clicks(session, camera, corner)
         overlays.box(session, camera, corner)
         overlays.parts(session, camera, corner)
         overlays.draw_marks(session, camera, corner, follows=follows)
