@@ -31,6 +31,7 @@ from gaga_studio.features.view import background_of
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Pacing, Viewport
+from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, PreviewWaitsError, Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, RenderRequests, ViewState
@@ -370,6 +371,8 @@ class Studio:
             max_side=int(self._ctx.info["GL_MAX_TEXTURE_SIZE"]),
             is_fast=not self.viewport.is_software,
         )
+        # While the window opens nobody clicks: half of what a first click needs is compiled then.
+        self.session.jobs.prepare("Prepare kernels", stages.kernels_stage())
         path, demo = self._first
         autosave.offer(self.session)
         if path is not None:

@@ -234,7 +234,9 @@ def _stage(
     from gaga_core.pipeline.reconstruct import reconstruct_scene
 
     yield Progress(TITLE, 0, 0, "Preparing")
-    yield from mapped(after_warm_up(_nothing()), _unknown)  # it is not a part of the bar
+    yield from mapped(
+        after_warm_up(_nothing(), "window", "training"), _unknown
+    )  # it is not a part of the bar
     config = plan.config
     notes: tuple[str, ...] = ()
     if find_sparse(plan.scene) is None:

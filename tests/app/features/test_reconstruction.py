@@ -234,11 +234,11 @@ def test_one_bar_for_all_steps_and_what_another_job_prepares_too_is_none_of_it(
 ) -> None:
     """Kernels are prepared behind every job that comes first; the rates are kept."""
 
-    def kernels() -> Stage[None]:
+    def kernels(*_parts: str) -> Stage[None]:
         for i in range(79, 101):
             yield Progress("Prepare kernels", i, 100, "of pictures")
 
-    monkeypatch.setattr(compile_kernels, "is_compiled", lambda: False)
+    monkeypatch.setattr(compile_kernels, "is_compiled", lambda _part: False)
     monkeypatch.setattr(compile_kernels, "warm_up_stage", kernels)
     write_photos(tmp_path / "shots", 6)
     session = new_session()
