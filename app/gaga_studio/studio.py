@@ -19,7 +19,15 @@ from gaga_core.export.export import MeshForm
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.images import write_rgb
 from gaga_core.io.splats.splat_files import SplatFormat
-from gaga_studio.features import add_scene, autosave, cleanup, fill, level_of_detail, split_view
+from gaga_studio.features import (
+    add_scene,
+    autosave,
+    cleanup,
+    fill,
+    level_of_detail,
+    reconstruction,
+    split_view,
+)
 from gaga_studio.features import camera as camera_path_actions
 from gaga_studio.features.cleanup import ReducePlan
 from gaga_studio.features.commands import new_session
@@ -415,6 +423,9 @@ class Studio:
         self.session.tick(imgui.get_io().delta_time)
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)
         bank.tick_timeline(self.session, imgui.get_io().delta_time)
+        if (viewport := self.viewport) is not None:
+            seconds = viewport.slices.seconds
+            reconstruction.tick(self.session, imgui.get_io().delta_time, viewport.settled, seconds)
         had_focus, self._has_focus = self._has_focus, not imgui.get_io().app_focus_lost
         if self._has_focus and not had_focus:
             self.session.look_at_files()

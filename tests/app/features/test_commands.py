@@ -144,6 +144,7 @@ _NEEDS_MORE = {
     *(f"camera.bookmark_{key}" for key in range(1, 10)),
     "camera.play",
     "file.make_splats_as",
+    "file.go_on_training",
     "tool.leave_upright",
     "camera.clear_path",
     "camera.save_path",
