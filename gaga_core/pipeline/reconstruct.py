@@ -95,7 +95,10 @@ def reconstruct_scene(
         done.append("sfm")
     if config.only == "all" and (again or find_model(scene) is None):
         notes = (*notes, *(yield from _given_poses(scene, config)))
+        has_splats = find_model(scene) is not None
         yield from train_scene(open_scene_folder(scene), config, rasterizer=rasterizer)
+        if has_splats:
+            set_groups_aside(scene)
         done.append("train")
     workspace = scene / WORKSPACE
     is_training = (workspace / CHECKPOINT).is_file() or (workspace / SETTINGS).is_file()
@@ -117,6 +120,18 @@ def go_on_stage(scene: Path, *, rasterizer: Rasterizer | None = None) -> Stage[R
         raise GagaError(f"No training of {scene} was stopped, so there is nothing to go on with.")
     config = replace(found.going_on, only="all")
     return (yield from reconstruct_scene(None, scene, config, rasterizer=rasterizer, again=True))
+
+
+def set_groups_aside(scene: Path) -> None:
+    """Move what was found in former splats of ``scene`` from gaga/ to gaga-before/: it does not fit
+    others."""
+    kept = scene / "gaga-before"
+    found = [path for path in (scene / "gaga").glob("*") if path.name != "report.json"]
+    if found:
+        shutil.rmtree(kept, ignore_errors=True)
+        kept.mkdir()
+    for path in found:
+        path.rename(kept / path.name)
 
 
 def _given_poses(scene: Path, config: ReconstructConfig) -> Stage[tuple[str, ...]]:

@@ -255,7 +255,9 @@ def keep_stopped(session: Session) -> None:
         return
     from gaga_core.io.cameras.cameras_json import write_cameras_json
     from gaga_core.io.splats.ply import write_ply
+    from gaga_core.pipeline.reconstruct import set_groups_aside
 
+    set_groups_aside(found.scene)  # of splats that were kept before
     write_cameras_json(found.scene / "cameras.json", training.cameras)
     write_ply(found.scene / "point_cloud.ply", training.scene.gaussians)
     session.training = None

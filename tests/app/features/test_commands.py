@@ -57,6 +57,7 @@ _ALWAYS = {
     "tool.local_axes",
     "tool.reset_pivot",
     "help.palette",
+    "view.turn_in_training",
     "help.shortcuts",
     "help.first_steps",
     "help.about",

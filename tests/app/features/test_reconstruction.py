@@ -148,6 +148,8 @@ def test_stop_here_keeps_a_scene_and_the_training_goes_on_to_the_same_splats(
     going_on = command("file.go_on_training")
     assert not going_on.enabled(session)
     assert going_on.title_now(session).startswith("Go on training from ")
+    (room / "gaga").mkdir(exist_ok=True)
+    (room / "gaga" / "labels.npz").write_bytes(b"of the splats that were kept")
     session.need().select(np.arange(5, dtype=np.int32), "set", "Select")
     assert run("edit.delete", session)
     assert run("file.go_on_training", session)
@@ -157,7 +159,8 @@ def test_stop_here_keeps_a_scene_and_the_training_goes_on_to_the_same_splats(
     assert session.jobs.wait(300)
     session.tick(0.1)
     assert session.scene is not None, session.notices
-    assert len(session.scene) != kept or session.need().project.model_path is not None
+    assert (room / "gaga-before" / "labels.npz").is_file()
+    assert len(session.scene) != kept
     assert not (room / ".gaga-reconstruct").exists()
     assert going_on.enabled(session)
     run_stage(reconstruct_scene(None, tmp_path / "whole", LATER))
