@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, check_shape
+from gaga_core.arrays import DoubleArray, FloatArray, LongArray, check_shape
 
 # --- What decisions depend on: BLAS and LAPACK sum in another order on each processor, and a last
 # bit may decide. These have one order.
@@ -33,11 +33,83 @@ def principal_axes(moments: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
     equal, the first of their vectors is as near as can be to the coordinate axis that lies most
     across the third one; where all are, the vectors are the coordinate axes.
     """
-    from gaga_core.geometry_kernels import principal  # numba: a good part of the launch time
-
     values, axes = np.empty(moments.shape[:2]), np.empty(moments.shape)
-    principal(np.array(moments, np.float64, order="C"), values, axes)
+    with np.errstate(all="ignore"):
+        for start in range(0, len(moments), _AT_ONCE):
+            rows = slice(start, start + _AT_ONCE)
+            v, a = _principal(np.array(moments[rows].transpose(1, 2, 0), np.float64, order="C"))
+            values[rows], axes[rows] = v.T, a.transpose(2, 0, 1)
     return values, axes
+
+
+_AT_ONCE = 4096  # matrices: their entries stay in the processor's cache
+_SWEEPS = 12  # of Jacobi rotations; 5 to 7 are enough for 3 x 3
+_SAME = 1e-6  # of the largest: eigenvalues, and components of an axis, that count as equal
+
+
+def _principal(c: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
+    """`principal_axes` of ``c`` (3, 3, N), overwritten: values (3, N), axes (3, 3, N)."""
+    a = np.zeros_like(c)
+    a[0, 0] = a[1, 1] = a[2, 2] = 1
+    left = np.arange(c.shape[2])
+    for _ in range(_SWEEPS):
+        off = abs(c[0, 1, left]) + abs(c[0, 2, left]) + abs(c[1, 2, left])
+        trace = abs(c[0, 0, left]) + abs(c[1, 1, left]) + abs(c[2, 2, left])
+        left = left[off > 1e-18 * trace]
+        if len(left) == 0:
+            break
+        turned_c, turned_a = c[:, :, left], a[:, :, left]
+        for p, q in ((0, 1), (0, 2), (1, 2)):
+            _rotate(turned_c, turned_a, p, q)
+        c[:, :, left], a[:, :, left] = turned_c, turned_a
+    v = np.stack([c[0, 0], c[1, 1], c[2, 2]])
+    for i, j in ((0, 1), (1, 2), (0, 1)):
+        swaps = np.flatnonzero(v[j] < v[i])
+        v[i, swaps], v[j, swaps] = v[j, swaps], v[i, swaps]
+        a[:, i, swaps], a[:, j, swaps] = a[:, j, swaps], a[:, i, swaps]
+    low, high = v[1] - v[0] <= _SAME * v[2], v[2] - v[1] <= _SAME * v[2]
+    a[:, :, low & high] = np.eye(3)[:, :, None]
+    for rows, known, first, second in ((low & ~high, 2, 0, 1), (high & ~low, 0, 1, 2)):
+        a[:, first, rows], a[:, second, rows] = _across(a[:, known, rows])
+    for i in range(3):
+        best = _first_of_largest(abs(a[:, i]), 1)
+        a[:, i] *= np.where(np.take_along_axis(a[:, i], best[None], 0)[0] < 0, -1.0, 1.0)
+    return v, a
+
+
+def _rotate(c: DoubleArray, a: DoubleArray, p: int, q: int) -> None:
+    """Make entry (p, q) of ``c`` (3, 3, N) zero (Jacobi's method), ``a`` (3, 3, N) with it."""
+    theta = (c[q, q] - c[p, p]) / (2.0 * c[p, q])
+    t = np.where(theta < 0, -1.0, 1.0) / (abs(theta) + np.sqrt(theta * theta + 1.0))
+    t = np.where(abs(theta) > 1e150, 0.5 / theta, t)
+    t[c[p, q] == 0] = 0
+    cosine = 1.0 / np.sqrt(t * t + 1.0)
+    sine, h, r = t * cosine, t * c[p, q], 3 - p - q
+    c[p, p] -= h
+    c[q, q] += h
+    c[p, q] = c[q, p] = 0.0
+    for rows in (c[r], *a):
+        rows[p], rows[q] = cosine * rows[p] - sine * rows[q], sine * rows[p] + cosine * rows[q]
+    c[p, r], c[q, r] = c[r, p], c[r, q]
+
+
+def _across(known: DoubleArray) -> tuple[DoubleArray, DoubleArray]:
+    """Two axes (3, N) across a known one: the first towards the coordinate axis that lies most
+    across it."""
+    least = np.arange(3)[:, None] == _first_of_largest(abs(known), -1)
+    along = known[least.argmax(axis=0), np.arange(known.shape[1])]
+    first = (least - along * known) / np.sqrt(1.0 - along * along)
+    (x, y, z), (u, v, w) = known, first
+    return first, np.stack([y * w - z * v, z * u - x * w, x * v - y * u])
+
+
+def _first_of_largest(sizes: DoubleArray, sign: int) -> LongArray:
+    """The first (N,) of the largest of ``sizes`` (3, N); of the least for ``sign`` -1."""
+    best = np.zeros(sizes.shape[1], np.int64)
+    for r in range(1, 3):
+        so_far = np.take_along_axis(sizes, best[None], 0)[0]
+        best[sign * (sizes[r] - so_far) > _SAME] = r
+    return best
 
 
 def axes_of_points(points: DoubleArray) -> DoubleArray:

@@ -1,4 +1,7 @@
-"""Axes of symmetric 3 x 3 matrices, the same bits on every processor."""
+"""Eigenvectors of one symmetric 3 x 3 matrix, for kernels that merge splats.
+
+Of many: `geometry.principal_axes`, which needs no compiler.
+"""
 
 import math
 
@@ -6,7 +9,6 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.kernels import exact_kernel
 
 _SWEEPS = 12  # of Jacobi rotations; 5 to 7 are enough for 3 x 3
-_SAME = 1e-6  # of the largest: eigenvalues, and components of an axis, that count as equal
 
 
 @exact_kernel
@@ -48,62 +50,3 @@ def eigen(c: DoubleArray, axes: DoubleArray) -> None:
                     a, b = axes[i, p], axes[i, q]
                     axes[i, p] = cosine * a - sine * b
                     axes[i, q] = sine * a + cosine * b
-
-
-@exact_kernel
-def principal(
-    moments: DoubleArray,  # (N, 3, 3) symmetric, overwritten
-    values: DoubleArray,  # (N, 3) written, ascending
-    axes: DoubleArray,  # (N, 3, 3) written, columns
-) -> None:
-    """Eigenvalues and eigenvectors; `geometry.principal_axes` says what decides equal ones."""
-    for n in range(len(moments)):
-        c, v, a = moments[n], values[n], axes[n]
-        eigen(c, a)
-        for i in range(3):
-            v[i] = c[i, i]
-        for i, j in ((0, 1), (1, 2), (0, 1)):
-            if v[j] < v[i]:
-                v[i], v[j] = v[j], v[i]
-                for r in range(3):
-                    a[r, i], a[r, j] = a[r, j], a[r, i]
-        low, high = v[1] - v[0] <= _SAME * v[2], v[2] - v[1] <= _SAME * v[2]
-        if low and high:
-            a[:] = 0.0
-            for i in range(3):
-                a[i, i] = 1.0
-        elif low:
-            _across(a, 2, 0, 1)
-        elif high:
-            _across(a, 0, 1, 2)
-        for i in range(3):
-            r = _largest(a[:, i])
-            if a[r, i] < 0.0:
-                a[:, i] = -a[:, i]
-
-
-@exact_kernel
-def _largest(axis: DoubleArray) -> int:
-    """The first of the largest components (3,)."""
-    best = 0
-    for r in range(1, 3):
-        if abs(axis[r]) > abs(axis[best]) + _SAME:
-            best = r
-    return best
-
-
-@exact_kernel
-def _across(axes: DoubleArray, known: int, first: int, second: int) -> None:
-    """Write two columns across a known one: the first towards the coordinate axis that lies most
-    across it."""
-    x, y, z = axes[0, known], axes[1, known], axes[2, known]
-    least = 0
-    for r in range(1, 3):
-        if abs(axes[r, known]) < abs(axes[least, known]) - _SAME:
-            least = r
-    along = axes[least, known]
-    length = math.sqrt(1.0 - along * along)
-    for r in range(3):
-        axes[r, first] = ((1.0 if r == least else 0.0) - along * axes[r, known]) / length
-    u, v, w = axes[0, first], axes[1, first], axes[2, first]
-    axes[0, second], axes[1, second], axes[2, second] = y * w - z * v, z * u - x * w, x * v - y * u

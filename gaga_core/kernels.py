@@ -9,7 +9,7 @@ import platform
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast, get_args
 
 _GROUP = "gaga_core.kernels"  # entry points: packages with kernels of their own
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -117,21 +117,28 @@ def exp_below_zero(x: np.float32) -> np.float32:
     return p * np.int32((np.int32(n) + 127) << 23).view(np.float32)
 
 
-def is_compiled() -> bool:
+# What kernels are for, in the order in which a window needs them.
+Part = Literal["window", "grouping", "training", "export", "lod"]
+PARTS: tuple[Part, ...] = get_args(Part)
+
+
+def is_compiled(part: Part = "window") -> bool:
     """Whether `mark_compiled` was called for these kernels, Python, numba and this processor."""
-    return _stamp().is_file()
+    return _stamp(part).is_file()
 
 
-def mark_compiled() -> None:
-    """Note on the disk that all kernels are compiled, so that no later start asks again."""
+def mark_compiled(part: Part = "window") -> None:
+    """Note on the disk that a part of the kernels is compiled, so that no later start asks
+    again."""
+    stamp = _stamp(part)
     with contextlib.suppress(OSError):  # a disk that is full: the next start compiles what it lacks
-        _stamp().parent.mkdir(parents=True, exist_ok=True)
-        _stamp().touch()
+        stamp.parent.mkdir(parents=True, exist_ok=True)
+        stamp.touch()
 
 
-def _stamp() -> Path:
-    """File that is there when all kernels are compiled: named by all that numba compiles for."""
+def _stamp(part: Part) -> Path:
+    """File that is there when a part is compiled: named by all that numba compiles for."""
     cpu = llvmlite.binding.get_host_cpu_name()
     parts = (_DIGEST, platform.python_version(), numba.__version__, cpu, _FEATURES)
     name = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
-    return Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{name}"
+    return Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{part}-{name}"

@@ -5,6 +5,7 @@ children that are started with ``-m MODULE`` come here too.
 """
 
 import multiprocessing
+import os
 import runpy
 import sys
 from pathlib import Path
@@ -23,7 +24,7 @@ def main() -> int:
         del sys.argv[:2]
         runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
         return 0
-    if program.stem == "gaga":
+    if "gaga" in (program.stem, os.environ.pop("GAGA_PROGRAM", "")):
         from gaga_core.cli.main import main as command
 
         return command()

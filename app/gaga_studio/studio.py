@@ -19,7 +19,15 @@ from gaga_core.export.export import MeshForm
 from gaga_core.io.files import explain_os_error
 from gaga_core.io.images import write_rgb
 from gaga_core.io.splats.splat_files import SplatFormat
-from gaga_studio.features import add_scene, autosave, cleanup, fill, level_of_detail, split_view
+from gaga_studio.features import (
+    add_scene,
+    autosave,
+    cleanup,
+    fill,
+    level_of_detail,
+    reconstruction,
+    split_view,
+)
 from gaga_studio.features import camera as camera_path_actions
 from gaga_studio.features.cleanup import ReducePlan
 from gaga_studio.features.commands import new_session
@@ -31,6 +39,7 @@ from gaga_studio.features.view import background_of
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
 from gaga_studio.gpu.viewport import Overlays, Pacing, Viewport
+from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, PreviewWaitsError, Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, RenderRequests, ViewState
@@ -370,6 +379,8 @@ class Studio:
             max_side=int(self._ctx.info["GL_MAX_TEXTURE_SIZE"]),
             is_fast=not self.viewport.is_software,
         )
+        # While the window opens nobody clicks: half of what a first click needs is compiled then.
+        self.session.jobs.prepare("Prepare kernels", stages.kernels_stage())
         path, demo = self._first
         autosave.offer(self.session)
         if path is not None:
@@ -412,6 +423,9 @@ class Studio:
         self.session.tick(imgui.get_io().delta_time)
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)
         bank.tick_timeline(self.session, imgui.get_io().delta_time)
+        if (viewport := self.viewport) is not None:
+            seconds = viewport.slices.seconds
+            reconstruction.tick(self.session, imgui.get_io().delta_time, viewport.settled, seconds)
         had_focus, self._has_focus = self._has_focus, not imgui.get_io().app_focus_lost
         if self._has_focus and not had_focus:
             self.session.look_at_files()

@@ -57,6 +57,8 @@ class RunCommand:
     """How groups become identities (see gaga lift); default: as the preset has it."""
     executor: Literal["none", "local", "dask"] = "none"
     """Who runs many scenes: processes here, or workers of dask."""
+    go_on: bool = False
+    """Go on with a training that was stopped and whose splats were kept, then make the rest."""
     json: AsJson = False
 
     def run(self) -> int:
@@ -93,7 +95,7 @@ class RunCommand:
     def _run_one(self, config: object) -> int:
         from gaga_core.io.folder.scene_folder import AssociateEntry, read_report_entry
         from gaga_core.pipeline.place import notes_of, read_entry
-        from gaga_core.pipeline.reconstruct import source_of
+        from gaga_core.pipeline.reconstruct import go_on_stage, source_of
         from gaga_core.pipeline.run import JOIN, RunConfig, run_folder
         from gaga_core.pipeline.search import list_objects
 
@@ -111,6 +113,8 @@ class RunCommand:
         if scene != given:
             out.say(f"The scene folder is {scene}.")
         before = read_entry(scene).get("sfm")
+        if self.go_on:
+            out.follow(go_on_stage(scene))
         stage = run_folder(scene, config, photos=photos, model=self.model)
         done = out.follow(stage, compiles=True)
         placed = read_entry(scene).get("sfm")
@@ -153,18 +157,23 @@ class ReconstructCommand:
     """draft: minutes on a processor. full: the published schedule. auto: full on CUDA, else draft.
     """
     backend: Backend = "auto"
+    go_on: bool = False
+    """Go on with a training that was stopped and whose splats were kept, with its settings."""
     json: AsJson = False
 
     def run(self) -> int:
         """Write images/, sparse/0/, cameras.json, point_cloud.ply and gaga/report.json."""
-        from gaga_core.pipeline.reconstruct import reconstruct_scene
+        from gaga_core.pipeline.reconstruct import go_on_stage, reconstruct_scene
         from gaga_core.raster import choose
 
         engine, quality = choose(self.backend), self.quality
         if quality == "auto":
             quality = "full" if engine.name == "cuda" else "draft"
         config = replace(self.config, quality=quality)
-        made = out.follow(reconstruct_scene(self.photos, self.scene, config, rasterizer=engine))
+        stage = reconstruct_scene(self.photos, self.scene, config, rasterizer=engine)
+        if self.go_on:
+            stage = go_on_stage(self.scene, rasterizer=engine)
+        made = out.follow(stage)
         for note in made.notes:
             out.say(note)
         values = {"scene": str(self.scene), "stages_run": list(made.stages_run)}

@@ -1,8 +1,9 @@
 """Compile the kernels before they are needed, with progress: once on a machine, half a minute.
 
-What starts long work calls `after_warm_up`; the window runs `warm_up_stage` in a job when
-`kernels.is_compiled` says no. Every step calls the real operators on a scene of a few splats, so
-that no list of kernels and of their argument types has to be kept.
+What starts long work calls `after_warm_up` with the parts that it needs; the window runs
+`warm_up_stage` of its own part in a job when `kernels.is_compiled` says no. Every step calls the
+real operators on a scene of a few splats, so that no list of kernels and of their argument types
+has to be kept.
 """
 
 import tempfile
@@ -19,13 +20,12 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.grouping.associate import PRESETS, AssociateConfig, associate_stage
 from gaga_core.io.splats.ply import write_ply
-from gaga_core.kernels import is_compiled, mark_compiled
+from gaga_core.kernels import PARTS, Part, is_compiled, mark_compiled
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, T, run_stage
 from gaga_core.query.group_facts import group_digests, group_facts
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
-from gaga_core.raster.cpu.prepare import prepare
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.raster.vote_slots import VoteSlots
 from gaga_core.scene.lod.build import build_lod_stage
@@ -33,7 +33,7 @@ from gaga_core.scene.lod.cut import choose_cut, covers_of, hidden_nodes
 from gaga_core.scene.lod.edited import node_facts
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.by_screen import pick
+from gaga_core.scene.selection.by_screen import pick, rectangle, screen
 from gaga_core.scene.selection.click import click_graph_stage
 
 STAGE = "Prepare kernels"
@@ -51,42 +51,35 @@ class _Sample:
     cameras: tuple[Camera, ...]
     rasterizer: Rasterizer
 
+    @property
+    def scene(self) -> Scene:
+        """The same as a scene with two objects."""
+        return Scene.of(self.gaussians, self.labels)
 
-def warm_up_stage() -> Stage[None]:
-    """Compile all that associating, rendering, picking and training run, or load it from the disk.
 
-    When it has come to its end, `kernels.is_compiled` says so until the next upgrade. Cancelling
-    it loses nothing: what was compiled stays.
+def warm_up_stage(*parts: Part) -> Stage[None]:
+    """Compile the kernels of ``parts`` (none: all), or load them from the disk.
+
+    When a part has come to its end, `kernels.is_compiled` says so until the next upgrade.
+    Cancelling it loses nothing: what was compiled stays.
     """
     sample = _sample()
-    steps: list[tuple[str, Callable[[_Sample], object]]] = [
-        # In the order in which a window needs them: names, thumbnails, outlines, first clicks.
-        ("object list", lambda s: object_table(Scene.of(s.gaussians, s.labels))),
-        ("search", _search),
-        ("projection", lambda s: prepare(s.gaussians, s.cameras[0])),
-        ("pictures", _render),
-        ("single pixels", _pixels),
-        ("label pictures", lambda s: s.rasterizer.label_splat(s.gaussians, s.cameras[0], s.labels)),
-        ("votes", _vote),
-        ("clicks", _click),
-        *((f"association, {name}", _association(name)) for name in PRESETS),
-        ("association, regions", _association("robust", are_regions=True)),
-        ("training", _train),
-        ("files", _write),
-        ("labelled pictures", _outlines),
-        ("level of detail", _level_of_detail),
-    ]
-    for i, (name, step) in enumerate(steps):
-        yield Progress(STAGE, i, len(steps), name)
-        step(sample)
-    mark_compiled()
-    yield Progress(STAGE, len(steps), len(steps))
+    parts = parts or PARTS
+    total, done = sum(len(_STEPS[part]) for part in parts), 0
+    for part in parts:
+        for name, step in _STEPS[part]:
+            yield Progress(STAGE, done, total, name)
+            step(sample)
+            done += 1
+        mark_compiled(part)
+    yield Progress(STAGE, total, total)
 
 
-def after_warm_up(stage: Stage[T]) -> Stage[T]:
-    """``stage``, behind `warm_up_stage` when the kernels are not compiled yet."""
-    if not is_compiled():
-        yield from warm_up_stage()
+def after_warm_up(stage: Stage[T], *parts: Part) -> Stage[T]:
+    """``stage``, behind `warm_up_stage` of those of ``parts`` (none: all) that are not compiled."""
+    missing = [part for part in parts or PARTS if not is_compiled(part)]
+    if missing:
+        yield from warm_up_stage(*missing)
     return (yield from stage)
 
 
@@ -116,8 +109,7 @@ def _sample() -> _Sample:
 
 def _render(sample: _Sample) -> object:
     channels = np.zeros((len(sample.gaussians), 16), np.float32)
-    sample.rasterizer.render(sample.gaussians, sample.cameras[0], channels=channels)
-    return sample.rasterizer.render(sample.gaussians, sample.cameras[0])
+    return sample.rasterizer.render(sample.gaussians, sample.cameras[0], channels=channels)
 
 
 def _outlines(sample: _Sample) -> None:
@@ -137,16 +129,10 @@ def _vote(sample: _Sample) -> None:
     slots.add_one(one, one)
 
 
-def _pixels(sample: _Sample) -> object:
-    some = np.arange(0, _SIDE * _SIDE, 7)
-    sample.rasterizer.weights(sample.gaussians, sample.cameras[0], some)
-    scene = Scene.of(sample.gaussians, sample.labels)
-    return pick(scene, sample.cameras[0], _SIDE / 2, _SIDE / 2)
-
-
-def _search(sample: _Sample) -> object:
-    scene = Scene.of(sample.gaussians, sample.labels)
-    return group_facts(scene, sample.cameras), group_digests(scene)
+def _select(sample: _Sample) -> object:
+    surface = sample.rasterizer.render(sample.gaussians, sample.cameras[0]).median_depth
+    inside = rectangle((0, 0, _SIDE, _SIDE), _SIDE, _SIDE)
+    return screen(sample.scene, sample.cameras[0], surface).inside(inside)
 
 
 def _click(sample: _Sample) -> None:
@@ -198,21 +184,43 @@ def _level_of_detail(sample: _Sample) -> None:
     hidden_nodes(tree.boxes, splats.means, covers, sample.cameras[0])
 
 
-def _association(preset: str, *, are_regions: bool = False) -> Callable[[_Sample], object]:
-    def run(sample: _Sample) -> object:
-        shown = {
-            c.name: sample.rasterizer.label_splat(sample.gaussians, c, sample.labels).labels + 1
-            for c in sample.cameras
-        }
-        loaders = {name: lambda labels=labels: labels for name, labels in shown.items()}
-        return run_stage(
-            associate_stage(
-                sample.gaussians,
-                sample.cameras,
-                MaskSet(loaders, "sample", are_regions),
-                sample.rasterizer,
-                AssociateConfig.of(preset),
-            )
+def _associate(sample: _Sample, preset: str, *, are_regions: bool = False) -> object:
+    shown = {
+        c.name: sample.rasterizer.label_splat(sample.gaussians, c, sample.labels).labels + 1
+        for c in sample.cameras
+    }
+    loaders = {name: lambda labels=labels: labels for name, labels in shown.items()}
+    return run_stage(
+        associate_stage(
+            sample.gaussians,
+            sample.cameras,
+            MaskSet(loaders, "sample", are_regions),
+            sample.rasterizer,
+            AssociateConfig.of(preset),
         )
+    )
 
-    return run
+
+Step = tuple[str, Callable[[_Sample], object]]
+# In the order in which a window needs them: clicks, outlines, the object list, thumbnails, names.
+_STEPS: dict[Part, tuple[Step, ...]] = {
+    "window": (
+        ("clicks on objects", lambda s: pick(s.scene, s.cameras[0], _SIDE / 2, _SIDE / 2)),
+        ("object list", lambda s: object_table(s.scene)),
+        ("pictures", lambda s: s.rasterizer.render(s.gaussians, s.cameras[0])),
+        ("names", lambda s: (group_facts(s.scene, s.cameras), group_digests(s.scene))),
+        ("selection", _select),
+        ("clicks without objects", _click),
+        ("files", _write),
+    ),
+    "grouping": (
+        ("pictures of channels", _render),
+        ("label pictures", lambda s: s.rasterizer.label_splat(s.gaussians, s.cameras[0], s.labels)),
+        ("votes", _vote),
+        *((f"association, {name}", lambda s, name=name: _associate(s, name)) for name in PRESETS),
+        ("association, regions", lambda s: _associate(s, "robust", are_regions=True)),
+    ),
+    "training": (("training", _train),),
+    "export": (("labelled pictures", _outlines),),
+    "lod": (("level of detail", _level_of_detail),),
+}

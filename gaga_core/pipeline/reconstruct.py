@@ -75,12 +75,14 @@ def reconstruct_scene(
     config: ReconstructConfig | None = None,
     *,
     rasterizer: Rasterizer | None = None,
+    again: bool = False,
 ) -> Stage[Reconstruction]:
     """Make a scene folder of ``photos``: a folder, a video, or None for what lies in ``scene``.
 
     Writes images/, sparse/0/, cameras.json, point_cloud.ply and the entry "reconstruct" of
-    gaga/report.json. Whatever is there already is not made again. Raises ``GagaError`` when the
-    photos do not do, or when the checks find the model wrong.
+    gaga/report.json. Whatever is there already is not made again, splats only where ``again`` asks
+    for it: a training that was stopped, and whose splats were kept, goes on. Raises ``GagaError``
+    when the photos do not do, or when the checks find the model wrong.
     """
     config = config or ReconstructConfig()
     scene = Path(scene)
@@ -91,17 +93,45 @@ def reconstruct_scene(
             raise GagaError("Place the photos first, without torchrun: gaga reconstruct --only sfm")
         notes = yield from place_photos(photos, scene, config)
         done.append("sfm")
-    if config.only == "all" and find_model(scene) is None:
+    if config.only == "all" and (again or find_model(scene) is None):
         notes = (*notes, *(yield from _given_poses(scene, config)))
+        has_splats = find_model(scene) is not None
         yield from train_scene(open_scene_folder(scene), config, rasterizer=rasterizer)
+        if has_splats:
+            set_groups_aside(scene)
         done.append("train")
     workspace = scene / WORKSPACE
     is_training = (workspace / CHECKPOINT).is_file() or (workspace / SETTINGS).is_file()
     if find_sparse(scene) is not None and (workspace / "task").is_file() and not is_training:
         shutil.rmtree(workspace, ignore_errors=True)  # killed after the photos were placed
-    if config.only == "all" and find_model(scene) is not None:
+    if config.only == "all" and find_model(scene) is not None and stopped_training(scene) is None:
         shutil.rmtree(scene / WORKSPACE, ignore_errors=True)  # killed between the last two steps
     return Reconstruction(scene, tuple(done), notes, read_entry(scene))
+
+
+def go_on_stage(scene: Path, *, rasterizer: Rasterizer | None = None) -> Stage[Reconstruction]:
+    """Go on with the training of ``scene`` that was stopped, with its settings: to the splats that
+    it would have made without the stop.
+
+    Raises ``GagaError`` when none was.
+    """
+    found = stopped_training(scene)
+    if found is None or found.going_on is None:
+        raise GagaError(f"No training of {scene} was stopped, so there is nothing to go on with.")
+    config = replace(found.going_on, only="all")
+    return (yield from reconstruct_scene(None, scene, config, rasterizer=rasterizer, again=True))
+
+
+def set_groups_aside(scene: Path) -> None:
+    """Move what was found in former splats of ``scene`` from gaga/ to gaga-before/: it does not fit
+    others."""
+    kept = scene / "gaga-before"
+    found = [path for path in (scene / "gaga").glob("*") if path.name != "report.json"]
+    if found:
+        shutil.rmtree(kept, ignore_errors=True)
+        kept.mkdir()
+    for path in found:
+        path.rename(kept / path.name)
 
 
 def _given_poses(scene: Path, config: ReconstructConfig) -> Stage[tuple[str, ...]]:
@@ -378,6 +408,21 @@ def look_at_photos(path: Path) -> PhotoFind | None:
     outside, scene = source_of(path)
     if find_model(scene) is not None:
         return None if outside is None else PhotoFind(outside, scene, 0, (1, 1))
+    return _photos_of(outside, scene)
+
+
+def stopped_training(scene: Path) -> PhotoFind | None:
+    """The training of a scene folder that was stopped before its end, whether or not its splats
+    were kept; None where there is none."""
+    if not (scene / WORKSPACE / CHECKPOINT).is_file() or find_sparse(scene) is None:
+        return None
+    found = _photos_of(None, scene)
+    if found is None or found.going_on is None:
+        return None
+    return found if found.iteration < found.going_on.train().iterations else None
+
+
+def _photos_of(outside: Path | None, scene: Path) -> PhotoFind | None:
     is_placed = find_sparse(scene) is not None
     source = scene / "images" if is_placed else outside or find_photos(scene)
     if source is None:

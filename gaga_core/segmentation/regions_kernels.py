@@ -417,7 +417,8 @@ def merge_all(
         n_leaves *= 2
     least, with_whom = np.full(n_leaves, np.inf, np.float32), np.full(n, -1, np.int32)
     winner = np.empty(2 * n_leaves, np.int32)
-    winner[n_leaves:] = np.arange(n_leaves)
+    for a in range(n_leaves):  # no slice: checking its length would compile half of str
+        winner[n_leaves + a] = a
     for a in range(n):
         find_cheapest(a, sides, length, first, following, cost, least, with_whom)
     for k in range(n_leaves - 1, 0, -1):

@@ -82,7 +82,7 @@ def start(session: Session, path: Path) -> None:
         place = align.workspace_of(folder.root if folder else project.model_path)
         try:
             work = align.align_stage(first, capture, AlignConfig(), place)
-            aligned = yield from after_warm_up(work)
+            aligned = yield from after_warm_up(work, "window", "grouping")
             world = aligned.alignment.world
         except NotAlignedError as error:
             world, why = align.middle_of_first(project.scene, second.scene), str(error)

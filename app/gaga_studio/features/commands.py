@@ -132,8 +132,8 @@ _ALL = (
 _BY_ID = {command.id: command for command in _ALL}
 _ORDER = {
     "File": """file.open_photos file.open_folder file.open_file file.make_splats
-        file.make_splats_as file.add_splats file.add_scene file.demo file.save file.save_as
-        file.export_scene file.export_page file.export_selected file.export_objects
+        file.make_splats_as file.go_on_training file.add_splats file.add_scene file.demo file.save
+        file.save_as file.export_scene file.export_page file.export_selected file.export_objects
         file.export_meshes file.export_simulation file.export_cameras file.export_masks
         file.dataset file.save_script file.save_picture file.close file.quit""",
     "Edit": """edit.undo edit.redo edit.duplicate edit.delete edit.mirror_x edit.mirror_y
@@ -157,7 +157,7 @@ _ORDER = {
         view.frame_all view.home view.front view.back view.left view.right view.top view.bottom
         view.next_photo view.previous_photo view.fly view.frusta view.outline view.box
         view.lights_masks view.mask_gate view.timeline view.lod view.build_lod view.panels
-        view.info""",
+        view.turn_in_training view.info""",
     "Camera": f"""view.ortho view.cube camera.faster camera.slower camera.add_bookmark
         {" ".join(camera.RECALL)} {" ".join(camera.SET)} camera.swipe camera.split_groups
         camera.split_photo_groups camera.split_truth camera.split_errors camera.split_before

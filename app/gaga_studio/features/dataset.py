@@ -66,7 +66,7 @@ def start(session: Session, plan: DatasetPlan, out: Path) -> bool:
 
     return session.jobs.start(
         f"Make data in {out.name}",
-        stages.prepared("Make pictures", stage),
+        stages.prepared("Make pictures", stage, parts=("window", "export")),
         on_done=lambda text: session.notify(Level.INFO, text, shows=out),
         waits=True,
     )

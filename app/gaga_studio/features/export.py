@@ -397,7 +397,7 @@ def export_film(
     has_kernels = painter is None or (config.split is not None and left is None)
     return session.jobs.start(
         f"Film {target.name}",
-        stages.prepared("Draw", lambda: stage) if has_kernels else stage,
+        stages.prepared("Draw", lambda: stage, parts=("window",)) if has_kernels else stage,
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
     )
 
@@ -420,7 +420,7 @@ def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, v
     stage = _timed(session, stage, math.prod(config.video.size))
     return session.jobs.start(
         f"Film {target.name}",
-        stages.prepared("Draw", lambda: stage),
+        stages.prepared("Draw", lambda: stage, parts=("window",)),
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
     )
 
@@ -453,7 +453,7 @@ def save_picture(
     )
     return session.jobs.start(
         f"Save {target.name}",
-        stages.prepared("Draw", lambda: stage) if painter is None else stage,
+        stages.prepared("Draw", lambda: stage, parts=("window",)) if painter is None else stage,
         on_done=lambda path: session.notify(Level.INFO, f"Saved the picture to {path}."),
     )
 

@@ -2,22 +2,26 @@
 
 import json
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
 from gaga_core.io.json_file import read_json
 from gaga_core.progress import Progress, Stage, mapped
-from gaga_studio.features.base import Command, ask, busy
+from gaga_studio.features.base import Command, ask, busy, setting
 from gaga_studio.session.notices import Level, Request, UserQuestion, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, TrainingUpdate
 from gaga_studio.system import paths
 
 if TYPE_CHECKING:
+    from gaga_core.gaussians import Gaussians
     from gaga_core.pipeline.reconstruct import Estimate, PhotoFind, Reconstruction
     from gaga_core.pipeline.settings import ReconstructConfig
 
@@ -163,7 +167,8 @@ def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
 
     def progress(payload: object) -> None:
         if isinstance(payload, TrainingUpdate) and training.take(payload):
-            session.rig.go_to(training.cameras[0], animated=False)
+            eyes = np.array([camera.position for camera in training.cameras])
+            session.rig.frame_scene(eyes.min(axis=0), eyes.max(axis=0), training.cameras)
             session.active_view = 0
             for note in payload.notes:
                 session.notify(Level.WARNING, note)
@@ -179,12 +184,62 @@ def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
 
     def end() -> None:
         if session.training is training:
-            training.is_stopped = training.scene is not None
+            training.is_stopped = training.update is not None
             session.training = training if training.is_stopped else None
             _look_again(session, plan.scene)
+            if training.is_stopped and training.keeps:
+                keep_stopped(session)
 
     if session.jobs.start(title(session), _stage(found, plan, estimate), progress, done, end):
         session.training = training
+
+
+def stop_here(session: Session) -> None:
+    """End the training; what is there becomes the scene, and the training can go on later."""
+    if session.training is not None:
+        session.training.keeps = True
+        session.jobs.cancel()
+
+
+class StoppedTraining:
+    """The training of the open scene that was stopped, looked for once."""
+
+    def __init__(self) -> None:
+        self.of: object = None
+        self.found: PhotoFind | None = None
+
+
+def stopped_training_of(session: Session) -> "PhotoFind | None":
+    """Return the training of the open scene that was stopped; None where there is none."""
+    kept, document = session.feature(StoppedTraining), session.document
+    if kept.of is not document:
+        from gaga_core.pipeline.reconstruct import stopped_training
+
+        folder = None if document is None else document.project.folder
+        kept.of, kept.found = document, None if folder is None else stopped_training(folder.root)
+    return kept.found
+
+
+def why_not_go_on(session: Session) -> str:
+    """Return why no training can go on; "" when one can."""
+    if stopped_training_of(session) is None:
+        return "The splats of this scene are no training that was stopped."
+    return busy(session)
+
+
+def go_on_title(session: Session) -> str:
+    """ "Go on training from 40 %"."""
+    found = stopped_training_of(session)
+    if found is None or found.going_on is None:
+        return "Go on training"
+    return f"Go on training from {100 * found.iteration / found.going_on.train().iterations:.0f} %"
+
+
+def go_on(session: Session) -> None:
+    """Go on with the training that was stopped; its end takes the place of the open scene."""
+    found = stopped_training_of(session)
+    if found is not None:
+        session.leave_for(found, "before the training goes on", lambda: make(session))
 
 
 def leave_stopped(session: Session) -> None:
@@ -200,7 +255,9 @@ def keep_stopped(session: Session) -> None:
         return
     from gaga_core.io.cameras.cameras_json import write_cameras_json
     from gaga_core.io.splats.ply import write_ply
+    from gaga_core.pipeline.reconstruct import set_groups_aside
 
+    set_groups_aside(found.scene)  # of splats that were kept before
     write_cameras_json(found.scene / "cameras.json", training.cameras)
     write_ply(found.scene / "point_cloud.ply", training.scene.gaussians)
     session.training = None
@@ -218,10 +275,10 @@ def _ask(session: Session, plan: ReconstructionPlan, finding: str) -> None:
 @notifies
 def _look_again(session: Session, scene: Path) -> None:
     """After a cancel or an error, offer to continue from what is finished."""
-    from gaga_core.pipeline.reconstruct import look_at_photos
+    from gaga_core.pipeline.reconstruct import look_at_photos, stopped_training
 
     if scene.is_dir():
-        session.photos = look_at_photos(scene) or session.photos
+        session.photos = stopped_training(scene) or look_at_photos(scene) or session.photos
 
 
 def _stage(
@@ -234,7 +291,9 @@ def _stage(
     from gaga_core.pipeline.reconstruct import reconstruct_scene
 
     yield Progress(TITLE, 0, 0, "Preparing")
-    yield from mapped(after_warm_up(_nothing()), _unknown)  # it is not a part of the bar
+    yield from mapped(
+        after_warm_up(_nothing(), "window", "training"), _unknown
+    )  # it is not a part of the bar
     config = plan.config
     notes: tuple[str, ...] = ()
     if find_sparse(plan.scene) is None:
@@ -245,13 +304,70 @@ def _stage(
             return _Refused(error.finding)
         notes = placed.notes
     folder = open_scene_folder(plan.scene)
-    seen = TrainingUpdate(folder.cameras, notes, placement=placement_of(read_entry(plan.scene)))
-    train = reconstruct_scene(None, plan.scene, replace(config, only="all"))
+    placement = placement_of(read_entry(plan.scene))
+    points = _points(plan.scene)
+    seen = TrainingUpdate(folder.cameras, notes, gaussians=points, placement=placement)
+    train = reconstruct_scene(None, plan.scene, replace(config, only="all"), again=True)
     try:
         made = yield from mapped(mapped(train, _in_steps(estimate)), _gathered(seen))
     except WrongModelError as error:  # of poses that lay there: the photos contradict them
         return _Refused(error.finding)
     return made
+
+
+def _points(scene: Path) -> "Gaussians | None":
+    """The points of the placed photos as splats: shown until the first ones are trained."""
+    from gaga_core.io.cameras.colmap import read_colmap
+    from gaga_core.io.folder.scene_folder import find_sparse
+    from gaga_core.training.start import initial_gaussians
+
+    sparse = find_sparse(scene)
+    if sparse is None:
+        return None
+    model = read_colmap(sparse)
+    try:
+        return initial_gaussians(model.points, model.point_colors, opacity=0.9, scale=0.5)
+    except GagaError:  # poses without points
+        return None
+
+
+# --- The picture turns around what the photos look at while splats are trained.
+
+_TURN = math.radians(9.0)  # a second: once around in 40 s
+_LONGEST_STEP_S = 1.0  # on a slow machine it turns more slowly, and never jumps
+_REST_S = 4.0  # after the camera was moved by hand
+_SHARE = 0.2  # of the time that drawing may take: the training needs the processor
+
+
+class Turning:
+    """Where the picture was turned to last, and how long it stays there."""
+
+    def __init__(self) -> None:
+        self.pose: object = None
+        self.rests_s = 0.0
+        self.since_s = 0.0  # since the last step
+
+
+def tick(session: Session, dt: float, is_drawn: bool, picture_s: float) -> None:
+    """Turn the picture of a training by what ``dt`` seconds make.
+
+    It waits until the last picture ``is_drawn``, which took ``picture_s`` seconds, and for a while
+    after every move by hand.
+    """
+    training, rig, state = session.training, session.rig, session.feature(Turning)
+    is_shown = training is not None and training.scene is not None and not training.is_stopped
+    if not is_shown or not session.settings.turns_in_training or rig.is_moving:
+        state.pose = None
+        return
+    if rig.pose is not state.pose:
+        state.pose, state.rests_s, state.since_s = rig.pose, _REST_S, 0.0
+    state.rests_s -= dt
+    if state.rests_s > 0:
+        return
+    state.since_s += dt
+    if is_drawn and state.since_s * _SHARE >= picture_s:
+        rig.turn(_TURN * min(state.since_s, _LONGEST_STEP_S))
+        state.pose, state.since_s = rig.pose, 0.0
 
 
 def _nothing() -> Stage[None]:
@@ -348,5 +464,13 @@ def plan_with(plan: ReconstructionPlan, name: str, value: object) -> Reconstruct
 COMMANDS: tuple[Command, ...] = (
     ask("file.open_photos", "Start from photos or a film…", Request.OPEN_PHOTOS),
     Command("file.make_splats", "Make splats from photos", make, enabled=why_not, describe=title),
+    Command(
+        "file.go_on_training",
+        "Go on training",
+        go_on,
+        enabled=why_not_go_on,
+        describe=go_on_title,
+    ),
+    setting("view.turn_in_training", "Turn the picture while training", "turns_in_training"),
     ask("file.make_splats_as", "Make splats as…", Request.MAKE_SPLATS, enabled=why_no_settings),
 )

@@ -197,7 +197,7 @@ def show_parts(session: Session, how: SimulationExport) -> bool:
         session.notify(Level.INFO, " ".join((text, *sentences(world, measure.HOW_TO_SCALE))))
 
     made = world_stage(scene, how.seeing(document.project), groups or None)
-    ready = stages.prepared("Draw", lambda: made)
+    ready = stages.prepared("Draw", lambda: made, parts=("window",))
     return session.jobs.start("Show convex parts", ready, on_done=done)
 
 

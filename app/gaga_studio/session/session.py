@@ -436,6 +436,16 @@ class Session:
             text += f"Discard it {when}?"
         self.pending_question = choose_one(text, choices)
 
+    def leave_for(self, photos: "PhotoFind", when: str, action: Callable[[], None]) -> None:
+        """Have ``photos`` open in place of the scene and do ``action``; with unsaved edits, ask."""
+
+        def leave() -> None:
+            self._forget()
+            self.photos = photos
+            action()
+
+        self._when_saved(when, leave)
+
     def _start_opening(self, path: Path | None) -> None:
         """Open ``path``, or the demo."""
         title = f"Open {path.name}" if path else "Open the demo"

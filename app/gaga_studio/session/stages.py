@@ -18,6 +18,7 @@ from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene
 
 if TYPE_CHECKING:
+    from gaga_core.kernels import Part
     from gaga_core.pipeline.reconstruct import PhotoFind
 
 T = TypeVar("T")
@@ -40,7 +41,7 @@ def open_stage(path: Path) -> "Stage[Project | PhotoFind]":
 
 
 def kernels_stage() -> Stage[None]:
-    """Compile what pictures, clicks and associations run, so that none of them waits for it.
+    """Compile what clicks, the object list and thumbnails run, so that none of them waits for it.
 
     Once on a machine: later it ends at once.
     """
@@ -49,7 +50,7 @@ def kernels_stage() -> Stage[None]:
     if not is_compiled():
         from gaga_core.pipeline.compile_kernels import warm_up_stage
 
-        yield from warm_up_stage()
+        yield from warm_up_stage("window")
 
 
 def save_stage(
@@ -65,15 +66,21 @@ def save_stage(
     return stage()
 
 
-def prepared(title: str, make: Callable[[], Stage[T]], text: str = "Preparing") -> Stage[T]:
-    """Compile the kernels where needed, then run the stage that ``make`` builds.
+def prepared(
+    title: str,
+    make: Callable[[], Stage[T]],
+    text: str = "Preparing",
+    *,
+    parts: "tuple[Part, ...]" = ("window", "grouping"),
+) -> Stage[T]:
+    """Compile the kernels of ``parts`` where needed, then run the stage that ``make`` builds.
 
     All in the job's thread: numba, torch and what ``make`` imports would slow the launch down.
     """
     from gaga_core.pipeline.compile_kernels import after_warm_up
 
     yield Progress(title, 0, 0, text)
-    return (yield from after_warm_up(make()))
+    return (yield from after_warm_up(make(), *parts))
 
 
 def file_gaussians(scene: Scene) -> Gaussians:

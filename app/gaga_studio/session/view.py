@@ -300,6 +300,7 @@ class TrainingPreview:
     update: "TrainUpdate | None" = None
     placement: "PlacementReport | None" = None
     is_stopped: bool = False  # it was cancelled: what there is can be looked at and kept
+    keeps: bool = False  # what is there when it has stopped becomes the scene
     _shown: Gaussians | None = field(default=None, repr=False)
 
     def take(self, live: TrainingUpdate) -> bool:

@@ -97,12 +97,15 @@ def sample_surfels(
         seen, rows, columns = _seen(camera, depth, points, _MISS)
         regions[seen, v] = load_masks(camera).labels[rows, columns]
         for labels in load_further(camera):
-            further.append(np.zeros(len(points), np.int32))
+            # Small numbers: these are most of the memory of an association of a thousand views.
+            further.append(np.zeros(len(points), np.min_scalar_type(int(labels.max(initial=0)))))
             further[-1][seen] = labels[rows, columns]
         normals[seen] += _weighted_normals(camera, depth, points[seen], rows, columns)
         n_views[seen] += 1
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    table = np.stack(further, axis=1) if further else np.zeros((len(points), 0), np.int32)
+    table = np.zeros((len(points), len(further)), np.int32)
+    for k, column in enumerate(further):
+        table[:, k] = column
     return Surfels(points, normals / np.maximum(length, 1e-12), regions, n_views, table)
 
 

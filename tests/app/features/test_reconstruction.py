@@ -12,11 +12,11 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.io.images import write_rgb
 from gaga_core.pipeline import compile_kernels
-from gaga_core.pipeline.reconstruct import STEPS, look_at_photos
+from gaga_core.pipeline.reconstruct import STEPS, look_at_photos, reconstruct_scene
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing import ladder
 from gaga_core.placing.checks import Verdict
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, run_stage
 from gaga_studio.features import reconstruction
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
@@ -30,6 +30,7 @@ from tests.scenes import objects_scene
 
 TINY = ReconstructConfig(iterations=30, max_side=96)
 LONG = replace(TINY, iterations=20_000)
+LATER = replace(TINY, iterations=400)  # stopped in between, and gone on with to the end
 
 
 @pytest.fixture
@@ -49,8 +50,12 @@ def started(session: Session, config: ReconstructConfig) -> None:
     found = session.photos
     assert found is not None
     reconstruction.make(session, ReconstructionPlan(config, found.scene))
+    until(session, lambda: session.training is not None and session.training.update is not None)
+
+
+def until(session: Session, is_done: Callable[[], bool]) -> None:
     end = time.monotonic() + 300
-    while session.shown is None:
+    while not is_done():
         session.tick(0.02)
         time.sleep(0.01)
         assert time.monotonic() < end, session.notices
@@ -126,6 +131,73 @@ def test_splats_are_shown_while_they_train_and_a_cancelled_training_goes_on(
     assert second.training.update.iteration >= found.iteration
     second.jobs.cancel()
     assert second.jobs.wait(300)
+
+
+def test_stop_here_keeps_a_scene_and_the_training_goes_on_to_the_same_splats(
+    new_session: Callable[[], Session], room: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(room, tmp_path / "whole")
+    session = new_session()
+    opened(session, room)
+    started(session, LATER)
+    until(session, lambda: session.training is not None and session.training.update is not None)
+    reconstruction.stop_here(session)
+    until(session, lambda: session.scene is not None)
+    kept = len(session.need().scene)
+    assert (room / "point_cloud.ply").is_file()
+    going_on = command("file.go_on_training")
+    assert not going_on.enabled(session)
+    assert going_on.title_now(session).startswith("Go on training from ")
+    (room / "gaga").mkdir(exist_ok=True)
+    (room / "gaga" / "labels.npz").write_bytes(b"of the splats that were kept")
+    session.need().select(np.arange(5, dtype=np.int32), "set", "Select")
+    assert run("edit.delete", session)
+    assert run("file.go_on_training", session)
+    assert session.pending_question is not None, "edits are not lost without a question"
+    session.answer("Discard")
+    assert session.training is not None
+    assert session.jobs.wait(300)
+    session.tick(0.1)
+    assert session.scene is not None, session.notices
+    assert (room / "gaga-before" / "labels.npz").is_file()
+    assert len(session.scene) != kept
+    assert not (room / ".gaga-reconstruct").exists()
+    assert going_on.enabled(session)
+    run_stage(reconstruct_scene(None, tmp_path / "whole", LATER))
+    paths = [folder / "point_cloud.ply" for folder in (room, tmp_path / "whole")]
+    assert paths[0].read_bytes() == paths[1].read_bytes(), "as without the stop"
+
+
+def test_the_picture_turns_while_splats_are_trained_and_rests_after_a_move_by_hand(
+    new_session: Callable[[], Session],
+) -> None:
+    made = objects_scene(2, 20, n_cameras=4)
+    session = new_session()
+    session.training = training = TrainingPreview("room", 100)
+    training.take(TrainingUpdate(made.cameras, gaussians=made.gaussians))
+
+    def turned(seconds: float, *, dt: float = 0.1, is_drawn: bool = True, took: float = 0) -> float:
+        before = session.rig.pose.yaw
+        for _ in range(round(seconds / dt)):
+            reconstruction.tick(session, dt, is_drawn, took)
+        return session.rig.pose.yaw - before
+
+    distance = session.rig.pose.distance
+    assert turned(3.5) == 0
+    assert np.degrees(turned(11)) > 60
+    assert session.rig.pose.distance == distance
+    assert turned(5, is_drawn=False) == 0
+    assert 0 < turned(1) < np.radians(20), "what was missed is not made up for in one jump"
+    session.rig.orbit(30, 0)
+    assert turned(3.5) == 0
+    assert turned(5) > 0
+    steps = [turned(0.1, took=0.4) for _ in range(40)]
+    assert 1 <= np.count_nonzero(steps) <= 2, "drawing takes a fifth of the time"
+    run("view.turn_in_training", session)
+    assert turned(9) == 0
+    run("view.turn_in_training", session)
+    training.is_stopped = True
+    assert turned(9) == 0
 
 
 def test_a_wrong_model_is_a_question_and_can_be_used_anyway(
@@ -234,11 +306,11 @@ def test_one_bar_for_all_steps_and_what_another_job_prepares_too_is_none_of_it(
 ) -> None:
     """Kernels are prepared behind every job that comes first; the rates are kept."""
 
-    def kernels() -> Stage[None]:
+    def kernels(*_parts: str) -> Stage[None]:
         for i in range(79, 101):
             yield Progress("Prepare kernels", i, 100, "of pictures")
 
-    monkeypatch.setattr(compile_kernels, "is_compiled", lambda: False)
+    monkeypatch.setattr(compile_kernels, "is_compiled", lambda _part: False)
     monkeypatch.setattr(compile_kernels, "warm_up_stage", kernels)
     write_photos(tmp_path / "shots", 6)
     session = new_session()

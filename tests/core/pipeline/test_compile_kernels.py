@@ -27,7 +27,7 @@ from gaga_core.training.settings import TrainConfig
 from gaga_core.training.train import train
 from gaga_core.training.views import TrainView, TrainViews
 from gaga_core.scene.objects import object_table
-from gaga_core.scene.selection.by_screen import pick
+from gaga_core.scene.selection.by_screen import pick, rectangle, screen
 from gaga_core.scene.selection.click import click_graph_stage
 from gaga_core.scene.scene import Scene
 from gaga_core.pipeline.compile_kernels import warm_up_stage
@@ -56,6 +56,7 @@ run_stage(associate_stage(g, made.cameras, regions, cpu, AssociateConfig.of("rob
 cpu.render(g, made.cameras[0], channels=np.zeros((len(g), 7), np.float32))
 cpu.render(g, made.cameras[0])
 scene = Scene.of(g, made.labels)
+screen(scene, made.cameras[0]).inside(rectangle((0, 0, 99, 99), 160, 120))
 pick(scene, made.cameras[0], 80.5, 60.5)
 pictures = [(cpu.render(g, c).image.clip(0, 1) * 255).astype(np.uint8) for c in made.cameras[:3]]
 first, *rest = (TrainView(c, p) for c, p in zip(made.cameras, pictures))
@@ -100,6 +101,18 @@ def test_kernels_are_compiled_once_the_stage_has_ended(own_stamp: Path) -> None:
     run_stage(compile_kernels.warm_up_stage(), steps.append)
     assert kernels.is_compiled()
     assert [step.done for step in steps] == list(range(steps[0].total + 1))
+    assert all(kernels.is_compiled(part) for part in kernels.PARTS)
+
+
+def test_only_the_parts_that_are_asked_for_are_compiled(own_stamp: Path) -> None:
+    steps: list[Progress] = []
+    run_stage(compile_kernels.warm_up_stage("window"), steps.append)
+    assert kernels.is_compiled()
+    assert not kernels.is_compiled("training")
+    assert not any("training" in step.message or "assoc" in step.message for step in steps)
+    n_before = len(steps)
+    run_stage(compile_kernels.after_warm_up(_work(), "window"), steps.append)
+    assert [step.stage for step in steps[n_before:]] == ["Work"]
 
 
 def test_another_processor_or_numba_compiles_again(
@@ -119,14 +132,15 @@ def test_a_place_that_cannot_be_written_is_no_error(
     assert not kernels.is_compiled()
 
 
+def _work() -> Stage[str]:
+    yield Progress("Work", 0, 1)
+    return "done"
+
+
 def test_work_waits_for_the_warm_up_only_the_first_time(
     own_stamp: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def work() -> Stage[str]:
-        yield Progress("Work", 0, 1)
-        return "done"
-
     for stages in ([compile_kernels.STAGE, "Work"], ["Work"]):
         steps: list[Progress] = []
-        assert run_stage(compile_kernels.after_warm_up(work()), steps.append) == "done"
+        assert run_stage(compile_kernels.after_warm_up(_work()), steps.append) == "done"
         assert list(dict.fromkeys(step.stage for step in steps)) == stages

@@ -315,7 +315,7 @@ def make_stage(
         config=SegmentConfig(use_depth=request.use_depth),
     )
     draws_depth = request.use_depth and "depth" in provider.cues and folder.model_path is not None
-    return (yield from (after_warm_up(stage) if draws_depth else stage))
+    return (yield from (after_warm_up(stage, "window") if draws_depth else stage))
 
 
 def _preview_stage(folder: SceneFolder, request: MaskRequest, view: str) -> Stage[MaskPreview]:

@@ -254,6 +254,8 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
         widgets.dim(f"{duration(job.eta_s)} left")
     if training.is_stopped:
         _what_now(session)
+    else:
+        _while_it_runs(session)
     if small:
         return
     imgui.dummy(ImVec2(0, em(0.1)))
@@ -263,6 +265,18 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     measured = [(float(m.iteration), m.psnr) for m in update.measured]
     last = f"{measured[-1][1]:.1f} dB" if measured else "not measured yet"
     chart("Held-out PSNR", last, measured, training.iterations, theme.GOOD)
+
+
+def _while_it_runs(session: Session) -> None:
+    """The button that ends it, and the switch of the turning picture."""
+    hint = "What is there becomes the scene. File, Go on training takes the training up again."
+    face = Face("Stop here", width=imgui.get_content_region_avail().x)
+    if widgets.button("Stop here", face, hint=hint):
+        reconstruction.stop_here(session)
+    turns = session.settings.turns_in_training
+    changed, _ = widgets.checkbox("Turn the picture", turns)
+    if changed:
+        commands.run("view.turn_in_training", session)
 
 
 def _what_now(session: Session) -> None:
