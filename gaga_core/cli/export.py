@@ -97,8 +97,8 @@ class ExportCommand:
     """Add the identity encodings of gaga lift as obj_dc_0..15, and write classifier.pth next to
     the files: what Gaussian Grouping and Gaga load (scene, objects; .ply)."""
     to: str = "usd,mjcf"
-    """Files for simulators, with commas: usd (OpenUSD), mjcf (MuJoCo), urdf (of one object)
-    (simulation)."""
+    """Files for simulators, with commas: usd (OpenUSD), mjcf (MuJoCo), urdf (a file an object,
+    and static.urdf) (simulation)."""
     mass: tuple[str, ...] = ()
     """Mass of an object in kg by its group id, as 12=0.35 (simulation)."""
     object_density: tuple[str, ...] = ()

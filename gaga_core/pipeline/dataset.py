@@ -170,10 +170,11 @@ def dataset_stage(
         names = scene_names(out, paths)
         if engine is None:
             for i, (scene, name) in enumerate(zip(scenes, names, strict=True)):
-                stage = pictures_stage(scene, out, name, config, rasterizer=rasterizer)
+                stage = pictures_stage(scene, out, name, config, forms, rasterizer=rasterizer)
                 yield from part(stage, i, len(scenes), _STAGE, prefix=f"{name}: ")
         else:
-            work = PicturesWork(out.absolute(), dict(zip(paths, names, strict=True)), config)
+            by_path = dict(zip(paths, names, strict=True))
+            work = PicturesWork(out.absolute(), by_path, config, tuple(forms))
             failed = yield from _by_workers(paths, names, work, engine)
         return (yield from _tables_stage(out, config, forms, names, failed))
 
@@ -185,11 +186,12 @@ class PicturesWork:
     out: Path
     names: Mapping[Path, str]  # of scenes by path
     config: DatasetConfig
+    forms: tuple[Form, ...] = FORMS
 
     def stage_of(self, folder: Path, photos: Path | None) -> Stage[tuple[str, ...]]:
         """`pictures_stage` of one of the scenes."""
         del photos
-        yield from pictures_stage(folder, self.out, self.names[folder], self.config)
+        yield from pictures_stage(folder, self.out, self.names[folder], self.config, self.forms)
         return ("pictures",)
 
 
@@ -267,10 +269,14 @@ def pictures_stage(
     out: Path,
     name: str,
     config: DatasetConfig,
+    forms: Sequence[Form] = FORMS,
     *,
     rasterizer: Rasterizer | None = None,
 ) -> Stage[SceneSet]:
-    """Make the pictures of one scene that are missing or stale, and write scenes/<name>.json."""
+    """Make the pictures of one scene that are missing or stale, and write scenes/<name>.json.
+
+    BOP alone has models of the objects, so only where it is one of ``forms`` they are made.
+    """
     project = (yield from open_path_stage(scene)) if isinstance(scene, Path) else scene
     engine = rasterizer or choose()
     base = yield from _base_stage(project, name, engine)
@@ -302,7 +308,8 @@ def pictures_stage(
                 left_out += record.is_left_out
                 names += [] if record.is_left_out else [view]
     yield Progress(_STAGE, config.views, config.views)
-    yield from _models_stage(out, base)
+    if "bop" in forms:
+        yield from _models_stage(out, base)
     return _write_scene(out, base, names, (made, left_out), is_varied=len(splits) > 1)
 
 
@@ -614,13 +621,22 @@ def _models_stage(out: Path, base: _Base) -> Stage[None]:
         write_model(path, mesh.moved(item.centre, 1.0), note)
 
 
+def _box_of(out: Path, base: _Base, item: Item) -> tuple[DoubleArray, DoubleArray]:
+    """Lowest and highest corner (3,) of an object's model, or of its splats, in its frame."""
+    path = _model_path(out, base, item)
+    if path.is_file():
+        return model_box(path)
+    points = base.gaussians.means[item.splats] - item.centre
+    return points.min(axis=0), points.max(axis=0)
+
+
 def _write_scene(
     out: Path, base: _Base, names: list[str], counts: tuple[int, int], *, is_varied: bool
 ) -> SceneSet:
     """Write scenes/<name>.json."""
     scene, objects = base.project.scene, []
     for item in base.items:
-        lo, hi = model_box(_model_path(out, base, item))
+        lo, hi = _box_of(out, base, item)
         values = [list(map(float, v)) for v in (item.centre, lo, hi)]
         objects.append(SceneObject(item.group, group_name(scene, item.group), *values))
     notes = []

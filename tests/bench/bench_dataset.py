@@ -7,6 +7,8 @@ with the same number of steps: once on the few labelled photos, once on pictures
 """
 
 import json
+import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,7 +29,7 @@ from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.project import Project, open_path_stage
-from tests.bench.figures import Figure, data_folder, timed
+from tests.bench.figures import Figure, data_folder, peak_mib, timed
 from tools.scenes.arrange import KINDS, arrange, cameras
 from tools.scenes.draw import Look, discs, gaussians_of
 from tools.scenes.make import SceneConfig, make_scene
@@ -42,11 +44,12 @@ _CELL = 4  # pixels
 _CONFIG = DatasetConfig(views=_PICTURES, views_each=30, removed=0.0, fill=False)
 _JUDGED, _LEAST = 8, 100  # pictures of a scene, and pixels of a visible mask
 _TIMED = 12  # pictures of 640 x 480
+_COUNTS = (200, 800)  # pictures whose peak memory is compared
 
 
 def figures() -> list[Figure]:
     """The cost on the demo scene, then truth and detector where the scans are."""
-    found = [_cost(demo_project())]
+    found = [_cost(demo_project()), _growth()]
     if not _SCANS.is_dir():
         return found
     ious: dict[float, list[float]] = {0.0: [], 0.3: [], 1.0: []}
@@ -118,6 +121,24 @@ def _cost(project: Project) -> Figure:
         labelled()
         ratio = min(timed(labelled)[1] / timed(alone)[1] for _ in range(3))
     return Figure("data: pictures with labels, times drawing alone", ratio, "x", "<= 1.3")
+
+
+def _growth() -> Figure:
+    """Peaks of two processes of their own: the second makes four times as many pictures."""
+    peaks = []
+    for n in _COUNTS:
+        code = f"from tests.bench.bench_dataset import made_peak; print(made_peak({n}))"
+        peaks.append(float(subprocess.check_output([sys.executable, "-c", code]).split()[-1]))
+    ratio = peaks[1] / peaks[0]
+    return Figure("data: peak memory of 800 pictures, times that of 200", ratio, "x", "<= 1.05")
+
+
+def made_peak(n: int) -> float:
+    """Most memory (MiB) of this process, which makes ``n`` pictures with all labels."""
+    config = DatasetConfig(n, 160, 120, coverage=0.0, fill=False)
+    with tempfile.TemporaryDirectory() as folder:
+        run_stage(dataset.dataset_stage([demo_project()], Path(folder) / "data", config))
+    return peak_mib()
 
 
 # --- truth

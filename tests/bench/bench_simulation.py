@@ -174,13 +174,18 @@ def resting(world: World) -> tuple[DoubleArray, DoubleArray, DoubleArray]:
 
 
 def holds_ball(mjcf: Path, body: Body, truth: Truth) -> bool:
-    """Whether a ball of 30 mm that falls into a vessel of a file is in it two seconds later."""
+    """Whether a ball of 30 mm that falls into a vessel of a file is in it two seconds later.
+
+    Other bodies are taken away: in the bowl of ycb_table lies an apple.
+    """
     import mujoco
 
     rim = truth.surface[truth.surface[:, 2] > truth.surface[:, 2].max() - 0.003]
     middle, top = (rim.min(axis=0) + rim.max(axis=0))[:2] / 2, float(rim[:, 2].max())
     reach = float(np.ptp(rim[:, :2], axis=0).max()) / 2
     spec = mujoco.MjSpec.from_file(str(mjcf))
+    for other in [one for one in spec.bodies[1:] if one.name != body.stem]:
+        spec.delete(other)
     ball = spec.worldbody.add_body(name="ball", pos=[*middle, top + 0.02])
     ball.add_freejoint()
     ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[_BALL, 0, 0], mass=0.02)

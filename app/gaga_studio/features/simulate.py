@@ -68,7 +68,10 @@ def not_possible(session: Session) -> str:
 
 @notifies
 def start(session: Session) -> bool:
-    """Let the selected objects fall, else all but the background, until `stop`."""
+    """Let the selected objects fall, else all but the background, until `stop`.
+
+    The bodies are those whose parts were shown, or that fell before, if they are still right.
+    """
     for name in ("manifold3d", "coacd", "mujoco"):
         library(name)
     document = session.need()
@@ -77,10 +80,15 @@ def start(session: Session) -> bool:
     how = _placed(session, SimulationExport(config=_CONFIG, mesh=_MESH))
     rows = {int(g): group_indices(scene, int(g)) for g in np.unique(scene.labels) if g > 0}
     state.is_held, state.is_falling = True, False
+    bodies = document.feature(PartsState)
+    is_right = bodies.groups == tuple(groups) and bodies.moves == _moves(scene)
+    world = bodies.world if is_right else None
+    place = upright_place(how.up, how.scale)
 
     def stage() -> Stage[Motions]:
-        world = yield from world_stage(scene, how, groups or None)
-        place, motions, begin = upright_place(how.up, 1.0), Motions(), time.monotonic()
+        nonlocal world
+        world = world or (yield from world_stage(scene, how, groups or None))
+        motions, begin = Motions(), time.monotonic()
         first: DoubleArray | None = None
         former, n_still = np.zeros(0), 0
         for k, places in enumerate(fall(world, _MOST_SECONDS, _FRAME)):
@@ -104,8 +112,10 @@ def start(session: Session) -> bool:
 
     def keep(motions: Motions) -> None:
         show(motions)
-        if session.document is document:
+        if session.document is document and world is not None:
             document.commit_preview()
+            bodies.keep_fallen(world, tuple(groups), motions, place)
+            bodies.moves = _moves(document.scene)
 
     def end() -> None:
         if session.document is document and state.is_falling:
@@ -146,10 +156,26 @@ class PartsState:
     """The bodies of a document that are shown by their convex parts."""
 
     world: World | None = None
+    groups: tuple[int, ...] = ()  # that it was made of; none: all
     key: object = None  # of the scene and the settings that they were made of
     edges: DoubleArray | None = None  # (E, 2, 3) world of the scene
     parts: IntArray | None = None  # (E,) which part each is of
     moves: object = None  # revisions of the scene that they are right for
+
+    def keep_fallen(
+        self, world: World, groups: tuple[int, ...], motions: Motions, place: DoubleArray
+    ) -> None:
+        """Hold the bodies where ``motions`` brought them; ``place`` (4, 4): of their world."""
+        fallen = []
+        for body, (_, motion) in zip(world.bodies, motions, strict=True):
+            turned = place @ motion @ np.linalg.inv(place)
+            position = turned[:3, :3] @ body.position + turned[:3, 3]
+            fallen.append(replace(body, position=position, turn=turned[:3, :3] @ body.turn))
+        self.edges = None if self.world is not world else self.edges
+        self.world, self.groups = replace(world, bodies=tuple(fallen)), groups
+        self.key = None  # an export makes them of what the scene is now
+        if self.edges is not None:
+            self.edges, self.parts = part_edges(self.world, np.linalg.inv(place))
 
 
 def _placed(session: Session, how: SimulationExport) -> SimulationExport:
@@ -160,12 +186,12 @@ def _placed(session: Session, how: SimulationExport) -> SimulationExport:
 
 
 def _key(scene: Scene, how: SimulationExport, groups: Sequence[int]) -> object:
-    return how, tuple(groups), _moves(scene), scene.revision.names, scene.visible.tobytes()
+    return how, tuple(groups), _moves(scene), scene.revision.names
 
 
 def _moves(scene: Scene) -> object:
     now = scene.revision
-    return now.splats, now.labels, now.placement, now.placements
+    return now.splats, now.labels, now.placement, now.placements, scene.visible.tobytes()
 
 
 def shown_parts(session: Session) -> PartsState | None:
@@ -190,6 +216,7 @@ def show_parts(session: Session, how: SimulationExport) -> bool:
         if session.document is not document:
             return
         state.world, state.key, state.moves = world, key, moves
+        state.groups = tuple(groups)
         state.edges, state.parts = part_edges(world, place)
         n, n_bodies = sum(len(body.parts) for body in world.bodies), len(world.bodies)
         objects = "1 object" if n_bodies == 1 else f"{n_bodies} objects"

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gaga_core.arrays import DoubleArray
+from gaga_core.arrays import DoubleArray, FloatArray
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.export.simulation.settings import SimulationConfig
 from gaga_core.export.solids import MeshConfig, convex_collider, proxy_mesh_stage
@@ -36,9 +37,16 @@ _N_SUPPORT = 30  # splats: fewer are no surface
 _STEEPEST = np.cos(np.radians(20.0))  # of a plane that something stands on
 _GAP = 0.15  # of the object's height: a foot that ends higher over its support does not touch it
 _CUT = 2.0  # voxels over the support from which on downwards the underside is made flat
+_FOOT = 0.1  # of the object's size: how far its foot reaches around its centre of mass
 _MOST_CORNERS = 64  # of a convex part: what PhysX takes on a graphics card
 _COARSE, _MOST_TRIANGLES = 0.002, 1_500  # of the extent; what convex parts are searched in
 _THICKNESS = 0.05  # of the longer side of a support: how thick its box is
+_CELLS = 128  # of a height field along each side
+_AROUND = 1.5  # of the size of all bodies: how far it reaches from their middle
+_VIEW = np.radians(1.0)  # field of view of the heights: nearly parallel
+_SHOWN = 0.5  # alpha from which on a pixel has a height
+_BELOW = 0.005  # of the side of a height field: how far it stays under what else carries things
+_APART = 2  # cells around a body in which nothing is higher than its underside
 
 
 class MissingExtraError(GagaError):
@@ -107,12 +115,33 @@ class Box:
 
 
 @dataclass(frozen=True, eq=False)
+class HeightField:
+    """How high what stays is, on a square grid seen from above."""
+
+    corner: DoubleArray  # (3,) of the first cell's middle at height 0, world of the simulation
+    cell: float  # side
+    heights: FloatArray  # (R, C) 0 or more; rows along y, columns along x
+
+    def mesh(self) -> TriangleMesh:
+        """Its surface, facing upwards."""
+        n_rows, n_columns = self.heights.shape
+        y, x = np.mgrid[:n_rows, :n_columns]
+        points = np.stack([self.cell * x, self.cell * y, self.heights], axis=-1).reshape(-1, 3)
+        first = (y * n_columns + x)[:-1, :-1].reshape(-1, 1)
+        corners = first + np.array([[0, 1, n_columns + 1, 0, n_columns + 1, n_columns]])
+        return TriangleMesh(
+            np.ascontiguousarray(points + self.corner, np.float32),
+            np.ascontiguousarray(corners.reshape(-1, 3), np.int32),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Static:
-    """What stays: splats, the boxes that things stand on, and objects that were not chosen."""
+    """What stays: splats, the boxes that things stand on, and the heights of all the rest."""
 
     gaussians: Gaussians | None  # world of the simulation; None: there are none
     boxes: tuple[Box, ...]
-    obstacles: tuple[TriangleMesh, ...] = ()  # convex parts, world of the simulation
+    ground: HeightField | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,6 +281,31 @@ def convex_parts(mesh: TriangleMesh, config: SimulationConfig) -> tuple[Triangle
     return tuple(parts)
 
 
+def _parts_of(
+    mesh: TriangleMesh, plane: Plane | None, cut: float, config: SimulationConfig
+) -> tuple[TriangleMesh, ...]:
+    """The convex parts of a body; what is lower than ``cut`` over ``plane`` is one of them.
+
+    The others need not end where the body does: on those alone a box of 0.2 m tilted by 7 degrees.
+    As it stood, its centre of mass is over what it stands on. None: it stands on nothing.
+    """
+    if plane is None:
+        return convex_parts(mesh, config)
+    parts = convex_parts(mesh, replace(config, parts=max(config.parts - 1, 1)))
+    corners = [part.vertices.astype(np.float64) for part in parts]
+    if config.parts > 1:
+        vertices = mesh.vertices.astype(np.float64)
+        wide = _FOOT * float(np.ptp(vertices, axis=0).max())
+        under = mass_properties(mesh, 1.0, None).centre + wide * np.array(
+            [[-1, -1, 0], [-1, 1, 0], [1, -1, 0], [1, 1, 0]]
+        )
+        under[:, 2] -= plane.heights(under) / plane.normal[2]
+        corners.append(np.concatenate([vertices[plane.heights(vertices) <= 1.01 * cut], under]))
+    # Nothing of them is under the support.
+    lifts = [-np.minimum(plane.heights(points), 0)[:, None] * plane.normal for points in corners]
+    return tuple(convex_collider(a + b) for a, b in zip(corners, lifts, strict=True))
+
+
 def mass_properties(mesh: TriangleMesh, density: float, mass: float | None) -> MassProperties:
     """Volume, mass, centre of mass and inertia of a closed mesh of one density.
 
@@ -291,10 +345,10 @@ def body_stage(
     mesh = yield from proxy_mesh_stage(
         gaussians, choose(), up=np.array(UP), config=mesh_config, is_soft=True, photos=photos
     )
-    extent = float(np.ptp(mesh.vertices, axis=0).max())
+    voxel = float(np.ptp(mesh.vertices, axis=0).max()) / mesh_config.voxels
     stands = is_closed = False
     try:
-        mesh, stands = closed_on(mesh, plane, extent / mesh_config.voxels)
+        mesh, stands = closed_on(mesh, plane, voxel)
         is_closed = True
     except MissingExtraError:
         raise
@@ -303,6 +357,7 @@ def body_stage(
     lo, hi = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     origin = np.array([*(lo[:2] + hi[:2]) / 2, lo[2]], np.float64)
     mesh = mesh.moved(origin, 1.0)
+    foot = Plane(plane.origin - origin, plane.normal) if plane is not None and stands else None
     place = np.eye(4)
     place[:3, 3] = -origin
     return Body(
@@ -312,7 +367,7 @@ def body_stage(
         position=origin,
         gaussians=placed(gaussians, place),
         mesh=mesh,
-        parts=convex_parts(mesh, config),
+        parts=_parts_of(mesh, foot, _CUT * voxel, config),
         properties=mass_properties(mesh, density or config.density, mass),
         underside="assumed flat" if stands else "as seen",
     ), is_closed
@@ -353,6 +408,58 @@ def support_boxes(planes: Sequence[Plane], points: DoubleArray) -> tuple[Box, ..
 
         left = [other for other in left if not lies_on(other)]
     return tuple(boxes)
+
+
+def height_field(
+    gaussians: Gaussians,  # of what stays, world of the simulation
+    bodies: Sequence[DoubleArray],  # centres (K, 3) of the splats of each
+    boxes: Sequence[Box],
+) -> HeightField | None:
+    """Heights of what stays around ``bodies``, without ceilings; None: nothing is there.
+
+    They stay under boxes, and under bodies where these are now, so that nothing is pushed away.
+    """
+    from scipy.ndimage import binary_dilation, median_filter
+
+    every = np.concatenate(bodies)
+    lo, hi = np.percentile(every, 1, axis=0), np.percentile(every, 99, axis=0)
+    size = float((hi - lo).max())
+    half, top, middle = _AROUND * size, float(hi[2]) + size, (lo + hi) / 2
+    side = 2 * half
+    near = (np.abs(gaussians.means[:, :2] - middle[:2]) < half).all(axis=1)
+    near &= gaussians.means[:, 2] < top
+    if not near.any():
+        return None
+    # From so far away, rows and columns of the picture are those of a grid.
+    distance = half / np.tan(_VIEW / 2)
+    focal = _CELLS * distance / side
+    K = np.array([[focal, 0, _CELLS / 2], [0, focal, _CELLS / 2], [0, 0, 1]])
+    pose = np.eye(4)
+    pose[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    pose[:3, 3] = -pose[:3, :3] @ np.array([*middle[:2], top + distance])
+    seen = choose().render(gaussians.take(np.flatnonzero(near)), Camera(K, pose, _CELLS, _CELLS))
+    is_shown = (seen.alpha >= _SHOWN) & (seen.median_depth > 0)
+    if not is_shown.any():
+        return None
+    high = np.where(is_shown, top + distance - seen.median_depth, np.inf)[::-1].astype(np.float64)
+    # Nobody saw how deep it is where nothing is shown; single cells are gaps between splats.
+    high = median_filter(np.where(np.isfinite(high), high, high.min()), 3)
+    cell, layer = side / _CELLS, _BELOW * side
+    corner = middle[:2] - half + cell / 2
+    for points in bodies:
+        column, row = np.clip((points[:, :2] - corner) / cell + 0.5, 0, _CELLS - 1).astype(int).T
+        under = np.zeros(high.shape, np.bool_)
+        under[row, column] = True
+        under = binary_dilation(under, np.ones((3, 3)), iterations=_APART)
+        high[under] = np.minimum(high[under], np.percentile(points[:, 2], 1) - layer)
+    at = corner + cell * np.stack(np.mgrid[:_CELLS, :_CELLS][::-1], axis=-1)
+    for box in boxes:
+        local = (np.dstack([at, high]) - box.centre) @ box.axes
+        on_it = (np.abs(local[..., :2]) < box.half[:2]).all(axis=-1)
+        on_it &= np.abs(local[..., 2] - box.half[2]) < layer
+        high[on_it] -= 2 * layer
+    base = float(high.min())
+    return HeightField(np.array([*corner, base]), cell, (high - base).astype(np.float32))
 
 
 def on_box(plane: Plane, boxes: Sequence[Box]) -> Plane:

@@ -16,12 +16,12 @@ from gaga_core.export.export import as_step, exported_indices, slug
 from gaga_core.export.simulation import mjcf, usd
 from gaga_core.export.simulation.bodies import (
     Body,
-    Box,
     MissingExtraError,
     Plane,
     Static,
     World,
     body_stage,
+    height_field,
     library,
     on_box,
     support_boxes,
@@ -33,7 +33,6 @@ from gaga_core.export.solids import MeshConfig
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats
 from gaga_core.io.folder.staging import publish_all, staging_folder
-from gaga_core.io.meshes import TriangleMesh
 from gaga_core.io.splats.glb import placed
 from gaga_core.io.splats.splat_files import write_splats_stage
 from gaga_core.progress import Progress, Stage
@@ -58,7 +57,7 @@ class SimulatorForm(StrEnum):
 
     MJCF = "mjcf"  # scene.xml
     USD = "usd"  # scene.usd
-    URDF = "urdf"  # of one object
+    URDF = "urdf"  # a file an object, and static.urdf
 
 
 @dataclass(frozen=True)
@@ -105,8 +104,7 @@ def world_stage(
 ) -> Stage[World]:
     """The bodies of ``groups`` (default: all but the background) and what stays: the rest.
 
-    Objects near them that are not chosen stay where they are, by their convex parts.
-
+    Objects that are not chosen stay: no body is made of them, their heights are in the way.
     Raises ``GagaError`` when none of them is visible or has a surface, or an extra is missing.
     """
     for name in ("manifold3d", *(["coacd"] if how.config.parts > 1 else [])):
@@ -176,26 +174,13 @@ def world_stage(
         bodies.append(replace(body, id=group, name=name, stem=stem))
     if not bodies:
         raise GagaError("None of these objects has a surface, so there is nothing to export.")
-    obstacles = list[TriangleMesh]()
-    stands = np.setdiff1d(
-        found, [*chosen, *_carriers(boxes, means[firm & rest], labels[firm & rest])]
-    )
-    for group in stands.tolist():
-        own = firm & (labels == group)
-        if own.any() and _is_near(means[own], means[firm & ~rest]):
-            step = Progress(STEP, len(chosen), len(chosen), f"{group_name(scene, group)} stays")
-            splats_of = gaussians.take(np.flatnonzero(finite & (labels == group)))
-            where = support_of(means[own], means[firm & ~own])
-            stage = body_stage(splats_of, where, how.config, how.mesh, None, None)
-            try:
-                body, _ = yield from as_step(step, stage)
-            except MissingExtraError:
-                raise
-            except GagaError:  # without a surface nothing is in the way
-                continue
-            obstacles += [part.moved(-body.position, 1.0) for part in body.parts]
     stays = np.flatnonzero(rest & finite)
-    static = Static(gaussians.take(stays) if len(stays) else None, boxes, tuple(obstacles))
+    remains = gaussians.take(stays) if len(stays) else None
+    where = [means[firm & (labels == body.id)] for body in bodies]
+    ground = None
+    if remains is not None:
+        ground = height_field(remains, [points for points in where if len(points)], boxes)
+    static = Static(remains, boxes, ground)
     return World(
         tuple(bodies),
         static,
@@ -275,25 +260,6 @@ def _weight(scene: Scene, how: SimulationExport, group: int) -> tuple[float | No
     return (own.value, None) if own.kind == "mass" else (None, own.value)
 
 
-def _carriers(boxes: Sequence[Box], points: DoubleArray, labels: IntArray) -> list[int]:
-    """The group that each box is the support of: most of the points on its top are its own."""
-    carriers = []
-    for box in boxes:
-        local = (points - box.centre) @ box.axes
-        on = (np.abs(local[:, :2]) < box.half[:2]).all(axis=1)
-        on &= np.abs(local[:, 2] - box.half[2]) < box.half[2]
-        if on.any():
-            carriers.append(int(np.bincount(labels[on]).argmax()))
-    return carriers
-
-
-def _is_near(points: DoubleArray, chosen: DoubleArray) -> bool:
-    """Whether an object is so near to what moves that this may fall on it."""
-    reach = float(np.ptp(chosen, axis=0).max())
-    lo, hi = (np.percentile(chosen[:, :2], q, axis=0) for q in (1, 99))
-    return bool(((points[:, :2] > lo - reach) & (points[:, :2] < hi + reach)).all(axis=1).any())
-
-
 def _is_static(plane: Plane, means: DoubleArray, firm: BoolArray, rest: BoolArray) -> bool:
     """Whether what stays, not another object, makes most of a plane at its origin."""
     size = 0.1 * float(np.ptp(means[firm & ~rest], axis=0).max())
@@ -330,12 +296,10 @@ def export_simulation_stage(
     """Write bodies and what stays into ``folder``; the manifest's path, and what was written.
 
     ``world``: what `world_stage` made of the same, where it is there.
-    Raises ``GagaError`` as `world_stage` does, and where URDF is asked for more than one object.
+    Raises ``GagaError`` as `world_stage` does.
     """
     if SimulatorForm.USD in how.forms:
         usd.check()
-    if SimulatorForm.URDF in how.forms and (groups is None or len(groups) != 1):
-        raise GagaError("URDF is of one object: choose one by --only, or write mjcf or usd.")
     world = world or (yield from world_stage(scene, how, groups))
     with staging_folder(folder) as staging:
         files, splats = list[str](), dict[str, str]()
@@ -354,8 +318,9 @@ def export_simulation_stage(
         if SimulatorForm.MJCF in how.forms:
             texts["scene.xml"] = mjcf.mjcf_of(world, splats)
         if SimulatorForm.URDF in how.forms:
-            body = world.bodies[0]
-            texts[f"{body.stem}.urdf"] = mjcf.urdf_of(body, how.config.friction)
+            for body in world.bodies:
+                texts[f"{body.stem}.urdf"] = mjcf.urdf_of(body, how.config.friction)
+            texts["static.urdf"] = mjcf.static_urdf_of(world)
         if SimulatorForm.USD in how.forms:
             usd.write_world(staging / "scene.usd", world)
             files.append("scene.usd")
@@ -396,7 +361,7 @@ def _described(world: World, splats: Mapping[str, str], source: str) -> dict[str
         "static": {
             "splats": splats.get("static", ""),
             "boxes": len(world.static.boxes),
-            "obstacles": len(world.static.obstacles),
+            "height_field": world.static.ground is not None,
         },
         "left_out": list(world.left_out),
     }

@@ -1,4 +1,4 @@
-"""Bodies as MJCF, the files of MuJoCo, and one body as URDF.
+"""Bodies and what stays as MJCF, the files of MuJoCo, and as URDF.
 
 Meshes are .obj files in ``meshes``; the splats' files are named as custom text, ``splats:NAME``.
 MJCF: mujoco.readthedocs.io, XML reference. URDF: wiki.ros.org/urdf/XML.
@@ -9,14 +9,15 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gaga_core.arrays import AnyArray, DoubleArray
-from gaga_core.export.simulation.bodies import GRAVITY, Body, Box, World
+from gaga_core.export.simulation.bodies import GRAVITY, Body, Box, HeightField, World
 from gaga_core.geometry import matrices_to_quats
 from gaga_core.io.meshes import MeshFile, TriangleMesh, write_mesh
 
 MESHES = "meshes"  # folder next to the file
-_OBSTACLE = "static-obstacle_"  # of convex parts that stay; no object has an underscore
+_GROUND = "static-ground"  # mesh of the height field
 _STEP = 0.002  # s, of MuJoCo by default
 _VISUAL, _COLLISION = 2, 3  # groups of geoms: as MuJoCo's own models have them
 # Spinning and rolling friction, m: of MuJoCo's default, and so that what is round stops rolling.
@@ -31,7 +32,8 @@ def part_file(body: Body, k: int) -> str:
 def write_meshes(folder: Path, world: World) -> list[str]:
     """Write visual meshes and convex parts as .obj; their names under ``folder``."""
     (folder / MESHES).mkdir(exist_ok=True)
-    files = {f"{_OBSTACLE}{k}.obj": part for k, part in enumerate(world.static.obstacles)}
+    ground = world.static.ground
+    files = {} if ground is None else {f"{_GROUND}.obj": ground.mesh()}
     for body in world.bodies:
         if body.copy_of:
             continue
@@ -51,11 +53,10 @@ def mjcf_of(world: World, splats: dict[str, str], *, inline: bool = False) -> st
     assets, parts = list[str](), list[str]()
     for box in world.static.boxes:
         parts.append(f"<geom {_box(box)}/>")
-    for k, mesh in enumerate(world.static.obstacles):
-        name = f"{_OBSTACLE}{k}"
-        where = _vertices(mesh) if inline else f'file="{name}.obj"'
-        assets.append(f'<mesh name="{name}" {where}/>')
-        parts.append(f'<geom class="collision" mesh="{name}"/>')
+    if world.static.ground is not None:
+        field, placed = _ground(world.static.ground)
+        assets.append(field)
+        parts.append(placed)
     for body in world.bodies:
         geoms, shared = [], body.copy_of or body.stem
         for k, mesh in enumerate(body.parts):
@@ -107,6 +108,24 @@ def urdf_of(body: Body, friction: float) -> str:
     ).replace("><", ">\n<")
 
 
+def static_urdf_of(world: World) -> str:
+    """URDF of what stays, in the world's axes: boxes, and the height field as a mesh."""
+    shapes = []
+    for box in world.static.boxes:
+        roll_pitch_yaw = row(Rotation.from_matrix(box.axes).as_euler("xyz"))
+        shapes.append(
+            f'<origin xyz="{row(box.centre)}" rpy="{roll_pitch_yaw}"/>'
+            f'<geometry><box size="{row(2 * box.half)}"/></geometry>'
+        )
+    if world.static.ground is not None:
+        shapes.append(f'<geometry><mesh filename="{MESHES}/{_GROUND}.obj"/></geometry>')
+    solid = "".join(f"<collision>{shape}</collision>" for shape in shapes)
+    contact = f'<contact><lateral_friction value="{world.config.friction:.9g}"/></contact>'
+    return (f'<robot name="static"><link name="static">{solid}{contact}</link></robot>').replace(
+        "><", ">\n<"
+    )
+
+
 def row(values: Sequence[float] | AnyArray) -> str:
     """Numbers as XML has them."""
     return " ".join(f"{value:.9g}" for value in np.asarray(values, np.float64).ravel())
@@ -116,6 +135,21 @@ def _box(box: Box) -> str:
     axes: DoubleArray = box.axes
     quat = matrices_to_quats(axes[None])[0]
     return f'type="box" pos="{row(box.centre)}" quat="{row(quat)}" size="{row(box.half)}"'
+
+
+def _ground(of: HeightField) -> tuple[str, str]:
+    """The asset of a height field and its geom. The first row of a text is at the highest y."""
+    n_rows, n_columns = of.heights.shape
+    half = of.cell * (np.array([n_columns, n_rows]) - 1) / 2
+    high = max(float(of.heights.max()), of.cell)
+    size = row([*half, high, max(half)])
+    middle = row(of.corner + np.array([*half, 0.0]))
+    values = " ".join(f"{value:.5g}" for value in of.heights[::-1].ravel())
+    return (
+        f'<hfield name="{_GROUND}" nrow="{n_rows}" ncol="{n_columns}" size="{size}" '
+        f'elevation="{values}"/>',
+        f'<geom type="hfield" hfield="{_GROUND}" pos="{middle}" group="{_COLLISION}"/>',
+    )
 
 
 def _inertial(body: Body) -> str:

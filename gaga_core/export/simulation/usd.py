@@ -55,8 +55,11 @@ def write_world(path: Path, world: World) -> None:
         cube.AddScaleOp().Set(Gf.Vec3f(*box.half.tolist()))
         cube.CreatePurposeAttr(UsdGeom.Tokens.guide)
         _collides(cube.GetPrim(), material)
-    for k, part in enumerate(world.static.obstacles):
-        _add_solid(stage, f"{_ROOT}/static/obstacle_{k}", part, material)
+    if world.static.ground is not None:
+        ground = _add_mesh(stage, f"{_ROOT}/static/ground", world.static.ground.mesh())
+        ground.CreatePurposeAttr(UsdGeom.Tokens.guide)
+        _collides(ground.GetPrim(), material)
+        UsdPhysics.MeshCollisionAPI.Apply(ground.GetPrim())  # as it is: triangles
     Usd.ModelAPI(static).SetKind(Kind.Tokens.component)
     with atomic_write(path) as temporary:
         export(stage, temporary, path.suffix)

@@ -43,5 +43,14 @@ def test_what_hangs_in_the_air_lands(new_session: Callable[[], Session], tmp_pat
     finish(session)
     assert document.history.cursor == cursor + 1
     assert abs(_lowest(session)) < 0.005
+    bodies = document.feature(simulate.PartsState).world
+    assert bodies is not None
+    assert simulate.start(session)  # they lie already
+    finish(session)
+    assert abs(_lowest(session)) < 0.005
+    again = document.feature(simulate.PartsState).world
+    assert again is not None
+    assert again.bodies[0].parts is bodies.bodies[0].parts  # not made again
+    session.undo()
     session.undo()
     assert snapshot(document.scene) == before

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from gaga_core.export.simulation.export import (
     world_stage,
 )
 from gaga_core.export.simulation.falling import fall
-from gaga_core.export.simulation.mjcf import mjcf_of, urdf_of
+from gaga_core.export.simulation.mjcf import mjcf_of, static_urdf_of, urdf_of
 from gaga_core.export.simulation.settings import SimulationConfig
 from gaga_core.export.solids import MeshConfig
 from gaga_core.io.meshes import TriangleMesh
@@ -128,13 +129,14 @@ def test_a_support_is_found_under_an_object_and_not_beside_a_wall() -> None:
     assert support_of(points, table[:10]) is None
 
 
+def _ball() -> Body:
+    sphere = _mesh(trimesh.creation.icosphere(2, 0.015))
+    return replace(_body(sphere, replace(_CONFIG, parts=1), (0, 0, 0.09)), stem="ball")
+
+
 def _ball_rests_at(config: SimulationConfig) -> DoubleArray:
     """Where a ball of 30 mm is that was let fall into the cup, 2 s later."""
-    ball = replace(
-        _body(_mesh(trimesh.creation.icosphere(2, 0.015)), replace(config, parts=1), (0, 0, 0.09)),
-        stem="ball",
-    )
-    places = list(fall(_world(_body(_cup(), config, (0, 0, 0)), ball), seconds=2.0))
+    places = list(fall(_world(_body(_cup(), config, (0, 0, 0)), _ball()), seconds=2.0))
     assert len(places) == 61
     found: DoubleArray = places[-1][1, :3, 3]
     return found
@@ -176,13 +178,22 @@ def test_what_is_not_chosen_stays_in_the_way() -> None:
     world = run_stage(world_stage(Scene.of(splats, labels), how, (1,)))
     assert [body.id for body in world.bodies] == [1]
     assert len(world.static.boxes) == 1
-    corners = np.concatenate([part.vertices for part in world.static.obstacles])
+    ground = world.static.ground
+    assert ground is not None
     own = placed(splats.take(np.flatnonzero(labels == 3)), upright_place(how.up, 1.0)).means
-    assert np.abs(corners.min(axis=0) - own.min(axis=0)).max() < 0.02
-    assert np.abs(corners.max(axis=0) - own.max(axis=0)).max() < 0.02
-    assert "static-obstacle_0" in mjcf_of(world, {})
+    rows = ground.mesh().vertices
+    apart = np.abs(rows[:, :2] - own[:, :2].mean(axis=0)).max(axis=1)
+    assert np.median(rows[apart < 0.02, 2]) > own[:, 2].max() - 0.01
+    assert rows[apart > 0.1, 2].max() < own[:, 2].min() + 0.01
     (still,) = list(fall(world, 2.0))[-1]
     assert np.abs(still[:3, 3] - world.bodies[0].position).max() < 0.005
+    over = np.array([*own[:, :2].mean(axis=0), own[:, 2].max() + 0.02])
+    ball = replace(_ball(), position=over)
+    (fallen,) = list(fall(replace(world, bodies=(ball,)), 0.5))[-1]
+    assert abs(fallen[2, 3] - own[:, 2].max()) < 0.02  # on the other box
+    assert "static-ground" in mjcf_of(world, {})
+    described = ElementTree.fromstring(static_urdf_of(world))
+    assert len(described.findall(".//collision")) == 2
 
 
 def test_the_command_writes_what_simulators_load(
@@ -219,8 +230,11 @@ def test_the_command_writes_what_simulators_load(
     assert [p.GetCustomDataByKey("gaga:group") for p in rigid] == [1]
     assert UsdPhysics.MassAPI(rigid[0]).GetMassAttr().Get() == pytest.approx(0.4)
     assert len(read_splats(out / "scene.usd")) == len(read_splats(table_scene))
-    assert main([*call, "2", "--to", "urdf", "--voxels", "24", "--parts", "1"]) == 1
-    assert "one object" in capsys.readouterr().err
+    assert main([*call, "--to", "urdf", "--voxels", "24", "--parts", "1"]) == 0
+    assert {path.name for path in out.glob("*.urdf")} == {
+        "static.urdf",
+        f"{Path(thing['splats']).stem}.urdf",
+    }
 
 
 def test_a_copy_is_the_same_body_at_another_place(tmp_path: Path) -> None:

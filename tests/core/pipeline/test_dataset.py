@@ -344,3 +344,13 @@ def test_what_cannot_be(
     assert "choose of coco, yolo, bop" in capsys.readouterr().err
     with pytest.raises(GagaError, match="Lower --coverage"):
         made(project, tmp_path / "none", changed(coverage=1.0, views=2, moved=0.0))
+
+
+def test_models_are_made_for_bop_alone(project: Project, tmp_path: Path) -> None:
+    """Labels without them, and with them after a second run, which makes no picture again."""
+    out, config = tmp_path / "set", changed(views=3)
+    run_stage(dataset_stage([project], out, config, ("coco",)))
+    assert not (out / "models").exists()
+    report = run_stage(dataset_stage([project], out, config, ("coco", "bop")))
+    assert report.made == 0
+    assert len(list((out / "bop" / "models").glob("*.ply"))) == 4

@@ -200,7 +200,7 @@ _FILES: tuple[tuple[MeshFile, str, str, str], ...] = (
 _SIMULATORS: tuple[tuple[SimulatorForm, str, str], ...] = (
     (SimulatorForm.USD, "OpenUSD", "scene.usd with splats, meshes and UsdPhysics"),
     (SimulatorForm.MJCF, "MJCF", "scene.xml with meshes, for MuJoCo"),
-    (SimulatorForm.URDF, "URDF", "One object; for robots' tools"),
+    (SimulatorForm.URDF, "URDF", "A file an object; for robots' tools"),
 )
 _NUMBERS = (  # of bodies: field, label, format, speed, lowest, highest, hint
     ("density", "Density", "%.0f kg/m³", 5.0, 1.0, 25_000.0, "Of objects without a weight"),
@@ -475,8 +475,6 @@ def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> st
 
 def _why_no_bodies(session: Session, sheet: ExportSheet) -> str:
     forms = sheet.simulation.forms
-    if SimulatorForm.URDF in forms and len(session.selected_groups()) != 1:
-        return "URDF is of one object: select one, or leave it out."
     return "" if forms else "Choose a form."
 
 
