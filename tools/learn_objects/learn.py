@@ -1,4 +1,4 @@
-"""Learning of `gaga_core.grouping.surfaces`: scenes, three ensembles, and their scores.
+"""Learning of `gaga_core.grouping.surfaces`: scenes, four ensembles, and their scores.
 
 Borders are learned round by round, each round with the clusters that the ensemble of the earlier
 rounds makes, so that it learns from its own mistakes; then once more from all rounds together.
@@ -145,9 +145,10 @@ def _say(line: str) -> None:
 
 
 def learn(scenes: Sequence[Labelled], n_trees: int = _TREES) -> Learned:
-    """The ensembles that these scenes teach; borders are those of scenes with surroundings."""
-    rng, every = np.random.default_rng(0), scenes
-    scenes = [scene for scene in every if not scene.name.endswith(ALONE)]
+    """The ensembles that these scenes teach."""
+    rng = np.random.default_rng(0)
+    lone = [scene for scene in scenes if scene.name.endswith(ALONE)]
+    scenes = [scene for scene in scenes if not scene.name.endswith(ALONE)]
     rows = []
     for scene in scenes:
         borders = borders_of(scene.seen, scene.seen.piece)
@@ -180,15 +181,25 @@ def learn(scenes: Sequence[Labelled], n_trees: int = _TREES) -> Learned:
             ]
     borders_by = _log_odds(rows, n_trees)
     _say("objects")
+    objects, alone = (
+        _objectness(some, pieces, borders_by, n)
+        for some, n in ((scenes, _OF_OBJECTS * n_trees), (lone, n_trees // 2))
+    )
+    return Learned(pieces, borders_by, objects, alone)
+
+
+def _objectness(
+    scenes: Sequence[Labelled], pieces: BoostedTrees, borders: BoostedTrees, n_trees: int
+) -> BoostedTrees:
     nodes, best = [], []
-    for scene in every:
-        tree = grown(scene.seen, pieces=pieces, borders=borders_by)
+    for scene in scenes:
+        tree = grown(scene.seen, pieces=pieces, borders=borders)
         nodes.append(node_features(scene.seen, tree, scene.views, scene.n_splats))
         best.append(best_ious(scene, tree))
     weights = np.concatenate([np.full(len(b), 1 / np.sqrt(len(b))) for b in best])
-    model = HistGradientBoostingRegressor(**_settings(_OF_OBJECTS * n_trees), random_state=0)
+    model = HistGradientBoostingRegressor(**_settings(n_trees), random_state=0)
     model.fit(np.concatenate(nodes), np.concatenate(best), sample_weight=weights / weights.mean())
-    return Learned(pieces, borders_by, _trees_of(model))
+    return _trees_of(model)
 
 
 def _settings(n_trees: int) -> dict[str, float]:
@@ -287,7 +298,8 @@ def scores(scenes: Iterator[Labelled], by: Learned) -> list[Row]:
     found = dict[str, list[tuple[float, float, float, float]]]()
     for scene in scenes:
         tree = grown(scene.seen, pieces=by.pieces, borders=by.borders)
-        objectness = by.objects(node_features(scene.seen, tree, scene.views, scene.n_splats))
+        judge = by.alone if scene.name.endswith(ALONE) else by.objects
+        objectness = judge(node_features(scene.seen, tree, scene.views, scene.n_splats))
         clusters, behind, _ = cuts(tree, objectness, np.zeros(len(objectness), np.bool_))
         groups = np.where(behind, 0, 1 + clusters[CHOSEN])
         kind, of_scene = _kind_of(scene.name), scored(groups, scene)
@@ -332,17 +344,18 @@ def _card(sizes: Sizes, n_train: int, rows: Sequence[Row]) -> str:
     lines = "\n".join(str(row) for row in rows)
     return f"""# What `{FILE}` holds
 
-Three ensembles of regression trees, learned on {date.today().isoformat()} by `python -m
+Four ensembles of regression trees, learned on {date.today().isoformat()} by `python -m
 tools.learn_objects make`: whether two small pieces of surface are one object ({sizes.trees} trees),
-the same of what has grown from them ({sizes.trees}), and the IoU of a node of the tree of joins
-with a true object ({_OF_OBJECTS * sizes.trees}).
+the same of what has grown from them ({sizes.trees}), the IoU of a node of the tree of joins with a
+true object ({_OF_OBJECTS * sizes.trees}), and the same in files of objects without surroundings
+({sizes.trees // 2}).
 
 Data: {n_train} scenes with truth. {sizes.train} of scanned objects of the YCB set (CC BY 4.0) that
 fell on tables, shelves, into boxes and bowls and onto each other (`tools.scenes`, seeds 0 to
 {sizes.train - 1} of `train`; every fifth object appears in test scenes alone), objects cut out of
-every third of them (for the IoU of nodes alone: their borders are no borders of objects), painted
-rooms, tables, contents and objects of parts, and the scenes ycb_table and ycb_crowd. Of each scene
-10 to 60 views were used, and regions of 400 or 480 pixels.
+every third of them for the last ensemble, painted rooms, tables, contents and objects of parts, and
+the scenes ycb_table and ycb_crowd. Of each scene 10 to 60 views were used, and regions of 400 or
+480 pixels.
 
 Scores on validation scenes, by samples of the surface, at the level of whole objects: mean and
 standard deviation over scenes of IoU, precision, recall in percent, and listed groups for each true

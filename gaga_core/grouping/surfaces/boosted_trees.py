@@ -60,11 +60,12 @@ class BoostedTrees:
 
 
 class Learned(NamedTuple):
-    """The three ensembles."""
+    """The four ensembles."""
 
     pieces: BoostedTrees  # log odds that two small pieces are one object
     borders: BoostedTrees  # the same of what has grown from them
     objects: BoostedTrees  # IoU of a node of the tree with the true object that is most alike
+    alone: BoostedTrees  # the same in a file of objects without surroundings
 
 
 def columns_of(name: str) -> dict[str, Column]:

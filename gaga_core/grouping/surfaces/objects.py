@@ -483,6 +483,7 @@ def objects_stage(
     return FoundObjects(replace(found, labels=labels), confidence, surfels.regions, of_samples)
 
 
+OF_CUTS = 10  # feature of a node: the share of views that cut it
 _OF_SILHOUETTES = 5  # feature of a node: how it fits the regions of the coarsest level
 
 

@@ -28,6 +28,8 @@ from gaga_core.grouping.surfaces.boosted_trees import learned
 from gaga_core.grouping.surfaces.borders import Seen, SignedGraph, coarser_of, joined
 from gaga_core.grouping.surfaces.objects import (
     CHOSEN,
+    OF_CUTS,
+    Tree,
     colors_of_samples,
     cuts,
     grown,
@@ -69,6 +71,7 @@ _PARTS = CHOSEN + 2  # the level of detail of parts
 _SAME_GROUP = 1.0  # evidence that two pieces of one group of the scene add
 _N_NEAREST = 6  # samples that decide about a splat
 _COLOR = 3.0  # spacings that a splat is away for a unit of color difference
+_ONE_OBJECT = 0.9  # objectness of a whole file: others have 0.87 at most, of 28 validation scenes
 _CHUNK = 65536
 
 
@@ -246,7 +249,7 @@ def _nodes(
     tree = grown(seen)
     node_of_piece = joined(tree.pieces, _NODES)
     node = node_of_piece[piece]
-    objectness = learned().objects(node_features(seen, tree, views, n_splats))
+    objectness = _objectness(tree, node_features(seen, tree, views, n_splats))
     every = cuts(tree, objectness, np.zeros(len(objectness), np.bool_), -np.inf)[0]
     part, thing = (coarser_of(node, dense(every[level])) for level in (_PARTS, CHOSEN))
     graph = _with_judged(
@@ -258,6 +261,17 @@ def _nodes(
     a, b = group[graph.first], group[graph.second]
     said = np.where(a == b, _SAME_GROUP, -_SAME_GROUP) * ((a > 0) & (b > 0))
     return node, replace(graph, evidence=graph.evidence + said), part, thing
+
+
+def _objectness(tree: Tree, features: DoubleArray) -> DoubleArray:
+    """Objectness (n,) of the nodes. Where views show all of everything and that looks like one
+    object, it is a file without surroundings, as other programs save an object."""
+    if not features[:, OF_CUTS].any():
+        alone = learned().alone(features)
+        whole = np.argmax(tree.leaves().sum(axis=1))
+        if alone[whole] >= _ONE_OBJECT:
+            return alone
+    return learned().objects(features)
 
 
 def _with_judged(graph: SignedGraph, judged: SignedGraph, judged_of: LongArray) -> SignedGraph:

@@ -42,7 +42,7 @@ def scene(work: Path) -> Labelled:
 
 
 def test_what_is_learned_is_what_the_program_reads(own: Learned, work: Path) -> None:
-    assert [len(trees.roots) for trees in own] == [8, 8, 16]
+    assert [len(trees.roots) for trees in own] == [8, 8, 16, 4]
     card = (work / FILE).with_suffix(".md").read_text("utf-8")
     assert "3 scenes with truth" in card  # one of them without surroundings as well
     assert "| all of scans | 1 |" in card
