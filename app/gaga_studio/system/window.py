@@ -103,7 +103,7 @@ class Layout:
             if all(docking.layout_name != wanted for docking in known):  # the first time
                 new = self._docking(wanted, whole, scale)
                 params.alternative_docking_layouts = [*params.alternative_docking_layouts, new]
-            self._shown = _in_front(self.panels)
+            self._note_what_is_in_front()
             self._name, self._scale, self._frames = wanted, scale, 0
             hello_imgui.switch_layout(wanted)
             return
@@ -113,13 +113,17 @@ class Layout:
         is_stale = made not in (None, now) and self._name not in self.remembered
         is_narrow = not wanted.startswith(_WIDE) and before != whole and _is_narrow(whole[0])
         if is_stale or is_narrow:
-            if self._frames > 2 * _SETTLED:  # else the first layout is not in front yet
-                self._shown = _in_front(self.panels)
+            self._note_what_is_in_front()
             self._made_for[self._name] = now
             docking.docking_splits = _splits(self._name, *whole, scale)
             docking.layout_reset = True
             self._frames = 0
         self._scale = scale
+
+    def _note_what_is_in_front(self) -> None:
+        """For the next layout; the first one shows its first panel, whatever it replaces."""
+        if self._frames > 2 * _SETTLED:
+            self._shown = _in_front(self.panels)
 
     def shows(self, panel: Panel) -> bool:
         """Whether the layout that is used has a place for ``panel`` now."""

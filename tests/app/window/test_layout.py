@@ -541,6 +541,9 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         is_whole(d, "##MainMenuBar/##MenuBar/Help")
         is_whole(d, "**/More render modes")
         d.click("**/More render modes")
+        listed = d.engine.window_info("//$FOCUSED").window.rect()
+        assert listed.max.x <= 800, "its list is on the screen"
+        assert listed.max.y <= 500
         d.click("**/###Groups")
         assert d.session.view.mode is Mode.GROUPS
         rows = d.engine.window_info("//Objects/Table").window.inner_clip_rect

@@ -1,6 +1,7 @@
 """The tool bar: tools, undo, how the picture is colored, and the search."""
 
 from collections.abc import Sequence
+from functools import partial
 
 from imgui_bundle import imgui
 
@@ -265,15 +266,11 @@ def _more_modes(session: Session, shown: Sequence[Mode]) -> None:
         on=session.view.mode not in (shown or (Mode.COLOR,)),
     ):
         imgui.open_popup("More modes")
-    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
-    imgui.set_next_window_pos(imgui.ImVec2(low.x, high.y + theme.scaled(2)))
-    if imgui.begin_popup("More modes"):
-        more = [f"view.{mode}" for mode in Mode if mode not in shown]
-        looks = [f"view.look_{look}" for look in SplatLook]
-        command_buttons.command_items(
-            session, (*more, "view.folder_colors", "", *looks, "", "view.background")
-        )
-        imgui.end_popup()
+    more = [f"view.{mode}" for mode in Mode if mode not in shown]
+    looks = [f"view.look_{look}" for look in SplatLook]
+    listed = (*more, "view.folder_colors", "", *looks, "", "view.background")
+    draw = partial(command_buttons.command_items, session, listed)
+    widgets.popup("More modes", draw, of_button=True)
 
 
 def _search(session: Session, width: float, used: float) -> None:

@@ -478,6 +478,9 @@ def popup(
         gap = theme.scaled(2)
         at = ImVec2(high.x if is_right else low.x, low.y - gap if is_low else high.y + gap)
         imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(float(is_right), float(is_low)))
+        screen = imgui.get_main_viewport()
+        room = at.y - screen.pos.y if is_low else screen.pos.y + screen.size.y - at.y
+        imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(screen.size.x, room - gap))
     if imgui.begin_popup_context_item(name) if of_item else imgui.begin_popup(name):
         draw()
         imgui.end_popup()
