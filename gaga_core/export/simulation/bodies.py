@@ -452,7 +452,7 @@ def height_field(
         under[row, column] = True
         under = binary_dilation(under, np.ones((3, 3)), iterations=_APART)
         high[under] = np.minimum(high[under], np.percentile(points[:, 2], 1) - layer)
-    at = corner + cell * np.stack(np.mgrid[:_CELLS, :_CELLS][::-1], axis=-1)
+    at = corner + cell * np.dstack(np.meshgrid(np.arange(_CELLS), np.arange(_CELLS)))
     for box in boxes:
         local = (np.dstack([at, high]) - box.centre) @ box.axes
         on_it = (np.abs(local[..., :2]) < box.half[:2]).all(axis=-1)
