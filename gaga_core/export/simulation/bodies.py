@@ -450,7 +450,7 @@ def height_field(
         column, row = np.clip((points[:, :2] - corner) / cell + 0.5, 0, _CELLS - 1).astype(int).T
         under = np.zeros(high.shape, np.bool_)
         under[row, column] = True
-        under = binary_dilation(under, np.ones((3, 3)), iterations=_APART)
+        under = binary_dilation(under, np.ones((3, 3), np.bool_), iterations=_APART)
         high[under] = np.minimum(high[under], np.percentile(points[:, 2], 1) - layer)
     at = corner + cell * np.dstack(np.meshgrid(np.arange(_CELLS), np.arange(_CELLS)))
     for box in boxes:
