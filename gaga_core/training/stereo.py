@@ -46,11 +46,11 @@ _TOLERANCE = 0.01  # relative difference of two depths of one surface
 _CONFIRMED = 2  # photos that must agree
 # Of one object alone: pixels of the longest side of what is cut out, room around its splats there,
 # fewest pixels of a side, and how well depths must agree. Half of the tolerance of whole scenes
-# finds as much of the inside of a mug (ycb_table) and half as much that is not there. So strict, a
-# lower score does for insides with little texture: a tenth more of them is found than at 0.7.
+# finds as much of the inside of a mug (ycb_table) and half as much that is not there. A score of
+# 0.5 opens insides a tenth more, and the wall of a bowl with them.
 _OBJECT_SIDE, _ROOM, _SMALLEST = 128, 8, 16
 OBJECT_VIEWS = 40  # enough of an object
-_OBJECT_TOLERANCE, _OBJECT_SCORE = 0.005, 0.5
+_OBJECT_TOLERANCE = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ def object_depths_stage(
     parts = [part for view in views if (part := _part_of(view, points)) is not None]
     photos = _photos(parts, _OBJECT_SIDE)
     sources, maps = yield from _matched_stage(points, photos)
-    counts, _ = _agreeing(photos, sources, maps, _OBJECT_TOLERANCE, _OBJECT_SCORE)
+    counts, _ = _agreeing(photos, sources, maps, _OBJECT_TOLERANCE)
     return [
         DepthView(photo.camera, np.where(n >= _CONFIRMED, 1 / found.planes[..., 0], 0.0))
         for photo, n, found in zip(photos, counts, maps, strict=True)
@@ -276,7 +276,7 @@ def _confirmed(
 ) -> tuple[DoubleArray, UInt8Array]:
     """Points (Q, 3) and colors where depth maps agree; a surface is taken from the first photo."""
     points, colors = [], []
-    agreeing = zip(*_agreeing(photos, sources, maps, _TOLERANCE, _LEAST_SCORE), strict=True)
+    agreeing = zip(*_agreeing(photos, sources, maps, _TOLERANCE), strict=True)
     for photo, near, found, (counts, is_new) in zip(photos, sources, maps, agreeing, strict=True):
         v, u = np.nonzero((counts >= max(1, min(_CONFIRMED, len(near.numbers)))) & is_new)
         K, pose = photo.camera.K, photo.camera.world_from_cam
@@ -293,10 +293,9 @@ def _agreeing(
     sources: Sequence[_Sources],
     maps: Sequence[_DepthMap],
     tolerance: float,
-    least_score: float,
 ) -> tuple[list[IntArray], list[BoolArray]]:
     """Of each pixel (H, W): how many sources agree with it, and whether none before it does."""
-    inverse = [np.where(m.scores >= least_score, m.planes[..., 0], 0).ravel() for m in maps]
+    inverse = [np.where(m.scores >= _LEAST_SCORE, m.planes[..., 0], 0).ravel() for m in maps]
     joined = np.concatenate([np.zeros(0), *inverse]).astype(np.float32)
     all_counts, all_new = [], []
     for i, (photo, near, found) in enumerate(zip(photos, sources, maps, strict=True)):

@@ -450,9 +450,9 @@ def height_field(
         column, row = np.clip((points[:, :2] - corner) / cell + 0.5, 0, _CELLS - 1).astype(int).T
         under = np.zeros(high.shape, np.bool_)
         under[row, column] = True
-        under = binary_dilation(under, np.ones((3, 3)), iterations=_APART)
+        under = binary_dilation(under, np.ones((3, 3), np.bool_), iterations=_APART)
         high[under] = np.minimum(high[under], np.percentile(points[:, 2], 1) - layer)
-    at = corner + cell * np.stack(np.mgrid[:_CELLS, :_CELLS][::-1], axis=-1)
+    at = corner + cell * np.dstack(np.meshgrid(np.arange(_CELLS), np.arange(_CELLS)))
     for box in boxes:
         local = (np.dstack([at, high]) - box.centre) @ box.axes
         on_it = (np.abs(local[..., :2]) < box.half[:2]).all(axis=-1)
