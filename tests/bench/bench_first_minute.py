@@ -31,7 +31,7 @@ def figures() -> list[Figure]:
         run_stage(associate_scene(open_scene_folder(scene)))
         run = subprocess.run(
             [sys.executable, "-m", "tests.bench.bench_first_minute", str(scene)],
-            env=os.environ | {"XDG_CACHE_HOME": f"{name}/cache", "GAGA_HOME": f"{name}/home"},
+            env=os.environ | {"NUMBA_CACHE_DIR": f"{name}/cache", "GAGA_HOME": f"{name}/home"},
             check=True,
             stdout=subprocess.PIPE,
             text=True,

@@ -379,6 +379,12 @@ TABLES: Mapping[str, Sequence[Row]] = {
             "times",
             _LANDSCAPE,
         ),
+        Row(
+            "`gaga run` on 60 photos of 12 Mpx, 100 iterations: peak memory",
+            _GARDEN,
+            once=(1696,),
+            unit="MiB",
+        ),
         _speed(
             "30M splats: peak memory",
             "30M: peak of memory, textures included",
