@@ -140,7 +140,7 @@ $(STAMP): pyproject.toml constraints.txt
 app: setup
 	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[app]'
 	@$(BIN)/pyinstaller --noconfirm --log-level WARN --distpath dist --workpath build/app app/bundle/gaga-studio.spec
-	@find dist/gaga-studio/_internal -name '*.so*' -type f -not -path '*.libs/*' -not -name '*pool.*' -exec strip --strip-unneeded {} +  # patchelf's do not load then
+	@find dist/gaga-studio/_internal \( -name '*.so' -o -name '*.so.*' \) -type f -not -path '*.libs/*' -not -name '*pool.*' -exec strip --strip-unneeded {} +  # patchelf's do not load then
 	@mkdir -p dist/gaga-studio/desktop
 	@cp app/bundle/install.sh app/bundle/gaga LICENSE dist/gaga-studio/
 	@cp app/bundle/gaga-studio.desktop app/bundle/gaga-studio.svg app/bundle/gaga-studio.xml dist/gaga-studio/desktop/

@@ -393,6 +393,15 @@ TABLES: Mapping[str, Sequence[Row]] = {
             ("", "<= 60"),
             "CPU-s",
         ),
+        Row(
+            "nothing compiled yet, after the first picture: outline / names / thumbnails",
+            _DEMO,
+            tuple(
+                f"first minute: {step}, of the processor"
+                for step in ("outline", "names", "thumbnails")
+            ),
+            unit="CPU-s",
+        ),
         _speed("open 4M splats, to numpy", "open 4M against numpy's columns", "<= 1.5", "times"),
         _speed("click among 4M splats", "4M: click, CPU of all threads", "<= 50", "CPU-ms"),
         _speed("depth sort of 3M", "3M: depth sort with cull, one thread", "<= 40", "CPU-ms"),
@@ -440,6 +449,12 @@ TABLES: Mapping[str, Sequence[Row]] = {
             "<= 1.3",
             "times",
             _LANDSCAPE,
+        ),
+        Row(
+            "`gaga run` on 60 photos of 12 Mpx, 100 iterations: peak memory",
+            _GARDEN,
+            once=(1696,),
+            unit="MiB",
         ),
         _speed(
             "30M splats: peak memory",
