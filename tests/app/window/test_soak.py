@@ -8,6 +8,7 @@ undone, and the scene must be what it was, bit for bit.
 import gc
 import time
 from collections import Counter
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from gaga_core.scene.scene import Scene
 from gaga_studio.features import commands, objects, selection, transform
 from gaga_studio.gpu.overlays import Overlays
 from gaga_studio.gpu.viewport import Pacing, Viewport
+from gaga_studio.session.notices import PreviewWaitsError
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.tools.controller import ToolController
@@ -52,7 +54,8 @@ class _Walk:
         elif kind < 0.9:
             self._gesture()
         else:
-            self._panel()
+            with suppress(PreviewWaitsError):  # the window says that one waits
+                self._panel()
         self._settle()
         self._draw()
 

@@ -71,10 +71,7 @@ def _handling(settings: Settings, dragged: DraggedPreferences) -> Settings:
     settings = replace(settings, keys=_choice("Keys as in", _PROFILES, settings.keys))
     settings = _slider(settings, dragged, "fly_speed", "Fly speed", "%.1f×")
     label = "The wheel zooms the other way"
-    settings = replace(settings, invert_zoom=_tick(label, settings.invert_zoom))
-    hint = "Slowly, around what the photos look at, until you move it"
-    turns = _tick("Turn while splats are trained", settings.turns_in_training, hint)
-    return replace(settings, turns_in_training=turns)
+    return replace(settings, invert_zoom=_tick(label, settings.invert_zoom))
 
 
 def _work(settings: Settings, dragged: DraggedPreferences) -> Settings:
