@@ -12,6 +12,7 @@ QUALITIES = ("draft", "standard", "full")
 STRATEGIES = ("gradient", "mcmc")
 DISSIMILARITY = 0.2  # share of 1 - SSIM in the loss (Kerbl, equation 7)
 _FEW_PHOTOS = 25
+STEREO_VIEWS = 20  # whose surfaces are matched, evenly among all: more bring more of the same
 
 
 @dataclass(frozen=True)

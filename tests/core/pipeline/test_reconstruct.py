@@ -238,7 +238,7 @@ def _estimated(
     clock = [0.0]
     estimate = Estimate(found, config, rates, lambda: clock[0])
     steps = {step: seconds * speeds[step] for step, seconds in found.expected(config, {}).items()}
-    whole = sum(steps.values()) + 6
+    whole = sum(steps.values()) + 2 * (len(STEPS) - 2)
     for step in STEPS:
         first = iteration / settings.iterations if step == TRAINS else 0.0
         start = settings.spent(n_pixels, first)
@@ -254,7 +254,7 @@ def _estimated(
         now += steps[step]
         for k in range(3):  # what is not counted
             clock[0] = now + k
-            seen.append((*estimate.follow(Progress("Undistort photos", k, 3)), clock[0]))
+            seen.append((*estimate.follow(Progress("Read photos", k, 3)), clock[0]))
         now += 2
     return [(share, left, whole + 2 - at) for share, left, at in seen], estimate.rates()
 
@@ -296,7 +296,7 @@ def test_the_time_left_is_right_from_a_tenth_on_and_the_bar_never_goes_back(spee
 
 def test_what_a_machine_took_is_what_it_is_expected_to_take_next() -> None:
     """Steps that are off by different factors, which the first run could not know."""
-    speeds = dict(zip(STEPS, (3.0, 0.5, 6.0, 1.0, 2.0), strict=True))
+    speeds = dict(zip(STEPS, (3.0, 0.5, 6.0, 1.0, 2.0, 1.0, 2.0), strict=True))
     first, rates = _estimated(speeds, {})
     assert _worst(first, since=0.0) > 1.5
     second, again = _estimated(speeds, rates)
