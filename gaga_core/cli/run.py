@@ -170,9 +170,10 @@ class ReconstructCommand:
         if quality == "auto":
             quality = "full" if engine.name == "cuda" else "draft"
         config = replace(self.config, quality=quality)
-        stage = reconstruct_scene(self.photos, self.scene, config, rasterizer=engine)
         if self.go_on:
             stage = go_on_stage(self.scene, rasterizer=engine)
+        else:
+            stage = reconstruct_scene(self.photos, self.scene, config, rasterizer=engine)
         made = out.follow(stage)
         for note in made.notes:
             out.say(note)

@@ -334,20 +334,30 @@ def with_decisions(edited: EditedGroups, found: IntArray) -> tuple[IntArray, dic
     of_masks = np.array([d.group for d in edited.bank.log if d.by_hand], np.int32)
     changed = np.concatenate([edited.labels[by_hand], in_bank[by_hand], of_masks])
     changed = np.intersect1d(changed[changed > 0], edited.labels)
-    n, first = 1 + int(edited.labels.max(initial=0)), 1 + int(found.max(initial=0))
-    counts = np.zeros((n, first), np.int64)  # few groups: a dense table
-    np.add.at(counts, (edited.labels, found), 1)
+    first = 1 + int(found.max(initial=0))  # id of the changed ones
     new_ids = dict(zip(changed.tolist(), range(first, first + len(changed)), strict=True))
-    result = found.copy()
-    for k in np.flatnonzero(2 * counts[changed].sum(axis=0) > counts.sum(axis=0)).tolist():
-        if k > 0:
-            result[found == k] = new_ids[int(changed[counts[changed, k].argmax()])]
-    for old, new in new_ids.items():
-        result[edited.labels == old] = new
-    either = counts.sum(axis=1)[:, None] + counts.sum(axis=0) - counts
-    same = [(i, k) for i, k in np.argwhere(2 * counts > either).tolist() if i and k]
-    there = set(np.unique(result).tolist())
-    return result, {old: new for old, new in same if new in there} | new_ids
+    old, new, both = _shared(edited.labels, found)
+    of_old, of_new = np.bincount(edited.labels), np.bincount(found)
+    is_changed = np.isin(old, changed)
+    taken = np.bincount(new[is_changed], both[is_changed], first)
+    into = np.arange(first)
+    rows = np.flatnonzero(is_changed & (2 * taken > of_new)[new] & (new > 0))
+    for row in rows[::-1].tolist():
+        into[new[row]] = new_ids[int(old[row])]  # that which holds most of it comes last
+    result = into[found].astype(np.int32)
+    stays = np.isin(edited.labels, changed)
+    result[stays] = first + np.searchsorted(changed, edited.labels[stays])
+    is_same = (2 * both > of_old[old] + of_new[new] - both) & (old > 0) & (new > 0)
+    is_same &= np.isin(new, result)
+    return result, dict(zip(old[is_same].tolist(), new[is_same].tolist(), strict=True)) | new_ids
+
+
+def _shared(a: IntArray, b: IntArray) -> tuple[LongArray, LongArray, LongArray]:
+    """Pairs of groups (P,) of two labellings (N,) that share Gaussians, how many; most first."""
+    n = 1 + int(b.max(initial=0))
+    pairs, both = np.unique(a.astype(np.int64) * n + b, return_counts=True)
+    order = np.argsort(-both, kind="stable")
+    return pairs[order] // n, pairs[order] % n, both[order]
 
 
 def add_to_edited_stage(

@@ -2,16 +2,21 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from gaga_core.cli.main import main
 from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.pipeline.reconstruct import reconstruct_scene
+from gaga_core.pipeline.settings import ReconstructConfig
+from gaga_core.progress import run_stage
 from tests.core.cli.calls import answer, refusal
 from tests.core.conftest import PlacedRoom
 
 Capture = pytest.CaptureFixture[str]
+_SHORT = ReconstructConfig(iterations=120, max_side=64, max_splats=1000)
 
 
 def test_photos_are_placed_and_counted(
@@ -36,6 +41,29 @@ def test_photos_are_placed_and_counted(
     figures = trained["train"]
     assert isinstance(figures, dict)
     assert figures["splats"] <= 1000
+
+
+def test_a_stopped_training_goes_on_to_the_splats_of_a_whole_one(
+    placed_room: PlacedRoom, tmp_path: Path, capsys: Capture
+) -> None:
+    photos, config = placed_room.workspace.parent / "in", _SHORT
+    stopped, whole = tmp_path / "stopped", tmp_path / "whole"
+    run_stage(reconstruct_scene(photos, stopped, replace(config, only="sfm")))
+    assert "nothing to go on with" in refusal(
+        capsys, "reconstruct", str(photos), str(stopped), "--go-on"
+    )
+    shutil.copytree(stopped, whole)
+    stage = reconstruct_scene(None, stopped, config)
+    for step in stage:
+        if step.stage == "Train splats" and step.done > 40:
+            break
+    stage.close()
+    assert not (stopped / "point_cloud.ply").exists()
+    went_on = answer(capsys, "reconstruct", str(photos), str(stopped), "--go-on")
+    assert went_on["stages_run"] == ["train"]
+    run_stage(reconstruct_scene(None, whole, config))
+    files = [(folder / "point_cloud.ply").read_bytes() for folder in (stopped, whole)]
+    assert files[0] == files[1]
 
 
 def test_bad_input_is_one_sentence(tmp_path: Path, capsys: Capture) -> None:
