@@ -184,6 +184,7 @@ def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
 
     def end() -> None:
         if session.training is training:
+            training.show()
             training.is_stopped = training.update is not None
             session.training = training if training.is_stopped else None
             _look_again(session, plan.scene)
@@ -349,12 +350,14 @@ class Turning:
 
 
 def tick(session: Session, dt: float, is_drawn: bool, picture_s: float) -> None:
-    """Turn the picture of a training by what ``dt`` seconds make.
+    """Show the newest splats of a training, and turn its picture by what ``dt`` seconds make.
 
-    It waits until the last picture ``is_drawn``, which took ``picture_s`` seconds, and for a while
-    after every move by hand.
+    Both wait until the last picture ``is_drawn``, which took ``picture_s`` seconds: a slow machine
+    would begin picture after picture and end none. The turn rests after every move by hand.
     """
     training, rig, state = session.training, session.rig, session.feature(Turning)
+    if training is not None and is_drawn:
+        training.show()
     is_shown = training is not None and training.scene is not None and not training.is_stopped
     if not is_shown or not session.settings.turns_in_training or rig.is_moving:
         state.pose = None

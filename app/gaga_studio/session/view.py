@@ -301,20 +301,25 @@ class TrainingPreview:
     placement: "PlacementReport | None" = None
     is_stopped: bool = False  # it was cancelled: what there is can be looked at and kept
     keeps: bool = False  # what is there when it has stopped becomes the scene
+    _newest: Gaussians | None = field(default=None, repr=False)
     _shown: Gaussians | None = field(default=None, repr=False)
 
     def take(self, live: TrainingUpdate) -> bool:
-        """Show what is new; return whether the photos have just been placed."""
+        """Keep what is new for `show`; return whether the photos have just been placed."""
         is_first = not self.cameras and bool(live.cameras)
         self.cameras, self.update = live.cameras, live.update
         self.placement = live.placement
-        if live.gaussians is not None and live.gaussians is not self._shown:
-            self._show(live.gaussians)
+        if live.gaussians is not None:
+            self._newest = live.gaussians
+        if self.scene is None:
+            self.show()
         return is_first
 
-    def _show(self, gaussians: Gaussians) -> None:
-        """Replace the splats inside the same scene, so that the former depth order is kept."""
-        self._shown, new = gaussians, Scene.of(gaussians)
+    def show(self) -> None:
+        """Put the newest splats into the same scene, so that the former depth order is kept."""
+        if self._newest is None or self._newest is self._shown:
+            return
+        self._shown, new = self._newest, Scene.of(self._newest)
         if self.scene is None:
             self.scene = new
             return

@@ -182,8 +182,14 @@ def test_the_picture_turns_while_splats_are_trained_and_rests_after_a_move_by_ha
             reconstruction.tick(session, dt, is_drawn, took)
         return session.rig.pose.yaw - before
 
-    distance = session.rig.pose.distance
-    assert turned(3.5) == 0
+    distance, scene = session.rig.pose.distance, training.scene
+    assert scene is not None
+    training.take(TrainingUpdate(made.cameras, gaussians=replace(made.gaussians)))
+    before = scene.revision.splats
+    assert turned(1, is_drawn=False) == 0
+    assert scene.revision.splats == before, "new splats wait for the picture of the former ones"
+    assert turned(2.5) == 0
+    assert scene.revision.splats == before + 1
     assert np.degrees(turned(11)) > 60
     assert session.rig.pose.distance == distance
     assert turned(5, is_drawn=False) == 0
@@ -253,6 +259,8 @@ def test_a_newer_copy_replaces_the_splats_in_the_same_scene() -> None:
     assert not training.take(TrainingUpdate((camera,), gaussians=small))
     assert scene.revision.splats == before
     assert not training.take(TrainingUpdate((camera,), gaussians=large))
+    assert scene.revision.splats == before
+    training.show()
     assert training.scene is scene
     assert scene.revision.splats == before + 1
     assert scene.revision.rows_kept_since(before) == 0

@@ -267,12 +267,10 @@ def test_photos_become_splats_before_the_eyes(
         assert training is not None
         first = training.scene
         d.until(lambda: training.update is not None and training.update.iteration > 40, "steps")
-        d.frames(5)
         viewport = d.studio.viewport
         assert viewport is not None
+        d.until(lambda: d.on_main(viewport.read_pixels).std() > 5, "the picture shows them")
         assert viewport.buffers.scene is first
-        pixels = d.on_main(viewport.read_pixels)
-        assert pixels.std() > 5, "the picture shows them"
         eye = session.rig.eye
         d.drag_picture((300, 250), (60, 10))
         assert (session.rig.eye != eye).any(), "the camera moves while they train"
