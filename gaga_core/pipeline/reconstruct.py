@@ -54,7 +54,7 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.project import meant_in
 from gaga_core.threads import n_threads
 from gaga_core.training.checkpoint import iteration_of
-from gaga_core.training.settings import STEREO_VIEWS
+from gaga_core.training.settings import STEREO_SIDE, STEREO_VIEWS
 
 _RANDOM_POINTS = 100_000  # of cameras that come without points, as published
 SETTINGS, CHECKPOINT = "settings.json", "train.npz"  # of a training, in the workspace
@@ -240,20 +240,21 @@ FEATURES, MATCHES, PLACES, BACKGROUND, UNDISTORTS, SURFACES, TRAINS = STEPS = (
     "Match surfaces",
     "Train splats",
 )
-# Photos of a room, measured on two cores: seconds of one core, a photo, a pair, or a pixel of the
-# training. The training itself is counted in such seconds already.
+# Photos of a room, measured on two cores: seconds of one core, a photo, a pair, or a pixel whose
+# surface is matched. The training itself is counted in such seconds already.
 _RATES = {
     FEATURES: 0.2, MATCHES: 0.012, PLACES: 0.15, BACKGROUND: 0.2, UNDISTORTS: 0.15,
-    SURFACES: 1.2e-5, TRAINS: 1.0,
+    SURFACES: 2.6e-5, TRAINS: 1.0,
 }  # fmt: skip
 _LEARNED = 0.5  # weight of the newest run in a rate that is kept
 _MOST_OFF = 20.0  # factor: a rate that is off by more was measured while something else was wrong
 _TRUSTED = 0.3  # share of a step from which on its own rate is trusted more than what was expected
 _TELLING = 0.05  # share of all that is done until it tells what is to come
 # Of what a run is off where earlier ones are known, in logarithms: what later steps share with it,
-# a slower machine; the rest is of these photos. On fox, demo and sceaux the time left is off by 1.6
-# times at most; at 0 by 1.7, at 1 by 3.
-_SHARED = 0.2
+# a slower machine; the rest is of these photos. On fox, demo and sceaux the time left is off by 1.5
+# times at most; at 0.3 by 1.7, at 1 by 3.
+_SHARED = 0.1
+_AFTERWARDS = 0.01  # of a training: the last measurement, and the files
 _TIMES = {"draft": 1.0, "standard": 4.0, "full": 12.0}  # more and finer features
 _VIDEO_SIZE = (1920, 1080)  # pixels: a guess, the header is not read for it
 
@@ -292,7 +293,7 @@ class PhotoFind:
     def _work(self, config: ReconstructConfig) -> dict[str, float]:
         """Seconds that each step would take on a machine like the one that was measured."""
         n_seen = min(self.n_photos, STEREO_VIEWS)
-        surfaces = _RATES[SURFACES] * n_seen * self.n_pixels(config)
+        surfaces = _RATES[SURFACES] * n_seen * self._pixels_within(STEREO_SIDE)
         work = {SURFACES: surfaces, TRAINS: max(self._training(config), 1.0)}
         if not self.is_placed:
             sfm, n = config.sfm(), self.n_photos
@@ -313,8 +314,12 @@ class PhotoFind:
 
     def n_pixels(self, config: ReconstructConfig) -> int:
         """Pixels of a photo in the training."""
+        return self._pixels_within(config.train().longest_side)
+
+    def _pixels_within(self, longest_side: int) -> int:
+        """Pixels of a photo of which no side is longer."""
         width, height = self.size
-        times = min(1.0, config.train().longest_side / max(width, height))
+        times = min(1.0, longest_side / max(width, height))
         return round(width * height * times**2)
 
 
@@ -351,7 +356,8 @@ class Estimate:
         self._start = at if self._start < 0 else self._start
         share = min(step.done / step.total, 1.0) if step.total > 0 else 0.0
         if step.stage in self._expected:
-            share = self._spent(share) if step.stage == TRAINS else share
+            if step.stage == TRAINS:
+                share = (1 - _AFTERWARDS) * self._spent(share)
             if step.stage != self._now:
                 self._end_step(at)
                 self._now = step.stage

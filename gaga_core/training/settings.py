@@ -13,6 +13,7 @@ STRATEGIES = ("gradient", "mcmc")
 DISSIMILARITY = 0.2  # share of 1 - SSIM in the loss (Kerbl, equation 7)
 _FEW_PHOTOS = 25
 STEREO_VIEWS = 20  # whose surfaces are matched, evenly among all: more bring more of the same
+STEREO_SIDE = 160  # pixels of the longest side of the pictures in which they are matched
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,11 @@ from gaga_core.camera import Camera
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads, run_chunks
 from gaga_core.training import stereo_kernels as kernels
-from gaga_core.training.settings import STEREO_VIEWS
+from gaga_core.training.settings import STEREO_SIDE, STEREO_VIEWS
 from gaga_core.training.views import TrainView
 
 T = TypeVar("T")
 STAGE = "Match surfaces"
-_MATCH_SIDE = 160  # pixels of the longest side of the pictures that are matched
 _SOURCES = 4  # photos that each photo is compared with
 _FEWEST = 8  # points that two photos share, for either to be compared with the other
 _ANGLE = 10.0  # degrees between two views of a point that tell its depth best
@@ -107,7 +106,7 @@ def stereo_points_stage(
     result does not depend on the number of threads.
     """
     check_shape("points", points, ("P", 3))
-    photos = _photos(evenly(views, STEREO_VIEWS), _MATCH_SIDE)
+    photos = _photos(evenly(views, STEREO_VIEWS), STEREO_SIDE)
     sources, maps = yield from _matched_stage(points, photos)
     found, colors = _confirmed(photos, sources, maps)
     if len(found) > most:

@@ -1,7 +1,7 @@
 """The time left of a reconstruction: by which factor it is wrong, from a tenth of the time on.
 
-Four scenes one after the other, with the rates that the ones before have left; drafts of 400
-iterations. ``GAGA_BENCH_SCENES=fox,demo`` takes some of them.
+Four scenes one after the other with default options, with the rates that the ones before have
+left; some ten minutes. ``GAGA_BENCH_SCENES=fox,demo`` takes some of them.
 """
 
 import os
@@ -19,7 +19,7 @@ from gaga_core.progress import Progress, run_stage
 from tests.bench.figures import Figure, data_folder
 
 _SCENES = {"fox": "images", "demo": "images", "tankard": "photos", "sceaux": "images"}
-_CONFIG = ReconstructConfig(iterations=400, max_side=240, accept_wrong=True)
+_CONFIG = ReconstructConfig(accept_wrong=True)
 _LAST_S = 3.0  # what is left at the very end is a matter of a second
 
 
