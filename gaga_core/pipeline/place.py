@@ -11,6 +11,7 @@ import shutil
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -59,6 +60,7 @@ from gaga_core.placing.video import (
     extract_frames,
     extract_more_frames,
     extract_moving_frames,
+    shows_all_directions,
 )
 from gaga_core.progress import Stage, say
 
@@ -99,6 +101,7 @@ def _prepared(
     config: ReconstructConfig,
     *,
     ordered: bool = False,
+    panoramas: bool = False,
     others: Sequence[str] = (),
 ) -> Stage[PhotoSet]:
     shutil.rmtree(workspace / "photos", ignore_errors=True)
@@ -110,6 +113,7 @@ def _prepared(
             longest_side=_PREPARED_SIDE,
             focal=config.focal,
             ordered=ordered,
+            panoramas=panoramas,
             others=others,
         )
     )
@@ -118,17 +122,22 @@ def _prepared(
 def _film(video: Path, workspace: Path, config: ReconstructConfig) -> Stage[PhotoSet]:
     """Frames by the clock where a person says so, else as the film moves.
 
-    Where two neighbours share no matches, frames between them are added and matched again.
+    Where two neighbours share no matches, frames between them are added and matched again; not of
+    360 degrees, where neighbours see the same.
     """
     root = workspace / "frames"
     shutil.rmtree(root, ignore_errors=True)
-    side = _PREPARED_SIDE
+    is_round = yield from shows_all_directions(video)
+    side = 4 * _PREPARED_SIDE if is_round else _PREPARED_SIDE
+    prepare = partial(
+        _prepared, workspace=workspace, root=root, config=config, ordered=True, panoramas=is_round
+    )
     if config.video_fps is not None:
         paths = yield from extract_frames(video, root, fps=config.video_fps, longest_side=side)
-        return (yield from _prepared(paths, workspace, root, config, ordered=True))
+        return (yield from prepare(paths))
     frames = yield from extract_moving_frames(video, root, longest_side=side)
-    found = yield from _prepared(frames.paths, workspace, root, config, ordered=True)
-    for _ in range(0 if config.object_only else _ROUNDS):
+    found = yield from prepare(frames.paths)
+    for _ in range(0 if config.object_only or is_round else _ROUNDS):
         yield from run_matching(found, workspace, config.sfm())
         place = {path.stem: i for i, path in enumerate(frames.paths)}
         breaks = chain_breaks(MatchFacts.load(workspace / "matches.npz"))
@@ -139,7 +148,7 @@ def _film(video: Path, workspace: Path, config: ReconstructConfig) -> Stage[Phot
         frames = more
         for mark in workspace.glob("*.finished"):
             mark.unlink()
-        found = yield from _prepared(frames.paths, workspace, root, config, ordered=True)
+        found = yield from prepare(frames.paths)
     return found
 
 

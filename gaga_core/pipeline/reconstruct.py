@@ -45,10 +45,17 @@ from gaga_core.pipeline.place import (
 )
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.checks import check_poses_stage
-from gaga_core.placing.photos import UNREAD_SUFFIXES, is_video, list_photos, unread_kinds
+from gaga_core.placing.photos import (
+    UNREAD_SUFFIXES,
+    VIEWS,
+    is_panorama,
+    is_video,
+    list_photos,
+    unread_kinds,
+)
 from gaga_core.placing.undistort import ORIGINALS
-from gaga_core.placing.video import expected_frames
-from gaga_core.progress import Progress, Stage
+from gaga_core.placing.video import expected_frames, shows_all_directions
+from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.project import meant_in
@@ -269,12 +276,13 @@ class PhotoFind:
     photos: Path | None  # where they lie; None: in the scene folder
     scene: Path  # the scene folder that is to be made, or completed
     n_photos: int  # of a video: frames that will be taken
-    size: tuple[int, int]  # width, height of the first, pixels
+    size: tuple[int, int]  # width, height of the first, or of its views, pixels
     is_video: bool = False
     is_placed: bool = False  # there is a COLMAP model: only the training is missing
     going_on: ReconstructConfig | None = None  # settings of a training that was stopped
     iteration: int = 0  # ... and how far it came
     poses: str = ""  # whose poses lie next to the photos, or why they cannot be used
+    n_views: int = 1  # of each photo: of 360 degrees they are cut
 
     @property
     def name(self) -> str:
@@ -292,12 +300,13 @@ class PhotoFind:
 
     def _work(self, config: ReconstructConfig) -> dict[str, float]:
         """Seconds that each step would take on a machine like the one that was measured."""
-        n_seen = min(self.n_photos, STEREO_VIEWS)
+        n = self.n_photos * self.n_views
+        n_seen = min(n, STEREO_VIEWS)
         surfaces = _RATES[SURFACES] * n_seen * self._pixels_within(STEREO_SIDE)
         work = {SURFACES: surfaces, TRAINS: max(self._training(config), 1.0)}
         if not self.is_placed:
-            sfm, n = config.sfm(), self.n_photos
-            neighbours = sfm.overlap * 2 if self.is_video else sfm.neighbours
+            sfm = config.sfm()
+            neighbours = sfm.overlap * 2 * self.n_views if self.is_video else sfm.neighbours
             pairs = n * (n - 1) / 2
             if self.is_video or n > sfm.exhaustive_up_to:
                 pairs = min(pairs, n * neighbours)
@@ -452,19 +461,24 @@ def _photos_of(outside: Path | None, scene: Path) -> PhotoFind | None:
     outside = None if is_placed else outside
     poses = "" if is_placed else _poses_near(source)
     if is_video(source):
-        return PhotoFind(outside, scene, expected_frames(source), _VIDEO_SIZE, is_video=True)
+        n_views = len(VIEWS) if run_stage(shows_all_directions(source)) else 1
+        size, n = _VIDEO_SIZE, expected_frames(source)
+        return PhotoFind(outside, scene, n, size, is_video=True, n_views=n_views)
     files = list_photos(source) if source.is_dir() else ()
     if not files:
         unread = unread_kinds(source) if source.is_dir() else ()
         if unread:
             raise GagaError(unread[0])
         return None
-    size = _VIDEO_SIZE
+    size, n_views = _VIDEO_SIZE, 1
     for file in files[:5]:  # the first that can be read
         with suppress(GagaError), image_header(file) as image:
             size = image.size
+            if is_panorama(file, *size):
+                size, n_views = (size[0] // 4, size[0] // 4), len(VIEWS)
             break
-    return PhotoFind(outside, scene, len(files), size, False, is_placed, going_on, iteration, poses)
+    kept = (False, is_placed, going_on, iteration, poses, n_views)
+    return PhotoFind(outside, scene, len(files), size, *kept)
 
 
 def _poses_near(source: Path) -> str:

@@ -116,9 +116,10 @@ _EXIF, _ORIENTATION = 0x8769, 0x0112  # tags
 _SIDE_35MM = np.hypot(36, 24)  # millimetres: the diagonal of a 35 mm negative
 _NAMED = 3  # names in a sentence
 _LEAST_SIDE = 32  # pixels
-# Yaw and pitch of the views of a panorama, degrees: rows that overlap by half, as COLMAP cuts them.
+# Yaw (right) and pitch (up) of the views of a panorama, degrees: rows that overlap by half, as
+# COLMAP cuts them.
 _ROWS = (0, -35, 35)
-_VIEWS = tuple((yaw + 45 * (p != 0), p) for p in _ROWS for yaw in range(0, 360, 90))
+VIEWS = tuple((yaw + 45 * (p != 0), p) for p in _ROWS for yaw in range(0, 360, 90))
 _INCH, _UNITS = 25.4, {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # millimetres
 
 
@@ -132,6 +133,7 @@ class Photo:
     height: int
     focal: float | None = None  # pixels, prepared; from EXIF or the user; None = unknown
     sharpness: float = 0.0  # `sharpness.sharpness` of the picture; 0 = not measured
+    view: int | None = None  # which of `VIEWS` of a panorama; None = a photo
 
 
 @dataclass(frozen=True)
@@ -147,11 +149,14 @@ class PhotoSet:
         return asdict(self)
 
     def cameras(self) -> tuple[tuple[Photo, ...], ...]:
-        """Photos that one camera took: same size and (but for 1 %) same focal length."""
-        groups: dict[tuple[int, int, int], list[Photo]] = {}
+        """Photos that one camera took: same size and (but for 1 %) same focal length.
+
+        The views of panoramas are of as many cameras that are mounted together.
+        """
+        groups: dict[tuple[int, int, int, int | None], list[Photo]] = {}
         for photo in self.photos:
             focal = 0 if photo.focal is None else round(np.log(photo.focal) * 100)
-            groups.setdefault((photo.width, photo.height, focal), []).append(photo)
+            groups.setdefault((photo.width, photo.height, focal, photo.view), []).append(photo)
         return tuple(tuple(group) for group in groups.values())
 
 
@@ -209,6 +214,7 @@ def prepare_photos(
     longest_side: int,  # pixels
     focal: float | None = None,  # pixels of the photos as they are
     ordered: bool = False,
+    panoramas: bool = False,  # all are of 360 degrees, whether or not they say so
     others: Sequence[str] = (),  # notes about files that are not among ``sources``
 ) -> Stage[PhotoSet]:
     """Copy the usable ones of ``sources`` to ``target``, named by their paths in ``root``.
@@ -245,7 +251,7 @@ def prepare_photos(
             copies.append(path.name)
             continue
         name = _name_of(path, root, names)
-        if is_panorama(path, width, height):
+        if panoramas or is_panorama(path, width, height):
             cut.append(path.name)
             photos += _cut(path, picture, target / name, longest_side)
             names.update(photo.name.rpartition(".")[0].lower() for photo in photos)
@@ -260,7 +266,7 @@ def prepare_photos(
         *_note("could not be read and {is} left out", unread),
         *_note("{is} the same as another and left out", twins),
         *_note("{is} a smaller or recompressed copy of another and left out", copies),
-        *_note(f"{{is}} of 360 degrees, each cut into {len(_VIEWS)} views", cut),
+        *_note(f"{{is}} of 360 degrees, each cut into {len(VIEWS)} views", cut),
         *others,
     )
     if len(photos) < FEWEST:
@@ -288,14 +294,24 @@ def panorama_views(picture: UInt8Array, side: int) -> Iterator[UInt8Array]:
     v, u = np.mgrid[0:side, 0:side] + 0.5
     rays = np.stack([u - side / 2, v - side / 2, np.full_like(u, side / 2)], axis=2)
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    for yaw, pitch in _VIEWS:  # right and up, degrees
-        (cy, sy), (cp, sp) = ((np.cos(a), np.sin(a)) for a in np.radians([yaw, pitch]))
-        up = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
-        right = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-        x, y, z = np.moveaxis(rays @ (right @ up).T, 2, 0)
+    for k in range(len(VIEWS)):
+        x, y, z = np.moveaxis(rays @ turn_of_view(k).T, 2, 0)
         column = (np.arctan2(x, z) / (2 * np.pi) + 0.5) * width - 0.5
         row = (np.arcsin(np.clip(y, -1, 1)) / np.pi + 0.5) * height - 0.5
         yield _sampled(picture, row, column)
+
+
+def turn_of_view(view: int) -> DoubleArray:
+    """Rotation (3, 3) from the camera of a view to that of view 0: x right, y down, z ahead."""
+    (cy, sy), (cp, sp) = ((np.cos(a), np.sin(a)) for a in np.radians(VIEWS[view]))
+    up = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
+    right = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    return right @ up
+
+
+def prefix_of_view(view: int, side: int) -> str:
+    """How names of views of panoramas begin; what follows is the same for all of one panorama."""
+    return f"view{view:02d}-{side}-"
 
 
 def _sampled(picture: UInt8Array, row: DoubleArray, column: DoubleArray) -> UInt8Array:
@@ -316,10 +332,10 @@ def _cut(path: Path, picture: UInt8Array, target: Path, longest_side: int) -> li
     side = min(picture.shape[1] // 4, longest_side)
     found = []
     for k, view in enumerate(panorama_views(picture, side)):
-        file = target.with_name(f"{target.stem}-{k:02d}{target.suffix}")
+        file = target.with_name(prefix_of_view(k, side) + target.name)
         Image.fromarray(view).save(file, quality=97, subsampling=0)
         sharp = sharpness(shrunk(view, LOOK_SIDE))
-        found.append(Photo(file.name, str(path), side, side, side / 2, sharp))
+        found.append(Photo(file.name, str(path), side, side, side / 2, sharp, k))
     return found
 
 

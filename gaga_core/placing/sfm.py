@@ -111,6 +111,7 @@ class CameraGroup:
     focal: float | None  # pixels, from EXIF or the user
     model: str  # COLMAP's name of the lens model
     params: tuple[float, ...] = ()  # COLMAP's, where the whole lens is known
+    view: int | None = None  # of panoramas: these cameras are mounted together
 
 
 @dataclass(frozen=True)
@@ -253,10 +254,14 @@ def _decided(photos: PhotoSet, config: SfmConfig) -> SfmConfig:
 def _group(photos: Sequence[Photo], config: SfmConfig) -> CameraGroup:
     model: str = config.camera_model
     first = photos[0]
+    names = tuple(photo.name for photo in photos)
+    if first.view is not None:
+        width, height = first.width, first.height
+        lens = (width / 2, width / 2, height / 2)  # as they were cut
+        return CameraGroup(names, width, height, lens[0], "SIMPLE_PINHOLE", lens, first.view)
     if model == "auto":  # without a focal length simple at first: see `worker._widened`
         is_known = len(photos) >= FEW_PHOTOS and first.focal is not None
         model = "OPENCV" if is_known else "SIMPLE_RADIAL"
-    names = tuple(photo.name for photo in photos)
     return CameraGroup(names, first.width, first.height, first.focal, model)
 
 

@@ -297,6 +297,11 @@ def _stalled(video: Path, seconds: float) -> GagaError:
     return _unreadable(video, f"ffmpeg makes no progress for {seconds:.0f} seconds")
 
 
+def shows_all_directions(video: Path) -> Stage[bool]:
+    """Whether each frame of ``video`` is an equirectangular picture of all directions."""
+    return (yield from _header(video)).is_panorama
+
+
 def expected_frames(video: Path) -> int:
     """Frames that `extract_frames` would keep of ``video``; 0 when it cannot be read."""
     seconds = run_stage(_header(video)).seconds
@@ -345,6 +350,7 @@ class _Header:
     seconds: float  # 0 when it does not say
     rate: float  # frames of each second
     size: tuple[int, int]  # width, height, pixels
+    is_panorama: bool  # it says that it is equirectangular: Spherical Video 1 or 2
 
 
 def _header(video: Path) -> Stage[_Header]:
@@ -358,4 +364,5 @@ def _header(video: Path) -> Stage[_Header]:
         hours * 3600 + minutes * 60 + seconds,
         float(rate.group(1)) if rate else _USUAL_RATE,
         (int(size.group(1)), int(size.group(2))) if size else _USUAL_SIZE,
+        re.search(r"(?i)spherical.*: equirectangular", told) is not None,
     )

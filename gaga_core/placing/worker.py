@@ -26,7 +26,7 @@ from gaga_core.io.folder.processes import end_with_parent
 from gaga_core.io.folder.scene_folder import FOREGROUND
 from gaga_core.io.json_file import read_json
 from gaga_core.placing.given import GivenFile, centres, moved_by, similarity_between
-from gaga_core.placing.photos import MASKS
+from gaga_core.placing.photos import MASKS, prefix_of_view, turn_of_view
 from gaga_core.placing.sfm import FEW_PHOTOS, CameraGroup, StepSettings
 
 # --- What the checks read of a model: plain arrays that the worker writes.
@@ -420,6 +420,27 @@ def _features(settings: StepSettings, workspace: Path) -> None:
             extraction_options=options,
             device=pycolmap.Device.cpu,
         )
+    _mount(database, settings.groups)
+
+
+def _mount(database: Path, groups: Sequence[CameraGroup]) -> None:
+    """Mount the views of each panorama together, turned as they were cut."""
+    rigs: dict[int, list[pycolmap.RigConfigCamera]] = {}
+    for group in sorted(groups, key=lambda group: group.view or 0):
+        if group.view is not None:
+            camera = pycolmap.RigConfigCamera()
+            camera.image_prefix = prefix_of_view(group.view, group.width)
+            camera.ref_sensor = group.view == 0
+            if group.view > 0:
+                turn = pycolmap.Rotation3d(turn_of_view(group.view).T)
+                camera.cam_from_rig = pycolmap.Rigid3d(turn, np.zeros(3))
+            rigs.setdefault(group.width, []).append(camera)
+    if rigs:
+        opened = pycolmap.Database.open(database)
+        pycolmap.apply_rig_config(
+            [pycolmap.RigConfig(cameras=cameras) for cameras in rigs.values()], opened
+        )
+        opened.close()
 
 
 def _camera_params(group: CameraGroup) -> str:
@@ -441,6 +462,7 @@ def _match(settings: StepSettings, workspace: Path) -> None:
     matching.use_gpu = False
     matching.num_threads = settings.config.threads
     matching.guided_matching = settings.config.guided
+    matching.skip_image_pairs_in_same_frame = True
     verification = _verification(settings)
     device = pycolmap.Device.cpu
     n = _n_photos(settings)
@@ -518,12 +540,19 @@ def _incremental(
         placed += 1
         _say({"done": min(placed, n_photos), "total": n_photos, "message": "photos placed"})
 
+    options = _mapping_options(settings, relaxed=relaxed)
+    views = {name for group in settings.groups if group.view is not None for name in group.names}
+    opened = pycolmap.Database.open(workspace / "database.db")
+    options.constant_cameras = {  # of views of panoramas: as they were cut
+        image.camera_id for image in opened.read_all_images() if image.name in views
+    }
+    opened.close()
     _say({"done": 0, "total": n_photos, "message": "looking for the first pair"})
     models = pycolmap.incremental_mapping(
         workspace / "database.db",
         Path(settings.pictures),
         out,
-        _mapping_options(settings, relaxed=relaxed),
+        options,
         next_image_callback=next_photo,
     )
     if settings.config.camera_model == "auto":
@@ -635,6 +664,7 @@ def _mapping_options(
     options.mapper.random_seed = settings.config.seed
     options.triangulation.random_seed = settings.config.seed
     options.min_model_size = _least_model(settings)
+    options.ba_refine_sensor_from_rig = False
     if relaxed:
         options.mapper.init_min_num_inliers = 30
         options.mapper.init_min_tri_angle = 4.0

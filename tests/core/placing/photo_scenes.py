@@ -26,13 +26,23 @@ def walk_cameras(n: int, *, seed: int = 0) -> tuple[Camera, ...]:
 
 
 def photograph(camera: Camera, *, seed: int = 0) -> UInt8Array:
-    """Picture (H, W, 3) of three textured planes that meet in a corner, by exact ray casting."""
+    """Picture (H, W, 3) of the room."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
     rays = np.stack([(u - camera.K[0, 2]) / FOCAL, (v - camera.K[1, 2]) / FOCAL, 0 * u + 1], axis=2)
-    rays = rays @ camera.cam_from_world[:3, :3]
-    eye = camera.position
-    nearest = np.full(u.shape, np.inf)
-    picture = np.zeros((*u.shape, 3))
+    return _seen(camera.position, rays @ camera.cam_from_world[:3, :3], seed)
+
+
+def panorama(eye: DoubleArray, height: int) -> UInt8Array:
+    """Equirectangular picture (H, 2 H, 3) of the room, with y ahead and z up."""
+    v, u = (np.mgrid[0:height, 0 : 2 * height] + 0.5) * np.pi / height
+    rays = [-np.sin(v) * np.sin(u), -np.sin(v) * np.cos(u), np.cos(v)]
+    return _seen(eye, np.stack(rays, axis=2), 0)
+
+
+def _seen(eye: DoubleArray, rays: DoubleArray, seed: int) -> UInt8Array:
+    """What rays (H, W, 3) hit: three textured planes that meet in a corner, exactly."""
+    nearest = np.full(rays.shape[:2], np.inf)
+    picture = np.zeros(rays.shape)
     for k, (axis, at) in enumerate(((2, 0.0), (1, 2.0), (0, -2.0))):
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = (at - eye[axis]) / rays[..., axis]

@@ -1,6 +1,7 @@
 """Photos of all kinds come out upright, 8-bit, unique; what cannot be used is named."""
 
 import json
+import struct
 import subprocess
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from gaga_core.placing.photos import (
     sharpness,
     unread_kinds,
 )
-from gaga_core.placing.video import extract_frames, extract_moving_frames
+from gaga_core.placing.video import extract_frames, extract_moving_frames, shows_all_directions
 from gaga_core.progress import run_stage
 from tests.core.placing.photo_scenes import photograph, walk_cameras
 
@@ -206,6 +207,27 @@ def test_a_video_gives_its_sharpest_frames(tmp_path: Path) -> None:
         assert sharpness(picture) > 1.5 * sharpness(blurred)
 
 
+def test_a_film_of_360_degrees_says_so(tmp_path: Path) -> None:
+    """As in Spherical Video 1: a box in the track."""
+    film = tmp_path / "film.mp4"
+    colors = ["-f", "lavfi", "-i", "testsrc=size=128x64:rate=5:duration=1"]
+    subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", *colors, str(film)], check=True)
+    assert not run_stage(shows_all_directions(film))
+    keys = {"Spherical": "true", "Stitched": "true", "StitchingSoftware": "x"}
+    keys["ProjectionType"] = "equirectangular"
+    text = "".join(f"<GSpherical:{k}>{v}</GSpherical:{k}>" for k, v in keys.items()).encode()
+    kind = b"uuid" + bytes.fromhex("ffcc8263f8554a938814587a02521fdd")
+    box = struct.pack(">I", 4 + len(kind) + len(text)) + kind + text
+    data = film.read_bytes()
+    for name in (b"moov", b"trak"):
+        at = data.index(name) - 4
+        (size,) = struct.unpack(">I", data[at : at + 4])
+        data = data[:at] + struct.pack(">I", size + len(box)) + data[at + 4 :]
+    end = at + size
+    film.write_bytes(data[:end] + box + data[end:])
+    assert run_stage(shows_all_directions(film))
+
+
 def test_no_video_is_told(tmp_path: Path) -> None:
     video = tmp_path / "words.mp4"
     video.write_text("no video")
@@ -242,3 +264,7 @@ def test_a_photo_of_360_degrees_is_cut_into_views_that_show_what_is_there(tmp_pa
     assert len(found.photos) == len(views) + 1
     assert {photo.focal for photo in found.photos if photo.name != "b.jpg"} == {64.0}
     assert "360 degrees" in " ".join(found.notes)
+    (folder / "b.jpg").unlink()
+    made = look_at_photos(folder)
+    assert made is not None
+    assert (made.n_photos, made.n_views, made.size) == (1, len(views), (128, 128))

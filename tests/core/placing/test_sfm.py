@@ -10,17 +10,25 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from PIL import Image
 
 from gaga_core.errors import GagaError
 from gaga_core.placing.metrics import centres_of
-from gaga_core.placing.photos import PhotoSet, list_photos, prepare_photos
+from gaga_core.placing.photos import (
+    VIEWS,
+    PhotoSet,
+    list_photos,
+    prefix_of_view,
+    prepare_photos,
+    turn_of_view,
+)
 from gaga_core.placing.sfm import SfmConfig
 from gaga_core.placing.worker import similar_pairs
 from gaga_core.progress import Progress, run_stage
 from tests.captures.placing import off_after_alignment
 from tests.conftest import real_scene
 from tests.core.conftest import ROOM_SFM, PlacedRoom, run_sfm
-from tests.core.placing.photo_scenes import FOCAL, write_photos
+from tests.core.placing.photo_scenes import FOCAL, panorama, write_photos
 
 
 def test_the_true_poses_and_focal_length_are_found(placed_room: PlacedRoom) -> None:
@@ -42,6 +50,31 @@ def test_the_same_photos_and_seed_give_the_same_model(
     again = run_stage(run_sfm(placed_room.photos, work, SfmConfig(threads=8)))
     assert np.array_equal(again.poses, placed_room.facts.poses)
     assert np.array_equal(again.track_lengths, placed_room.facts.track_lengths)
+
+
+def test_views_of_a_panorama_stay_mounted_as_they_were_cut(tmp_path: Path) -> None:
+    """Whatever the noise of features says; photos of another camera are placed with them."""
+    eyes = np.array([[0, -1.5, 1.2], [0.5, -1.0, 1.3], [-0.4, -0.8, 1.1], [0.1, -0.3, 1.5]])
+    folder, workspace = tmp_path / "in", tmp_path / "work"
+    write_photos(folder, 3)
+    for i, eye in enumerate(eyes):
+        xmp = b'<x xmlns:GPano="a" GPano:ProjectionType="equirectangular"/>'
+        Image.fromarray(panorama(eye, 400)).save(folder / f"p{i}.jpg", xmp=xmp, quality=97)
+    photos = prepared(folder, workspace)
+    facts = run_stage(run_sfm(photos, workspace, ROOM_SFM))
+    placed = dict(zip(facts.names, facts.poses, strict=True))
+    assert {f"{i:03d}.jpg" for i in range(3)} < set(placed)
+    views = [
+        [placed[f"{prefix_of_view(k, 200)}p{i}.jpg"] for k in range(len(VIEWS))] for i in range(4)
+    ]
+    for mounted in views:
+        for k, pose in enumerate(mounted):
+            expected = turn_of_view(k).T @ mounted[0]
+            np.testing.assert_allclose(pose[:3], expected[:3], atol=1e-5)
+    found = np.array([-mounted[0][:, :3].T @ mounted[0][:, 3] for mounted in views])
+    assert off_after_alignment(found, eyes) < 0.005
+    cut = np.array(["view" in name for name in facts.names])
+    np.testing.assert_array_equal(facts.focal[cut], 100.0)
 
 
 def matched_again(room: PlacedRoom, work: Path) -> Path:
