@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from imgui_bundle import ImVec2, glfw_utils
+from imgui_bundle import ImVec2
 
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
@@ -15,15 +15,16 @@ from gaga_studio.features import split_view
 from gaga_studio.features.camera import path_of
 from gaga_studio.session.view import Side, ToolName
 from tests.app.window.driver import KEY, Driver, drive
+from tests.app.window.typist import Hand
 
 pytestmark = pytest.mark.window
 
 
 def _drop(d: Driver, *paths: Path) -> None:
-    """As the desktop tells GLFW of it."""
-    dropped = d.studio.window._callbacks_of_glfw[0]
-    handle = glfw_utils.glfw_window_hello_imgui()
-    d.on_main(lambda: dropped(handle, [str(path) for path in paths]))  # type: ignore[operator]
+    hand = d.on_main(Hand)
+    for _ in hand.drop(paths):
+        d.frames(2)
+    hand.close()
     d.settle()
 
 
