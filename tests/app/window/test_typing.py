@@ -207,3 +207,49 @@ def test_g_r_and_s_of_blender_follow_the_mouse_and_no_key_deletes(
         assert abs(way[2]) > 0.05
     else:
         np.testing.assert_allclose(way, moved or (0, 0, 0), atol=1e-5)
+
+
+def test_home_goes_back_and_the_whole_scene_keeps_the_direction(
+    display: str, grouped_copy: Path
+) -> None:
+    def see(studio: Studio) -> dict[str, Any]:
+        pose = studio.session.rig.pose
+        lens = {name: getattr(pose, name) for name in ("distance", "roll", "fov_x", "fov_y")}
+        return {"turn": (pose.yaw, pose.pitch), "pivot": list(pose.pivot), **lens}
+
+    session = new_session(Settings(first_steps_done=True))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    rest: Stroke = ("Rest", True)
+    drag = [*_along([(0.3, 0.4), (0.6, 0.45)]), rest]
+    script = [*drag, *strokes("Shift_L+f"), rest, *strokes("Home")]
+    start, turned, whole, home = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
+    assert start["turn"] != turned["turn"] == pytest.approx(whole["turn"])
+    assert whole["distance"] != pytest.approx(turned["distance"])
+    assert home == {name: pytest.approx(value) for name, value in start.items()}
+    assert session.active_view == 0
+
+
+@pytest.mark.parametrize(
+    ("keys", "script"),
+    [
+        ("supersplat", "Control_L+d Control_L+Shift_L+a"),
+        ("blender", "Control_L+d Control_L+Shift_L+a"),
+        ("blender", "Shift_L+d Alt_L+a"),
+    ],
+)
+def test_one_chord_duplicates_and_another_deselects(
+    display: str, grouped_copy: Path, keys: str, script: str
+) -> None:
+    def see(studio: Studio) -> tuple[int, list[str]]:
+        document = studio.session.need()
+        if not document.history.can_undo:
+            select_groups(studio.session, (1,))
+        titles = [entry.title.split()[0] for entry in document.history.entries()]
+        return len(document.scene), [*titles, str(len(studio.session.selected_indices()))]
+
+    session = new_session(Settings(first_steps_done=True, keys=keys))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    both = strokes(script)
+    (before, _), (after, seen) = type_into(studio, both, in_a_frame=1, frame_s=0.02, see=see)
+    assert after > before
+    assert seen == ["Select", "Duplicate", "Select", "0"]
