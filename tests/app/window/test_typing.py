@@ -176,7 +176,7 @@ _CLICK: list[Stroke] = [("Button1", True), ("Button1", False)]
     ("script", "moved"),
     [
         (strokes("g x 2 Return"), (2.0, 0.0, 0.0)),
-        (strokes("g x x y minus 1 period 5 Return"), (0.0, -1.5, 0.0)),
+        ([*strokes("g x x y minus 1 period 5"), ("Rest", True), *strokes("Return")], (0, -1.5, 0)),
         (strokes("g x Escape"), None),
         (strokes("r z 9 0 Escape"), None),
         ([*strokes("g z"), ("Mouse", (0.6, 0.3)), ("Rest", True), *_CLICK], "up"),
@@ -191,15 +191,17 @@ def test_g_r_and_s_of_blender_follow_the_mouse_and_no_key_deletes(
             select_groups(session, (1,))
         centre, history = session.need().selected_centre(), session.need().history
         assert not session.need().scene.has(State.DELETED).any()
-        return centre, history.cursor, history.is_previewing
+        return centre, history.cursor, history.is_previewing, studio.picture.follow_hint
 
     session = new_session(Settings(first_steps_done=True, keys="blender"))
     studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
     at_rest: list[Stroke] = [("Mouse", (0.5, 0.5)), ("Rest", True)]
-    before, *_, (centre, n_done, is_previewing) = type_into(
+    before, *_, shown, (centre, n_done, is_previewing, hint) = type_into(
         studio, [*at_rest, *script], in_a_frame=1, frame_s=0.02, see=see
     )
-    assert not is_previewing
+    if moved == (0, -1.5, 0):
+        assert shown[-1].startswith("Move -1.5 along Y: Enter applies")
+    assert (is_previewing, hint) == (False, "")
     assert n_done == (1 if moved is None else 2)
     way = centre - before[0]
     if moved == "up":
