@@ -42,10 +42,10 @@ def confirm(session: Session) -> None:
     """Confirm what waits: the outline, the clicked object, the filling or the cleaning."""
     if session.view.outline is not None:
         selection.close_outline(session)
+    elif fill.apply(session) or add_scene.apply(session) or cleanup.apply(session):
+        pass  # a preview waits, whatever the tool is
     elif click_object.is_clicking(session):
         click_object.make_object(session)
-    elif not (fill.apply(session) or add_scene.apply(session)):
-        cleanup.apply(session)
 
 
 def nothing_to_confirm(session: Session) -> str:

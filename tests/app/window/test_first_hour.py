@@ -47,7 +47,7 @@ def test_an_object_is_painted_the_scene_turned_compared_and_added_to(
         _a_stroke_takes_the_object_that_is_seen(d)
         _the_turntable_waits_and_stays_between_the_photos(d)
         _two_versions_are_compared(d)
-        _splats_are_dropped_onto_a_scene(d, other)
+        _splats_and_folders_are_dropped_onto_a_scene(d, other, grouped_copy)
 
     drive(walk, path=grouped_copy)
 
@@ -105,9 +105,13 @@ def _two_versions_are_compared(d: Driver) -> None:
     d.keys(KEY.mod_ctrl, KEY.z)
 
 
-def _splats_are_dropped_onto_a_scene(d: Driver, other: Path) -> None:
+def _splats_and_folders_are_dropped_onto_a_scene(d: Driver, other: Path, folder: Path) -> None:
     n, title = len(d.scene), d.session.title
     _drop(d, other, other)
+    question = d.session.pending_question
+    _drop(d, other)
+    assert d.session.pending_question is question, "nothing happens behind a question"
+    assert d.session.title.startswith(title.rstrip("* "))
     d.click("Question/###Add")
     d.until(lambda: len(d.scene) == 3 * n, "both are added")
     d.keys(KEY.mod_ctrl, KEY.z)
@@ -121,3 +125,5 @@ def _splats_are_dropped_onto_a_scene(d: Driver, other: Path) -> None:
         d.settle()
     assert d.session.document is not None
     assert d.session.document.name == "other.ply"
+    _drop(d, folder)
+    assert d.session.document.name == folder.name
