@@ -226,6 +226,9 @@ def _panel(name: str) -> Callable[[Session], None]:
     def bring(session: Session) -> None:
         session.view.show_panels = True
         imgui.set_window_focus(name)
+        window = imgui.internal.find_window_by_name(name)
+        if window is not None and window.dock_node is not None and window.dock_node.tab_bar:
+            window.dock_node.tab_bar.next_selected_tab_id = window.tab_id  # its tab is seen, too
 
     return bring
 

@@ -563,6 +563,13 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         d.keys(KEY.f2)
         assert not panels[0].hidden, "the name that is typed is seen"
         d.keys(KEY.escape)
+        d.on_main(partial(commands.run, "view.history", d.session))
+        d.frames(20)
+        bar = d.engine.get_window_by_ref("//History").dock_node.tab_bar
+        (tab,) = [one for one in bar.tabs if one.window.name == "History"]
+        left = tab.offset - bar.scrolling_anim
+        assert 0 <= left < left + tab.width <= bar.bar_rect.get_width(), "its tab is seen"
+        d.focus("Objects")
         rows = d.engine.window_info("//Objects/Table").window.inner_clip_rect
         assert rows.max.y - rows.min.y > 2.5 * 30, "more than one row"
         d.keys(KEY.escape)
