@@ -212,6 +212,7 @@ def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
         Request.RENAME: partial(_rename, ui=ui),
         Request.TIMELINE: _panel(memory_bank.TIMELINE),
         Request.HISTORY: _panel("History"),
+        Request.CAMERA_PATH: _panel("Camera path"),
         Request.RECOLOR: partial(_recolor, ui=ui),
         Request.FIND: lambda _: search.focus(ui.scene.objects.search),
         Request.FIND_IN_VIEW: lambda s: find_here(s, ui.area.size),

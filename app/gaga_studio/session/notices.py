@@ -128,6 +128,7 @@ class Request(Enum):
     # A panel that comes to the front.
     TIMELINE = auto()
     HISTORY = auto()
+    CAMERA_PATH = auto()
     RECOLOR = auto()  # and the colors to choose from
     # A path of the file dialog.
     OPEN_FOLDER = auto()

@@ -75,6 +75,7 @@ def _the_turntable_waits_and_stays_between_the_photos(d: Driver) -> None:
     d.menu("Camera/###Turntable")
     assert not d.session.view.playback.is_playing
     assert d.session.rig.pose == pose
+    assert not d.engine.get_window_by_ref("//Camera path").hidden, "the path is seen"
     eyes = np.array([key.shot.eye for key in path_of(d.session).keyframes])
     places = np.array([camera.position for camera in d.session.cameras])
     assert len(eyes) == 16

@@ -570,6 +570,11 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         left = tab.offset - bar.scrolling_anim
         assert 0 <= left < left + tab.width <= bar.bar_rect.get_width(), "its tab is seen"
         d.focus("Objects")
+        d.on_main(partial(commands.run, "camera.split_groups", d.session))
+        d.frames(4)
+        side = d.engine.item_info("//Viewport/##Left side").rect_full
+        assert side.get_width() > imgui.calc_text_size("Picture").x + 1.5 * side.get_height()
+        d.click("Viewport/Close split view")
         rows = d.engine.window_info("//Objects/Table").window.inner_clip_rect
         assert rows.max.y - rows.min.y > 2.5 * 30, "more than one row"
         d.keys(KEY.escape)
