@@ -52,11 +52,10 @@ class Hand:
         if isinstance(is_down, tuple):
             area = self._area
             assert area is not None
-            self._at = (
+            self.move(
                 round(area.left + is_down[0] * area.width),
                 round(area.top + is_down[1] * area.height),
             )
-            self._send(event.MotionNotify, 0)
             return
         if name.startswith("Button"):
             self._send(event.ButtonPress if is_down else event.ButtonRelease, int(name[-1]))
@@ -65,6 +64,11 @@ class Hand:
             self._send(event.KeyPress if is_down else event.KeyRelease, code)
         bit = _STATES.get(name, 0)
         self._state = self._state | bit if is_down else self._state & ~bit
+
+    def move(self, x: int, y: int) -> None:
+        """Move the mouse to a pixel of the window."""
+        self._at = x, y
+        self._send(event.MotionNotify, 0)
 
     def enter(self) -> None:
         """The mouse comes into the window."""
