@@ -209,8 +209,11 @@ def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
         Request.MODELS: models.opens,
         Request.REDUCE: partial(reduce.opens, plan=ui.reduce),
         Request.CHANGES: changes.opens,
-        Request.RENAME: lambda s: objects.rename_selected(s, ui.scene.objects),
-        Request.TIMELINE: lambda _: imgui.set_window_focus(memory_bank.TIMELINE),
+        Request.RENAME: partial(_rename, ui=ui),
+        Request.TIMELINE: _panel(memory_bank.TIMELINE),
+        Request.HISTORY: _panel("History"),
+        Request.CAMERA_PATH: _panel("Camera path"),
+        Request.RECOLOR: partial(_recolor, ui=ui),
         Request.FIND: lambda _: search.focus(ui.scene.objects.search),
         Request.FIND_IN_VIEW: lambda s: find_here(s, ui.area.size),
     }
@@ -218,6 +221,27 @@ def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
 
 def _popup(name: str) -> Callable[[Session], object]:
     return lambda _: imgui.open_popup(name)
+
+
+def _panel(name: str) -> Callable[[Session], None]:
+    def bring(session: Session) -> None:
+        session.view.show_panels = True
+        imgui.set_window_focus(name)
+        window = imgui.internal.find_window_by_name(name)
+        if window is not None and window.dock_node is not None and window.dock_node.tab_bar:
+            window.dock_node.tab_bar.next_selected_tab_id = window.tab_id  # its tab is seen, too
+
+    return bring
+
+
+def _rename(session: Session, ui: UiState) -> None:
+    _panel("Objects")(session)
+    objects.rename_selected(session, ui.scene.objects)
+
+
+def _recolor(session: Session, ui: UiState) -> None:
+    _panel("Inspector")(session)
+    ui.scene.inspector.opens_picker = True
 
 
 # --- Errors while drawing: they become notices, and the frame continues.
@@ -514,7 +538,8 @@ class Studio:
             self._openers[request](self.session)
 
     def _status(self) -> None:
-        hint = status_text(self.session, self.picture.controller.tool(self.session))
+        tool = self.picture.controller.tool(self.session)
+        hint = self.picture.follow_hint or status_text(self.session, tool)
         document = self.session.document
         figures = None
         if document is not None:

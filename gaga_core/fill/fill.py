@@ -363,7 +363,8 @@ class Work:
         sizes = _sizes(self.points, labels)
         self.size = float(sizes[is_object].max())
         # Other objects that the photos showed.
-        self.is_thing = ~is_object & self.is_known & (sizes < _THING * self.size)
+        may_stand = (sizes < _THING * self.size) | (not labels.any())  # by their height alone
+        self.is_thing = ~is_object & self.is_known & may_stand
         self.inpainter: Inpainter | None = None  # None: colors continue the surroundings
         self.is_refused = False  # a hole that was found is left open
         self.made: list[Gaussians] = []
@@ -413,9 +414,24 @@ class Work:
             under = inside & low & chart.hole[row, column]
             # What is on the surface, and so not in the object's body, is made again with the hole.
             on_hole = hidden & _on_surface(chart, self.points) & chart.hole[row, column]
-            goes = ((hidden | (small & ~self.is_object)) & under) | on_hole | within
+            # Nor does what hides over the place of an object that stands there: it was its inside.
+            over = hidden & self._over_place(chart, own)
+            goes = ((hidden | (small & ~self.is_object)) & under) | on_hole | over | within
             filled = self._fill_chart(chart, goes & ~self.locked, shadow)
             n_filled += yield from _within(filled, begin, end)
+
+    def _over_place(self, chart: Chart, own: DoubleArray) -> BoolArray:
+        """Splats (N,) over the place of the splats ``own`` (K, 3) that stand there, up to their
+        height."""
+        if not foot_cells(chart, own).any():
+            return np.zeros(len(self.points), np.bool_)
+        place, stands = chart.hole.copy(), chart.plane.local(own)
+        row, column, inside = chart.cells(stands)
+        place[row[inside], column[inside]] = True
+        local = chart.plane.local(self.points)
+        row, column, inside = chart.cells(local)
+        inside &= (local[:, 2] > 0) & (local[:, 2] < np.percentile(stands[:, 2], 99))
+        return inside & ndimage.binary_closing(place, iterations=_BETWEEN)[row, column]
 
     def _fill_chart(self, chart: Chart, goes: BoolArray, shadow: _Shadow) -> Stage[bool]:
         """Fill a chart's hole, without the splats ``goes`` (N,); False when it does harm."""
@@ -460,7 +476,7 @@ class Work:
         if not foot.any():
             return none
         foot = chart.hole if chart.hole.any() else foot
-        stands = self.is_thing & (self.labels != chart.plane.label)
+        stands = self.is_thing & ((self.labels != chart.plane.label) | (self.labels == 0))
         taken = taken_cells(chart, self.points[stands], self.size)
         cast = shadow_of(chart, foot, own, taken)
         return _Shadow(gains(chart, foot, taken, cast), is_cast=cast is not None)

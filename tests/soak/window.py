@@ -17,9 +17,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import glfw
 import psutil
-from imgui_bundle import glfw_utils, hello_imgui, immapp
+from imgui_bundle import hello_imgui, immapp
 
 from gaga_studio.features.commands import new_session
 from gaga_studio.features.find import association
@@ -89,8 +88,7 @@ def _one_window(result: Soak, scene: Path, seed: int, end: float) -> None:
     def after_frame() -> None:
         result.n_frames += 1
         if not hands and studio.is_settled:
-            window = glfw.get_x11_window(glfw_utils.glfw_window_hello_imgui())
-            hands.append(Hand(window, _SIZE, seed, result.sent))
+            hands.append(Hand(_SIZE, seed, result.sent))
             hands[0].start()
         time.sleep(rng.choice((0.0, 0.0, 0.0, 0.0, 0.0, 0.02, 0.1)))
         if rng.random() < 0.003:

@@ -215,6 +215,7 @@ def add_keyframe(session: Session) -> None:
     key = Keyframe(session.rig.shot(), KEYFRAME_SECONDS)
     _with_keys(session, (*path.keyframes[:at], key, *path.keyframes[at:]))
     choose_keyframe(session, at, goes=False)
+    session.request = Request.CAMERA_PATH
 
 
 def update_keyframe(session: Session, index: int) -> None:
@@ -285,6 +286,7 @@ def make_turntable(session: Session, seconds: float = TURN_SECONDS) -> None:
     session.view.playback.chosen = 0
     session.view.playback.at = 0.0
     session.view.playback.is_playing = False
+    session.request = Request.CAMERA_PATH
 
 
 @notifies

@@ -42,10 +42,10 @@ def confirm(session: Session) -> None:
     """Confirm what waits: the outline, the clicked object, the filling or the cleaning."""
     if session.view.outline is not None:
         selection.close_outline(session)
+    elif fill.apply(session) or add_scene.apply(session) or cleanup.apply(session):
+        pass  # a preview waits, whatever the tool is
     elif click_object.is_clicking(session):
         click_object.make_object(session)
-    elif not (fill.apply(session) or add_scene.apply(session)):
-        cleanup.apply(session)
 
 
 def nothing_to_confirm(session: Session) -> str:
@@ -136,8 +136,9 @@ _ORDER = {
         file.save_as file.export_scene file.export_page file.export_selected file.export_objects
         file.export_meshes file.export_simulation file.export_cameras file.export_masks
         file.dataset file.save_script file.save_picture file.close file.quit""",
-    "Edit": """edit.undo edit.redo edit.duplicate edit.delete edit.mirror_x edit.mirror_y
-        edit.mirror_z edit.reduce edit.delete_floaters edit.confirm edit.cancel edit.preferences""",
+    "Edit": """edit.undo edit.redo edit.recolor edit.duplicate edit.delete edit.mirror_x
+        edit.mirror_y edit.mirror_z edit.reduce edit.delete_floaters edit.confirm edit.cancel
+        edit.preferences""",
     "Select": """select.all select.none select.invert select.grow select.shrink select.alike
         select.children select.keep""",
     "Find": """object.masks object.masks_quick object.masks_model object.models
@@ -157,7 +158,7 @@ _ORDER = {
         view.frame_all view.home view.front view.back view.left view.right view.top view.bottom
         view.next_photo view.previous_photo view.fly view.frusta view.outline view.box
         view.lights_masks view.mask_gate view.timeline view.lod view.build_lod view.panels
-        view.turn_in_training view.info""",
+        view.history view.turn_in_training view.info""",
     "Camera": f"""view.ortho view.cube camera.faster camera.slower camera.add_bookmark
         {" ".join(camera.RECALL)} {" ".join(camera.SET)} camera.swipe camera.split_groups
         camera.split_photo_groups camera.split_truth camera.split_errors camera.split_before

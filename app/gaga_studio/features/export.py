@@ -1,11 +1,10 @@
 """One export: what, in which form, how changed, where to; and what it will be like."""
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 
@@ -53,7 +52,7 @@ from gaga_studio.features.base import (
     not_saveable,
 )
 from gaga_studio.features.find.search import SearchState
-from gaga_studio.features.reconstruction import KnownRates
+from gaga_studio.features.reconstruction import KnownRates, timed
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
@@ -349,17 +348,8 @@ def _film_rate(session: Session) -> tuple[str, float]:
 
 def _timed(session: Session, stage: Stage[Path], n_pixels: int) -> Stage[Path]:
     """``stage`` of a film, whose time is kept for the next estimate."""
-    (name, usual), start, n = _film_rate(session), time.monotonic(), 1
-    while True:
-        try:
-            progress = next(stage)
-        except StopIteration as end:
-            seconds = (time.monotonic() - start) / n / n_pixels * 1e6
-            known = session.feature(KnownRates)
-            known.keep(known.rates | {name: seconds / usual})
-            return cast(Path, end.value)
-        n = max(n, progress.total)
-        yield progress
+    name, usual = _film_rate(session)
+    return timed(session, stage, name, lambda last: usual * max(last.total, 1) * n_pixels / 1e6)
 
 
 WHATS: dict[Mode, FilmWhat] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}

@@ -47,8 +47,11 @@ def drop(session: Session, dropped: Sequence[Path]) -> None:
     """Open what was dropped into the window: a scene, a film, photos, or files of splats.
 
     Photos stand for their folder. Splats become one scene; where one is open, the answer to a
-    question says whether they are added to it.
+    question says whether they are added to it. Nothing happens behind a question.
     """
+    if session.pending_question is not None:
+        session.notify(Level.HINT, "Answer the question first, then drop the files again.")
+        return
     is_splats = [path.is_file() and path.suffix.lower() in READ_SUFFIXES for path in dropped]
     splats = tuple(path for path, is_one in zip(dropped, is_splats, strict=True) if is_one)
     first = dropped[0]

@@ -3,10 +3,11 @@
 import json
 import logging
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from gaga_core.pipeline.reconstruct import Estimate, PhotoFind, Reconstruction
     from gaga_core.pipeline.settings import ReconstructConfig
 
+T = TypeVar("T")
 TITLE = "Make splats"
 _STEPS = 1000  # of the job's bar
 _RATES = "rates.json"  # in the home of gaga-studio
@@ -413,6 +415,26 @@ class KnownRates:
                 temporary.write_text(json.dumps(rates, indent=1) + "\n", encoding="utf-8")
         except (GagaError, OSError) as error:  # what was made is there all the same
             _LOG.warning("rates: %s", error)
+
+
+def timed(
+    session: Session, stage: Stage[T], name: str, usual_s: Callable[[Progress], float]
+) -> Stage[T]:
+    """``stage``, whose time is kept for the next estimate under ``name``.
+
+    ``usual_s``: what is expected, by its last words. Kernels that are prepared do not count.
+    """
+    start, last = time.monotonic(), Progress(name, 0, 0)
+    while True:
+        try:
+            step = next(stage)
+        except StopIteration as end:
+            known, took = session.feature(KnownRates), time.monotonic() - start
+            known.keep(known.rates | {name: took / usual_s(last)})
+            return cast(T, end.value)
+        if step.total > 0:
+            last = step
+        yield step
 
 
 def seconds_of(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -> float:

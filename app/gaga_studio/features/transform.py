@@ -12,9 +12,9 @@ from gaga_core.scene.orientation import mirror_map
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
 from gaga_studio.features import folders
-from gaga_studio.features.base import Command, no_selection
+from gaga_studio.features.base import Command, ask, no_selection
 from gaga_studio.session.document import Build
-from gaga_studio.session.notices import notifies
+from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
 
 _AXES = "XYZ"
@@ -222,6 +222,7 @@ COMMANDS: tuple[Command, ...] = (
         enabled=_no_redo,
         describe=lambda s: "Redo" if _no_redo(s) else f"Redo {s.need().history.redo_title}",
     ),
+    ask("edit.recolor", "Recolor…", Request.RECOLOR, enabled=no_selection),
     Command("edit.duplicate", "Duplicate", duplicate, "Ctrl+D", ("Shift+D",), enabled=no_selection),
     *(_mirror(axis) for axis in range(3)),
     Command("object.reset_placement", "Reset placement", reset, enabled=no_selection),

@@ -127,6 +127,9 @@ class Request(Enum):
     FIND_IN_VIEW = auto()  # the text that is there already
     # A panel that comes to the front.
     TIMELINE = auto()
+    HISTORY = auto()
+    CAMERA_PATH = auto()
+    RECOLOR = auto()  # and the colors to choose from
     # A path of the file dialog.
     OPEN_FOLDER = auto()
     OPEN_FILE = auto()

@@ -100,6 +100,14 @@ class FollowTransform:
             )
         return replace(self, typed=self.typed + key)
 
+    @property
+    def hint(self) -> str:
+        """ "Move 0.5 along X: Enter applies, Esc cancels"."""
+        way = "about" if self.name is ToolName.ROTATE else "along"
+        axis = "" if self.axis is None else f" {way} {'XYZ'[self.axis]}"
+        what = " ".join(filter(None, (_VERBS[self.name], self.typed))) + axis
+        return f"{what}: Enter applies, Esc cancels. X, Y, Z: axis; digits: how much."
+
     def show(self, session: Session, camera: Camera, at: tuple[float, float]) -> None:
         """Show the selection as it is with the mouse at pixel ``at``."""
         transform.preview_move(session, self.motion(camera, at), _VERBS[self.name])

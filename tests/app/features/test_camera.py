@@ -17,7 +17,7 @@ from gaga_core.pipeline.film import FilmConfig, Split
 from gaga_studio.features import camera as bookmarks
 from gaga_studio.features import camera as camera_path
 from gaga_studio.features import export, split_view
-from gaga_studio.features.commands import for_shortcut, run
+from gaga_studio.features.commands import run
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, PhotoCompareMode, RenderRequests, ViewState
@@ -385,27 +385,3 @@ def test_a_window_that_closes_leaves_no_job_waiting() -> None:
     worker.join(5)
     assert not worker.is_alive()
     assert len(said) == 1
-
-
-def test_home_goes_back_to_the_first_view_and_the_whole_scene_keeps_the_direction(
-    session: Session,
-) -> None:
-    first = session.rig.pose
-    session.rig.orbit(120, 40)
-    session.rig.zoom(3)
-    turned = session.rig.pose
-    key = for_shortcut("Shift+F", session)
-    assert key is not None
-    key.run(session)
-    session.tick(10.0)
-    assert session.rig.pose.yaw == pytest.approx(turned.yaw)
-    assert session.rig.pose.pitch == pytest.approx(turned.pitch)
-    home = for_shortcut("Home", session)
-    assert home is not None
-    home.run(session)
-    assert session.rig.pose != first, "it flies there"
-    session.tick(10.0)
-    np.testing.assert_allclose(session.rig.pose.pivot, first.pivot, atol=1e-9)
-    for name in ("distance", "yaw", "pitch", "roll", "fov_x", "fov_y"):
-        assert getattr(session.rig.pose, name) == pytest.approx(getattr(first, name))
-    assert session.active_view == 0

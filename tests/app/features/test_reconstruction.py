@@ -11,8 +11,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.images import write_rgb
-from gaga_core.pipeline import compile_kernels
-from gaga_core.pipeline.reconstruct import BACKGROUND, STEPS, look_at_photos, reconstruct_scene
+from gaga_core.pipeline.reconstruct import look_at_photos, reconstruct_scene
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing import ladder
 from gaga_core.placing.checks import Verdict
@@ -20,8 +19,7 @@ from gaga_core.progress import Progress, Stage, run_stage
 from gaga_studio.features import reconstruction
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
-from gaga_studio.features.reconstruction import KnownRates, ReconstructionPlan
-from gaga_studio.session.jobs import _Delivery
+from gaga_studio.features.reconstruction import ReconstructionPlan
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, TrainingUpdate, smoothed
@@ -307,49 +305,3 @@ def test_too_few_photos_say_what_is_missing(
     plural = "" if n == 1 else "s"
     assert reconstruction.title(session) == f"Make splats from {n} photo{plural}"
     assert ("it takes at least 3" in reconstruction.why_not(session)) == (n < 3)
-
-
-def test_one_bar_for_all_steps_and_what_another_job_prepares_too_is_none_of_it(
-    new_session: Callable[[], Session], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Kernels are prepared behind every job that comes first; the rates are kept."""
-
-    def kernels(*_parts: str) -> Stage[None]:
-        for i in range(79, 101):
-            yield Progress("Prepare kernels", i, 100, "of pictures")
-
-    monkeypatch.setattr(compile_kernels, "is_compiled", lambda _part: False)
-    monkeypatch.setattr(compile_kernels, "warm_up_stage", kernels)
-    write_photos(tmp_path / "shots", 6)
-    session = new_session()
-    opened(session, tmp_path / "shots")
-    found = session.photos
-    assert found is not None
-    plan = ReconstructionPlan(TINY, found.scene)
-    before = reconstruction.seconds_of(session, found, plan)
-    words = []
-    follow = _Delivery.step
-
-    def heard(delivery: _Delivery[object]) -> bool:
-        goes_on = follow(delivery)
-        if delivery.latest is not None:
-            words.append(delivery.latest)
-        return goes_on
-
-    with monkeypatch.context() as listening:
-        listening.setattr(_Delivery, "step", heard)
-        reconstruction.make(session, plan)
-        assert session.jobs.wait(300)
-    own = [word for word in words if word.stage == reconstruction.TITLE]
-    prepared = [word for word in own if "Prepare kernels" in word.message]
-    assert prepared
-    assert all(word.total == 0 for word in prepared), "no share of the reconstruction"
-    shares = [word.done / word.total for word in own if word.total]
-    assert shares == sorted(shares)
-    assert shares[0] < 0.2
-    assert shares[-1] > 0.7
-    assert all(word.left_s is not None for word in own if word.total)
-    # These photos have no background to look for.
-    assert set(KnownRates().rates) | {BACKGROUND} == set(STEPS)
-    again = new_session()
-    assert reconstruction.seconds_of(again, found, plan) != before

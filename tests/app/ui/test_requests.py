@@ -16,7 +16,8 @@ from gaga_studio.ui.panels.film_strip import FilmStripState
 from tests.app.window.driver import KEY, Driver, drive
 
 _BY_MOUSE = {Request.OBJECT_MENU, Request.SCENE_MENU, Request.OBJECT_MASKS}
-_PANELS = {Request.TIMELINE}  # comes to the front when its job is done
+_LATER = {Request.TIMELINE, Request.CAMERA_PATH}  # when what they show was made
+_PANELS = {Request.HISTORY, *_LATER}  # come to the front
 _KEYBOARD = {Request.RENAME, Request.FIND, Request.FIND_IN_VIEW}  # open nothing
 
 
@@ -30,7 +31,7 @@ def test_every_request_is_asked_by_a_command_or_the_mouse(session: Session) -> N
         if command.run.__qualname__.startswith("ask."):
             command.run(session)
             asked.add(session.take_request())
-    assert asked == set(Request) - _BY_MOUSE - _PANELS
+    assert asked == set(Request) - _BY_MOUSE - _LATER
 
 
 def test_no_folder_of_ours_is_proposed(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:

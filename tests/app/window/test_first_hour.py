@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from imgui_bundle import ImVec2, glfw_utils
+from imgui_bundle import ImVec2
 
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
@@ -15,15 +15,16 @@ from gaga_studio.features import split_view
 from gaga_studio.features.camera import path_of
 from gaga_studio.session.view import Side, ToolName
 from tests.app.window.driver import KEY, Driver, drive
+from tests.app.window.typist import Hand
 
 pytestmark = pytest.mark.window
 
 
 def _drop(d: Driver, *paths: Path) -> None:
-    """As the desktop tells GLFW of it."""
-    dropped = d.studio.window._callbacks_of_glfw[0]
-    handle = glfw_utils.glfw_window_hello_imgui()
-    d.on_main(lambda: dropped(handle, [str(path) for path in paths]))  # type: ignore[operator]
+    hand = d.on_main(Hand)
+    for _ in hand.drop(paths):
+        d.frames(2)
+    hand.close()
     d.settle()
 
 
@@ -46,7 +47,7 @@ def test_an_object_is_painted_the_scene_turned_compared_and_added_to(
         _a_stroke_takes_the_object_that_is_seen(d)
         _the_turntable_waits_and_stays_between_the_photos(d)
         _two_versions_are_compared(d)
-        _splats_are_dropped_onto_a_scene(d, other)
+        _splats_and_folders_are_dropped_onto_a_scene(d, other, grouped_copy)
 
     drive(walk, path=grouped_copy)
 
@@ -74,6 +75,7 @@ def _the_turntable_waits_and_stays_between_the_photos(d: Driver) -> None:
     d.menu("Camera/###Turntable")
     assert not d.session.view.playback.is_playing
     assert d.session.rig.pose == pose
+    assert not d.engine.get_window_by_ref("//Camera path").hidden, "the path is seen"
     eyes = np.array([key.shot.eye for key in path_of(d.session).keyframes])
     places = np.array([camera.position for camera in d.session.cameras])
     assert len(eyes) == 16
@@ -104,9 +106,13 @@ def _two_versions_are_compared(d: Driver) -> None:
     d.keys(KEY.mod_ctrl, KEY.z)
 
 
-def _splats_are_dropped_onto_a_scene(d: Driver, other: Path) -> None:
+def _splats_and_folders_are_dropped_onto_a_scene(d: Driver, other: Path, folder: Path) -> None:
     n, title = len(d.scene), d.session.title
     _drop(d, other, other)
+    question = d.session.pending_question
+    _drop(d, other)
+    assert d.session.pending_question is question, "nothing happens behind a question"
+    assert d.session.title.startswith(title.rstrip("* "))
     d.click("Question/###Add")
     d.until(lambda: len(d.scene) == 3 * n, "both are added")
     d.keys(KEY.mod_ctrl, KEY.z)
@@ -120,3 +126,5 @@ def _splats_are_dropped_onto_a_scene(d: Driver, other: Path) -> None:
         d.settle()
     assert d.session.document is not None
     assert d.session.document.name == "other.ply"
+    _drop(d, folder)
+    assert d.session.document.name == folder.name

@@ -447,13 +447,25 @@ def _names_of_what_was_done(d: Driver) -> None:
     d.engine.key_chars_replace_enter("mug")
     d.frames()
     assert re.fullmatch("Rename .+ to mug", d.history.undo_title)
-    for word, wanted in (("drop", "object.simulate"), ("scale", "tool.set_scale")):
+    for word, wanted in (
+        ("drop", "object.simulate"),
+        ("scale", "tool.set_scale"),
+        ("versions", "view.history"),
+    ):
         d.keys(KEY.mod_ctrl, KEY.p)
         d.engine.key_chars(word)
         d.frames(3)
         d.engine.set_ref(d.engine.window_info("//$FOCUSED/Found").window.id_)
         assert d.engine.item_exists(f"###{wanted}"), word
         d.keys(KEY.escape)
+    d.command("recolor")
+    d.type_into("$FOCUSED/##Picker/##hex/##Text", "#F02010")
+    d.keys(KEY.escape)
+    assert d.history.undo_title.startswith("Recolor")
+    for command, panel in (("history", "History"), ("rename", "Objects")):
+        d.command(command)
+        assert not d.engine.get_window_by_ref(f"//{panel}").hidden, panel
+    d.keys(KEY.escape)
     d.engine.set_ref("//##MainMenuBar")
     d.engine.menu_action(imgui.test_engine.TestAction.hover, "View/###Color")
     opened = d.engine.window_info("//$FOCUSED").window
@@ -546,6 +558,23 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         assert listed.max.y <= 500
         d.click("**/###Groups")
         assert d.session.view.mode is Mode.GROUPS
+        d.select(1)
+        d.focus("Inspector")
+        d.keys(KEY.f2)
+        assert not panels[0].hidden, "the name that is typed is seen"
+        d.keys(KEY.escape)
+        d.on_main(partial(commands.run, "view.history", d.session))
+        d.frames(20)
+        bar = d.engine.get_window_by_ref("//History").dock_node.tab_bar
+        (tab,) = [one for one in bar.tabs if one.window.name == "History"]
+        left = tab.offset - bar.scrolling_anim
+        assert 0 <= left < left + tab.width <= bar.bar_rect.get_width(), "its tab is seen"
+        d.focus("Objects")
+        d.on_main(partial(commands.run, "camera.split_groups", d.session))
+        d.frames(4)
+        side = d.engine.item_info("//Viewport/##Left side").rect_full
+        assert side.get_width() > imgui.calc_text_size("Picture").x + 1.5 * side.get_height()
+        d.click("Viewport/Close split view")
         rows = d.engine.window_info("//Objects/Table").window.inner_clip_rect
         assert rows.max.y - rows.min.y > 2.5 * 30, "more than one row"
         d.keys(KEY.escape)

@@ -17,6 +17,7 @@ from gaga_core.scene.scene import State
 from gaga_studio.features import export, selection, transform
 from gaga_studio.features.camera import go_to_view
 from gaga_studio.features.find import association
+from gaga_studio.features.reconstruction import KnownRates
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import ToolName
 from tests.app.folders import write_scene
@@ -58,12 +59,24 @@ class _Walk:
         self.final: DoubleArray = np.zeros((0, 3))  # visible centres at the end
 
     def associate(self, d: Driver) -> None:
-        assert association.stage_offer(d.session) is not None
+        offer, name = (
+            association.stage_offer(d.session),
+            f"Find objects, {d.session.settings.preset}",
+        )
+        before = d.session.feature(KnownRates).rates.get(name, 1.0)
+        assert offer is not None
         d.click("**/###Find objects")
         d.until(lambda: d.session.live is not None, "the bank is shown while it grows")
         d.settle()
         assert int(d.scene.labels.max()) == 6
         assert association.stage_offer(d.session) is None
+        d.keys(KEY.mod_ctrl, KEY.z)
+        again = association.stage_offer(d.session)
+        assert again is not None
+        rate = KnownRates().rates[name]
+        assert again.seconds == pytest.approx(offer.seconds * rate / before), "as it was here"
+        assert rate != before
+        d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.z)
 
     def select_by_click(self, d: Driver) -> None:
         before = d.pixels()

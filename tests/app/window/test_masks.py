@@ -4,21 +4,28 @@ import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
 
+from gaga_core import kernels as kernels_of_numba
 from gaga_core.io.cameras.transforms_json import write_transforms_json
+from gaga_core.pipeline import compile_kernels
+from gaga_core.pipeline.reconstruct import BACKGROUND, STEPS
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
+from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.models.catalogue import known_model
 from gaga_studio.features.commands import command
 from gaga_studio.features.find.association import FindState
 from gaga_studio.features.find.click_object import ClickState
 from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.features.find.search import SearchState
-from gaga_studio.features.reconstruction import ReconstructionPlan, found_text
+from gaga_studio.features.reconstruction import TITLE, KnownRates, ReconstructionPlan, found_text
+from gaga_studio.session.jobs import Job
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode
+from gaga_studio.ui.chrome import status
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.color_oracle import ColorOracle
@@ -295,3 +302,54 @@ def test_photos_become_splats_before_the_eyes(
         assert len(session.cameras) == 6
 
     drive(walk, path=scene, size=(1000, 640))
+
+
+def test_one_bar_for_all_steps_and_what_another_job_prepares_is_none_of_it(
+    display: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the rows of the window. Kernels are prepared until both jobs that do so have shown it."""
+    rows: list[tuple[Job, str]] = []
+    is_seen, text_of = Event(), status.job_text
+
+    def kernels(*_parts: str) -> Stage[None]:
+        while not is_seen.wait(0.01):
+            yield Progress("Prepare kernels", 79, 100, "of pictures")
+
+    def seen(job: Job) -> str:
+        rows.append((job, text_of(job)))
+        if job.stage == TITLE and "Prepare kernels" in job.message:
+            is_seen.set()
+        return rows[-1][1]
+
+    monkeypatch.setattr(kernels_of_numba, "is_compiled", lambda *_: False)
+    monkeypatch.setattr(compile_kernels, "is_compiled", lambda *_: False)
+    monkeypatch.setattr(compile_kernels, "warm_up_stage", kernels)
+    monkeypatch.setattr(status, "job_text", seen)
+    write_photos(tmp_path / "shots", 6)
+
+    def walk(d: Driver) -> None:
+        before = d.session.feature(KnownRates).rates
+        d.click("**/###Settings…")
+        d.click("**/More")
+        d.type_into("**/##Iterations", "30")
+        d.type_into("**/##Longest side, pixels", "96")
+        assert rows[-1][1] == "Prepare kernels  79 %", "nothing else runs yet"
+        d.click("**/###Start")
+        d.until(lambda: d.session.document is not None, "the splats are open")
+        own = [(job, text) for job, text in rows if job.stage == TITLE]
+        prepared = [one for one in own if "Prepare kernels" in one[0].message]
+        assert prepared
+        assert {text for _, text in prepared} == {"Make splats from 6 photos"}, "no share"
+        shares = [job.fraction for job, _ in own if job.fraction >= 0]
+        assert shares == sorted(shares)
+        assert shares[0] < 0.2
+        assert shares[-1] > 0.7
+        assert all("%" in text and text.endswith("left") for job, text in own if job.fraction >= 0)
+        # These photos have no background to look for.
+        rates = d.session.feature(KnownRates).rates
+        assert rates != before
+        assert KnownRates().rates == rates, "they are kept"
+        assert set(rates) | {BACKGROUND} == set(STEPS)
+
+    settings = Settings(first_steps_done=True)
+    drive(walk, path=tmp_path / "shots", settings=settings, size=(1000, 640), patience_s=300)

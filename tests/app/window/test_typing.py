@@ -176,7 +176,7 @@ _CLICK: list[Stroke] = [("Button1", True), ("Button1", False)]
     ("script", "moved"),
     [
         (strokes("g x 2 Return"), (2.0, 0.0, 0.0)),
-        (strokes("g x x y minus 1 period 5 Return"), (0.0, -1.5, 0.0)),
+        ([*strokes("g x x y minus 1 period 5"), ("Rest", True), *strokes("Return")], (0, -1.5, 0)),
         (strokes("g x Escape"), None),
         (strokes("r z 9 0 Escape"), None),
         ([*strokes("g z"), ("Mouse", (0.6, 0.3)), ("Rest", True), *_CLICK], "up"),
@@ -191,15 +191,17 @@ def test_g_r_and_s_of_blender_follow_the_mouse_and_no_key_deletes(
             select_groups(session, (1,))
         centre, history = session.need().selected_centre(), session.need().history
         assert not session.need().scene.has(State.DELETED).any()
-        return centre, history.cursor, history.is_previewing
+        return centre, history.cursor, history.is_previewing, studio.picture.follow_hint
 
     session = new_session(Settings(first_steps_done=True, keys="blender"))
     studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
     at_rest: list[Stroke] = [("Mouse", (0.5, 0.5)), ("Rest", True)]
-    before, *_, (centre, n_done, is_previewing) = type_into(
+    before, *_, shown, (centre, n_done, is_previewing, hint) = type_into(
         studio, [*at_rest, *script], in_a_frame=1, frame_s=0.02, see=see
     )
-    assert not is_previewing
+    if moved == (0, -1.5, 0):
+        assert shown[-1].startswith("Move -1.5 along Y: Enter applies")
+    assert (is_previewing, hint) == (False, "")
     assert n_done == (1 if moved is None else 2)
     way = centre - before[0]
     if moved == "up":
@@ -207,3 +209,49 @@ def test_g_r_and_s_of_blender_follow_the_mouse_and_no_key_deletes(
         assert abs(way[2]) > 0.05
     else:
         np.testing.assert_allclose(way, moved or (0, 0, 0), atol=1e-5)
+
+
+def test_home_goes_back_and_the_whole_scene_keeps_the_direction(
+    display: str, grouped_copy: Path
+) -> None:
+    def see(studio: Studio) -> dict[str, Any]:
+        pose = studio.session.rig.pose
+        lens = {name: getattr(pose, name) for name in ("distance", "roll", "fov_x", "fov_y")}
+        return {"turn": (pose.yaw, pose.pitch), "pivot": list(pose.pivot), **lens}
+
+    session = new_session(Settings(first_steps_done=True))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    rest: Stroke = ("Rest", True)
+    drag = [*_along([(0.3, 0.4), (0.6, 0.45)]), rest]
+    script = [*drag, *strokes("Shift_L+f"), rest, *strokes("Home")]
+    start, turned, whole, home = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
+    assert start["turn"] != turned["turn"] == pytest.approx(whole["turn"])
+    assert whole["distance"] != pytest.approx(turned["distance"])
+    assert home == {name: pytest.approx(value) for name, value in start.items()}
+    assert session.active_view == 0
+
+
+@pytest.mark.parametrize(
+    ("keys", "script"),
+    [
+        ("supersplat", "Control_L+d Control_L+Shift_L+a"),
+        ("blender", "Control_L+d Control_L+Shift_L+a"),
+        ("blender", "Shift_L+d Alt_L+a"),
+    ],
+)
+def test_one_chord_duplicates_and_another_deselects(
+    display: str, grouped_copy: Path, keys: str, script: str
+) -> None:
+    def see(studio: Studio) -> tuple[int, list[str]]:
+        document = studio.session.need()
+        if not document.history.can_undo:
+            select_groups(studio.session, (1,))
+        titles = [entry.title.split()[0] for entry in document.history.entries()]
+        return len(document.scene), [*titles, str(len(studio.session.selected_indices()))]
+
+    session = new_session(Settings(first_steps_done=True, keys=keys))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    both = strokes(script)
+    (before, _), (after, seen) = type_into(studio, both, in_a_frame=1, frame_s=0.02, see=see)
+    assert after > before
+    assert seen == ["Select", "Duplicate", "Select", "0"]

@@ -145,6 +145,10 @@ def test_a_bad_file_is_a_notice_and_what_is_open_stays(
         assert "broken.ply" in d.session.notices[0].text
         d.click("Notice 0/###Close")
         assert not d.exists("Notice 0/###Close")
+        d.studio.window.hooks.dropped([balls])
+        d.settle()
+        assert d.session.scene is not before
+        assert not d.session.notices, "the error does not stay over what was opened"
 
     drive(test, path=balls)
 

@@ -1,14 +1,14 @@
-"""Keys and mouse of a real window, as a hand: events from another connection to the X server."""
+"""Keys, mouse and files for a real window, as a hand: from another connection to the X server."""
 
-import ctypes
-import ctypes.util
-import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import glfw
 from imgui_bundle import glfw_utils, hello_imgui, imgui, immapp
+from Xlib import XK, X, display
+from Xlib.protocol import event
 
 from gaga_studio.studio import Studio
 from gaga_studio.ui.kit.picture_area import PictureArea
@@ -17,43 +17,30 @@ from gaga_studio.ui.kit.picture_area import PictureArea
 # picture from its top left corner. "Close": what a window manager asks for at Alt+F4. "Rest":
 # nothing until all is drawn and seen.
 Stroke = tuple[str, bool | tuple[float, float]]
-# Types of X11's events, and the masks of who gets them.
-_PRESS, _RELEASE, _BUTTON_PRESS, _BUTTON_RELEASE, _MOTION, _ENTER = 2, 3, 4, 5, 6, 7
-_MASKS = {_PRESS: 1, _RELEASE: 2, _BUTTON_PRESS: 4, _BUTTON_RELEASE: 8, _ENTER: 16, _MOTION: 64}
-_STATES = {"Shift_L": 1, "Control_L": 4, "Alt_L": 8, "Button1": 256, "Button3": 1024}
-
-
-class XEvent(ctypes.Structure):
-    _fields_ = (
-        ("type", ctypes.c_int),
-        ("serial", ctypes.c_ulong),
-        ("send_event", ctypes.c_int),
-        ("display", ctypes.c_void_p),
-        ("window", ctypes.c_ulong),
-        ("root", ctypes.c_ulong),
-        ("subwindow", ctypes.c_ulong),
-        ("time", ctypes.c_ulong),
-        ("x", ctypes.c_int),
-        ("y", ctypes.c_int),
-        ("x_root", ctypes.c_int),
-        ("y_root", ctypes.c_int),
-        ("state", ctypes.c_uint),
-        ("keycode", ctypes.c_uint),
-        ("same_screen", ctypes.c_int),
-        ("pad", ctypes.c_long * 24),
-    )
+_MASKS = {
+    event.KeyPress: X.KeyPressMask,
+    event.KeyRelease: X.KeyReleaseMask,
+    event.ButtonPress: X.ButtonPressMask,
+    event.ButtonRelease: X.ButtonReleaseMask,
+    event.MotionNotify: X.PointerMotionMask,
+}
+_STATES = {
+    "Shift_L": X.ShiftMask,
+    "Control_L": X.ControlMask,
+    "Alt_L": X.Mod1Mask,
+    "Button1": X.Button1Mask,
+    "Button3": X.Button3Mask,
+}
 
 
 class Hand:
-    """Sends keys and mouse to one window, whatever that window is doing."""
+    """Sends keys and mouse to the window, whatever that window is doing."""
 
-    def __init__(self, window: int, area: PictureArea) -> None:
+    def __init__(self, area: PictureArea | None = None) -> None:
         self._area = area
-        self._x = ctypes.CDLL(ctypes.util.find_library("X11") or "libX11.so.6")
-        self._x.XOpenDisplay.restype = ctypes.c_void_p
-        self._x.XStringToKeysym.restype = ctypes.c_ulong
-        self._display = ctypes.c_void_p(self._x.XOpenDisplay(os.environ["DISPLAY"].encode()))
-        self._window = ctypes.c_ulong(window)
+        self._display = display.Display()
+        number = glfw.get_x11_window(glfw_utils.glfw_window_hello_imgui())
+        self._window = self._display.create_resource_object("window", number)
         self._state, self._time = 0, 0
         self._at = (0, 0)
 
@@ -64,43 +51,82 @@ class Hand:
             return
         if isinstance(is_down, tuple):
             area = self._area
-            self._at = (
+            assert area is not None
+            self.move(
                 round(area.left + is_down[0] * area.width),
                 round(area.top + is_down[1] * area.height),
             )
-            self._send(_MOTION, 0)
             return
         if name.startswith("Button"):
-            self._send(_BUTTON_PRESS if is_down else _BUTTON_RELEASE, int(name[-1]))
+            self._send(event.ButtonPress if is_down else event.ButtonRelease, int(name[-1]))
         else:
-            symbol = ctypes.c_ulong(self._x.XStringToKeysym(name.encode()))
-            code = self._x.XKeysymToKeycode(self._display, symbol) & 0xFF
-            self._send(_PRESS if is_down else _RELEASE, code)
+            code = self._display.keysym_to_keycode(XK.string_to_keysym(name))
+            self._send(event.KeyPress if is_down else event.KeyRelease, code)
         bit = _STATES.get(name, 0)
         self._state = self._state | bit if is_down else self._state & ~bit
 
+    def move(self, x: int, y: int) -> None:
+        """Move the mouse to a pixel of the window."""
+        self._at = x, y
+        self._send(event.MotionNotify, 0)
+
     def enter(self) -> None:
         """The mouse comes into the window."""
-        self._send(_ENTER, 0)
+        self._window.send_event(event.EnterNotify(**self._where(), mode=0, flags=2))
 
-    def _send(self, kind: int, code: int) -> None:
-        event = XEvent(type=kind, send_event=1, state=self._state, keycode=code, same_screen=1)
-        if kind == _ENTER:  # it has a mode and a detail where others have their state and key
-            event.state = event.keycode = 0
-        event.display, event.window = self._display.value, self._window.value
-        event.x, event.y = self._at
+    def _where(self) -> dict[str, Any]:
         # As a hand types: GLFW takes a press right after a release for a repeating key.
         self._time += 30
-        event.time = self._time  # ms
-        mask = ctypes.c_long(_MASKS[kind])
-        self._x.XSendEvent(self._display, self._window, 1, mask, ctypes.byref(event))
+        (x, y), time_ms = self._at, self._time
+        return {
+            "time": time_ms, "root": X.NONE, "window": self._window, "child": X.NONE,
+            "root_x": x, "root_y": y, "event_x": x, "event_y": y,
+            "state": self._state, "detail": 0,
+        }  # fmt: skip
+
+    def _send(self, kind: Any, code: int) -> None:
+        fields = {**self._where(), "same_screen": 1, "detail": code}
+        self._window.send_event(kind(**fields), event_mask=_MASKS[kind])
+
+    def drop(self, paths: Sequence[Path]) -> Iterator[None]:
+        """Drop files as another program does (XDND 5); the window has a frame at each step."""
+        atom = self._display.intern_atom
+        source = self._display.screen().root.create_window(0, 0, 1, 1, 0, X.CopyFromParent)
+        source.set_selection_owner(atom("XdndSelection"), X.CurrentTime)
+        text = "".join(f"{path.as_uri()}\r\n" for path in paths).encode()
+
+        def tell(kind: str, *words: int) -> None:
+            told = [source.id, *words, *[0] * (4 - len(words))]
+            self._window.send_event(
+                event.ClientMessage(window=self._window, client_type=atom(kind), data=(32, told))
+            )
+
+        assert self._window.get_full_property(atom("XdndAware"), X.AnyPropertyType)
+        tell("XdndEnter", 5 << 24, atom("text/uri-list"))
+        tell("XdndPosition", 0, 0, X.CurrentTime, atom("XdndActionCopy"))
+        said = 0
+        while said != atom("XdndFinished"):
+            self.sync()
+            yield
+            while self._display.pending_events():
+                heard = self._display.next_event()
+                if heard.type == X.SelectionRequest:
+                    heard.requestor.change_property(heard.property, heard.target, 8, text)
+                    names = ("time", "requestor", "selection", "target", "property")
+                    given = {name: getattr(heard, name) for name in names}
+                    heard.requestor.send_event(event.SelectionNotify(**given))
+                elif heard.type == X.ClientMessage:
+                    said = heard.client_type
+                    if said == atom("XdndStatus"):
+                        assert heard.data[1][1] & 1, "it takes them"
+                        tell("XdndDrop", 0, X.CurrentTime)
 
     def sync(self) -> None:
         """Until the server has passed on all strokes."""
-        self._x.XSync(self._display, 0)
+        self._display.sync()
 
     def close(self) -> None:
-        self._x.XCloseDisplay(self._display)
+        self._display.close()
 
 
 def type_into(
@@ -153,8 +179,7 @@ def type_into(
                 hands.pop().close()
                 hello_imgui.get_runner_params().app_shall_exit = True
             else:
-                window = glfw.get_x11_window(glfw_utils.glfw_window_hello_imgui())
-                hands.append(Hand(window, studio.ui.area))
+                hands.append(Hand(studio.ui.area))
                 hands[0].enter()
 
     params.callbacks.pre_new_frame = before_frame

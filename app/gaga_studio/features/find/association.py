@@ -25,8 +25,9 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.objects import NO_IDENTITIES
 from gaga_core.scene.edits.splats import ids_of_added, spread
 from gaga_core.scene.project import Project
-from gaga_core.scene.scene import LabelSource
+from gaga_core.scene.scene import LabelSource, Scene
 from gaga_studio.features.base import Command, ask, needs, no_bank, no_masks, watch
+from gaga_studio.features.reconstruction import KnownRates, timed
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
@@ -136,7 +137,12 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
     config = session.feature(FindState).association(preset)
     found = stages.masks_of(document.project, provider or session.provider)
     session.provider, session.masks = found
-    stage = associate_project_stage(document.project, session.masks, config)
+    usual = _finding_seconds(document.scene, len(session.masks), preset)
+
+    def counted(stage: Stage[Association]) -> Stage[Association]:
+        return timed(session, stage, _rate_name(preset), lambda _: usual)
+
+    stage = associate_project_stage(document.project, session.masks, config, counted)
     progress, end = watch_bank(session)
 
     def done(result: Association) -> None:
@@ -195,11 +201,15 @@ def watch_bank(session: Session) -> tuple[Callable[[object], None], Callable[[],
 
 
 def associate_project_stage(
-    project: Project, masks: MaskSet, config: AssociateConfig
+    project: Project,
+    masks: MaskSet,
+    config: AssociateConfig,
+    counted: Callable[[Stage[Association]], Stage[Association]] = lambda stage: stage,
 ) -> Stage[Association]:
     """Associate the masks of the train views (test views are for scores, as in ``gaga associate``).
 
-    Works on the Gaussians of the file: the photos show them where they stood.
+    Works on the Gaussians of the file: the photos show them where they stood. ``counted`` measures
+    the stage without the kernels that are prepared before.
     """
     if project.folder is None or len(masks) == 0:
         raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
@@ -209,7 +219,7 @@ def associate_project_stage(
 
     return stages.prepared(
         "Associate masks",
-        lambda: associate_stage(gaussians, cameras, masks, choose(), config),
+        lambda: counted(associate_stage(gaussians, cameras, masks, choose(), config)),
         "Preparing (the first run takes a little longer)",
     )
 
@@ -366,10 +376,24 @@ def duration_text(seconds: float) -> str:
     return f"about {round(seconds / 3600)} h"
 
 
-def offer_of(project: Project, n_masks: int, preset: str, training_s: float = 0.0) -> StageOffer:
+def _rate_name(preset: str) -> str:
+    """Name of the rate that is kept of what finding objects takes here."""
+    return f"Find objects, {preset}"
+
+
+def _finding_seconds(scene: Scene, n_masks: int, preset: str) -> float:
+    """Seconds that finding objects takes on two idle cores."""
+    millions = len(scene) / 1e6
+    return _LEAST_SECONDS + n_masks * _SECONDS_PER_VIEW.get(preset, 1.0) * (0.1 + millions)
+
+
+def offer_of(
+    project: Project, n_masks: int, preset: str, training_s: float = 0.0, rate: float = 1.0
+) -> StageOffer:
     """Return the stage that a scene without groups needs.
 
-    ``n_masks``: views with masks; ``training_s``: what identities take after the groups.
+    ``n_masks``: views with masks; ``training_s``: what identities take after the groups; ``rate``:
+    how many times as long as usual finding objects took on this machine.
     """
     folder, scene = project.folder, project.scene
     if folder is None:
@@ -379,9 +403,7 @@ def offer_of(project: Project, n_masks: int, preset: str, training_s: float = 0.
     if n_masks == 0:
         names = ", ".join(folder.mask_folders)
         return StageOffer(f"No file in masks/{names} has the name of a photo. Rename the masks.")
-    millions = len(scene) / 1e6
-    seconds = _LEAST_SECONDS + n_masks * _SECONDS_PER_VIEW.get(preset, 1.0) * (0.1 + millions)
-    seconds += training_s
+    seconds = rate * _finding_seconds(scene, n_masks, preset) + training_s
     return StageOffer(
         f"{_photos_have(n_masks)} masks but no objects yet.",
         "Find objects",
@@ -423,4 +445,6 @@ def stage_offer(session: Session) -> StageOffer | None:
     trains = lift_mode(session.settings) == "paper"
     options = session.feature(FindState).identities.config(session.settings.preset, "paper")
     training = training_seconds(options, session.cameras) if trains else 0.0
-    return offer_of(document.project, len(session.masks), session.settings.preset, training)
+    preset = session.settings.preset
+    rate = session.feature(KnownRates).rates.get(_rate_name(preset), 1.0)
+    return offer_of(document.project, len(session.masks), preset, training, rate)

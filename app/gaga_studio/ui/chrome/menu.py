@@ -18,7 +18,7 @@ _LINE_BEFORE = {
     "file.save",
     "file.export_scene",
     "file.close",
-    "edit.duplicate",
+    "edit.recolor",
     "edit.cancel",
     "edit.preferences",
     "object.associate",

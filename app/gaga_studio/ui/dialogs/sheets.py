@@ -33,16 +33,88 @@ _LICENCES = (
 
 # Other words for what commands do, as people type them into the list of commands.
 _WORDS = {
+    "file.open_photos": "reconstruct train video movie images pictures import capture",
+    "file.make_splats": "reconstruct train start",
+    "file.open_folder": "load import",
+    "file.open_file": "load import",
+    "file.add_splats": "import insert append merge",
+    "file.add_scene": "align register second capture",
+    "file.save_as": "copy",
+    "file.export_scene": "write save download",
+    "file.export_page": "html viewer share url link",
+    "file.export_selected": "write save download",
+    "file.export_meshes": "obj glb stl triangles collider",
+    "file.export_simulation": "physics usd mjcf urdf robot",
+    "file.save_picture": "screenshot snapshot image render photo",
+    "file.save_script": "macro python record",
+    "file.close": "leave",
+    "file.quit": "exit end leave",
+    "edit.undo": "history revert back step",
+    "edit.redo": "history repeat forward",
+    "edit.recolor": "colour paint tint hue",
+    "edit.duplicate": "copy clone paste",
+    "edit.delete": "remove erase cut clear",
+    "edit.mirror_x": "flip reflect",
+    "edit.mirror_y": "flip reflect",
+    "edit.mirror_z": "flip reflect",
+    "edit.reduce": "simplify decimate fewer smaller compress",
+    "edit.delete_floaters": "remove noise clean outliers",
+    "edit.preferences": "settings options theme dark light language keys font text size autosave",
+    "select.none": "deselect unselect clear",
+    "select.invert": "inverse",
+    "select.grow": "expand more larger",
+    "select.shrink": "contract less smaller",
+    "select.alike": "similar same color colour",
+    "object.masks": "segment",
+    "object.masks_model": "segment anything sam",
+    "object.models": "download sam clip weights",
+    "object.associate": "segment group detect separate",
+    "object.find": "search query words",
+    "object.hide": "invisible visibility",
+    "object.isolate": "solo only crop hide others",
+    "object.show_all": "unhide reveal visible visibility",
+    "object.lock": "freeze protect",
+    "object.unlock_all": "unfreeze",
+    "object.reset_placement": "undo move transform original",
+    "object.rename": "label title",
+    "object.folder": "group collection layer",
+    "object.merge": "join combine unite group",
+    "object.separate": "extract split cut new",
+    "object.split": "separate cut divide",
+    "object.fill": "remove erase inpaint hole",
+    "object.clean": "floaters edge noise remove",
     "object.simulate": "drop fall gravity physics settle simulate",
-    "tool.set_scale": "units metres size known length",
-    "tool.color": "paint recolor",
-    "edit.delete": "remove erase",
-    "file.save_picture": "screenshot image",
-    "camera.film": "video movie record",
-    "object.fill": "inpaint hole",
-    "object.clean": "floaters edge",
-    "view.home": "reset view start",
-    "edit.preferences": "settings options theme",
+    "view.home": "reset camera",
+    "view.frame_all": "reset fit zoom extents",
+    "view.frame_selected": "fit zoom center centre look at",
+    "view.frusta": "poses",
+    "view.fly": "walk wasd first person game",
+    "view.centres": "centers points dots wireframe",
+    "view.groups": "objects segmentation colours",
+    "view.background": "colour black white",
+    "view.history": "versions undo changes log compare",
+    "view.panels": "show hide sidebar inspector full screen",
+    "view.lod": "performance speed slow",
+    "camera.ortho": "perspective parallel",
+    "camera.swipe": "compare photo wipe",
+    "camera.add_bookmark": "save view camera",
+    "camera.add_keyframe": "animate animation path",
+    "camera.turntable": "orbit animate animation spin rotate",
+    "camera.film": "video movie record render animation mp4 gif",
+    "tool.rect": "box marquee",
+    "tool.lasso": "freehand",
+    "tool.brush": "paint",
+    "tool.erase": "remove delete",
+    "tool.color": "paint colour recolor",
+    "tool.clone": "copy stamp",
+    "tool.move": "translate position gizmo",
+    "tool.rotate": "turn gizmo",
+    "tool.scale": "resize size gizmo",
+    "tool.ground": "level floor horizon upright",
+    "tool.turn_upright": "flip upside down rotate scene",
+    "tool.measure": "distance ruler",
+    "tool.set_scale": "units metres meters size known length",
+    "help.shortcuts": "hotkeys keyboard bindings",
 }
 
 COMMANDS_SHEET, KEYS, ABOUT = "Commands", "Keys and mouse", "About gaga-studio"
@@ -161,7 +233,7 @@ def _palette_line(session: Session, command: Command, is_current: bool, moved: b
 
 
 def matching(text: str) -> list[Command]:
-    """Commands whose title has every word of ``text``, those that begin with it first."""
+    """Commands whose title or `_WORDS` have every word of ``text``; titles with all first."""
     words = text.casefold().split()
     texts = {
         c.id: f"{commands.menu_of(c)} {c.title} {c.id} {_WORDS.get(c.id, '')}".casefold()
@@ -169,7 +241,12 @@ def matching(text: str) -> list[Command]:
     }
     found = [c for c in COMMANDS if all(word in texts[c.id] for word in words)]
     first = words[0] if words else ""
-    return sorted(found, key=lambda c: not c.title.casefold().startswith(first))
+
+    def rank(c: Command) -> tuple[bool, bool]:
+        title = c.title.casefold()
+        return not title.startswith(first), not all(word in title for word in words)
+
+    return sorted(found, key=rank)
 
 
 def _shortcuts(session: Session) -> None:

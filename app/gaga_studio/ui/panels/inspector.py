@@ -426,6 +426,7 @@ class InspectorState:
 
     placement: PlacementState = field(default_factory=PlacementState)
     color: tuple[float, float, float] | None = None
+    opens_picker: bool = False
     weights: dict[WeightKind, float] = field(default_factory=dict)  # by kind
     grade: transform.GradeSliders = field(default_factory=transform.GradeSliders)
 
@@ -509,12 +510,15 @@ def _color(session: Session, document: Document, state: InspectorState) -> None:
     imgui.table_next_column()
     color = list(state.color or (float(c) for c in document.read.selected_color()))
     side = imgui.get_frame_height()
-    if imgui.color_button(
+    is_clicked = imgui.color_button(
         "Color",
         widgets.rgba(color),
         _COLOR_FLAGS,
         ImVec2(imgui.get_content_region_avail().x, side),
-    ):
+    )
+    if is_clicked or state.opens_picker:
+        state.opens_picker = False
+        imgui.set_scroll_here_y()
         imgui.open_popup("Color picker")
     widgets.tooltip("Recolor: shading and reflections stay")
     imgui.table_next_column()

@@ -16,10 +16,10 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view import PhotoCompareMode, Side
 from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.viewport import gizmo
 
 _SIDE = 2048  # longest side of the photo, pixels
 _ERROR_SIDE = 1024
-_CUBE = 6.5  # em: room for the view cube in a small picture
 _NAMES = {
     Side.PHOTO: "Photo",
     Side.PICTURE: "Picture",
@@ -203,7 +203,7 @@ def _choices(session: Session, corner: ImVec2, size: ImVec2, text: str) -> bool:
     """Names left and right of the line, at the upper edge; whether the mouse is there."""
     view = session.view
     high, gap, pad = imgui.get_frame_height(), imgui.get_style().item_spacing.x, em(0.4)
-    free = size.x - _CUBE * em(1)  # the view cube stands at the right
+    free = size.x - gizmo.height(session, size)  # the view cube, as wide, stands at the right
     wide = min(em(9), max((free - 1.12 * high - 2 * gap - 4 * pad) / 2, em(3)))
     total = 2 * wide + 1.12 * high + 2 * gap
     middle = min((size.x - total) / 2, free - total - pad)

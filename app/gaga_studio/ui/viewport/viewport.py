@@ -399,6 +399,11 @@ class ViewportPanel:
         """Whether a transform follows the mouse: it has all keys until it ends."""
         return self._follow is not None
 
+    @property
+    def follow_hint(self) -> str:
+        """What the transform that follows the mouse does, and what ends it; "" without one."""
+        return "" if self._follow is None else self._follow.hint
+
     def follow(self, session: Session, area: PictureArea) -> None:
         """Let the selection follow the mouse, as the tool says; nothing without a selection."""
         session.cancel_preview()
