@@ -263,19 +263,17 @@ def lies_in(points: DoubleArray, others: DoubleArray) -> bool:
     return bool(inside.mean() > _HELD)
 
 
-def without(mesh: TriangleMesh, held: Sequence[TriangleMesh], gap: float) -> TriangleMesh:
-    """The closed ``mesh`` less the convex hulls of ``held``, as much larger as ``gap``.
+def without(mesh: TriangleMesh, held: Sequence[DoubleArray], gap: float) -> TriangleMesh:
+    """The closed ``mesh`` less the convex hulls of ``held`` (K, 3) each, as much larger as ``gap``.
 
     Two bodies are never in one place, and what lies in a vessel hides that it is hollow there.
     The mesh as it is when it has holes, or nothing would be left.
     """
     solid = _solid_of(mesh)
     for other in held if solid is not None else ():
-        corners = other.vertices.astype(np.float64)
-        middle = corners.mean(axis=0)
-        away = corners - middle
+        away = other - other.mean(axis=0)
         reach = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-        solid = solid - library("manifold3d").Manifold.hull_points(corners + gap * away / reach)
+        solid = solid - library("manifold3d").Manifold.hull_points(other + gap * away / reach)
     if solid is None or solid.volume() <= 0:
         return mesh
     pieces = solid.decompose()
@@ -384,7 +382,9 @@ def body_stage(
     mass: float | None,
     density: float | None,
     photos: Sequence[DepthView] = (),
-    held: Sequence[TriangleMesh] = (),  # of objects that lie in it, world of the simulation
+    held: Sequence[
+        DoubleArray
+    ] = (),  # corners (K, 3) of objects that lie in it, world of the simulation
 ) -> Stage[tuple[Body, bool]]:
     """The body of an object without a name, and whether its mesh is closed.
 

@@ -15,6 +15,7 @@ from gaga_core.errors import GagaError
 from gaga_core.export.export import as_step, exported_indices, slug
 from gaga_core.export.simulation import mjcf, usd
 from gaga_core.export.simulation.bodies import (
+    UP,
     Body,
     MissingExtraError,
     Plane,
@@ -143,6 +144,9 @@ def world_stage(
         yield step
         plane = planes.get(group)
         plane = plane and on_box(plane, boxes)
+        if plane is None and any(group in inside for inside in held.values()):
+            low = means[firm & (labels == group)]
+            plane = Plane(low[np.argmin(low[:, 2])], np.array(UP))  # what it lies in is flat there
         stem = slug(name) or f"group-{group}"
         stem = stem if stem not in used else f"{stem}-{group}"
         copy = None if held[group] else _copied(scene, how, bodies, group, name, stem)
@@ -165,7 +169,11 @@ def world_stage(
             how.mesh,
             *_weight(scene, how, group),
             photos,
-            [body.mesh.moved(-body.position, 1.0) for body in bodies if body.id in held[group]],
+            [
+                np.concatenate([part.vertices for part in body.parts]) + body.position
+                for body in bodies
+                if body.id in held[group]
+            ],
         )
         try:
             body, is_closed = yield from as_step(step, stage)

@@ -163,7 +163,7 @@ def test_a_vessel_is_hollow_where_something_lies_in_it() -> None:
     assert not lies_in(vertices, inside)
     assert not lies_in(inside + np.array([0, 0, 0.045]), vertices)  # it stands on it
     gap = 0.001
-    hollow = without(full, [_mesh(ball)], gap)
+    hollow = without(full, [inside], gap)
     from_middle = np.linalg.norm(hollow.vertices - ball.center_mass, axis=1)
     assert from_middle.min() == pytest.approx(0.03 + gap, rel=0.01)
     height = 0.03 + gap + 0.015  # of the cap of the ball that is in the cylinder
