@@ -115,7 +115,7 @@ def _render(sample: _Sample) -> object:
 def _outlines(sample: _Sample) -> None:
     camera, objects = sample.cameras[0], np.array([1, 2], np.int32)
     found = CpuRasterizer().labelled(sample.gaussians, camera, sample.labels, objects, 0.3)
-    shown_objects(found[1], dict.fromkeys((1, 2), np.eye(4)), camera)
+    shown_objects(found.outlines, dict.fromkeys((1, 2), np.eye(4)), camera)
 
 
 def _vote(sample: _Sample) -> None:

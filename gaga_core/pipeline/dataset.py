@@ -40,7 +40,6 @@ from gaga_core.export.dataset.page import PAGE, write_page_stage
 from gaga_core.export.dataset.records import (
     RECORD_VERSION,
     SPLITS,
-    Drawn,
     Record,
     Split,
     depth_scale,
@@ -78,7 +77,7 @@ from gaga_core.pipeline.settings import EngineConfig
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer, SpatialChunks
-from gaga_core.raster.cpu.rasterizer import CpuRasterizer
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer, Labelled
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.orientation import up_of_moved
@@ -488,7 +487,7 @@ class _Painter:
         self.gaussians, self.labels = composed(base.gaussians, base.labels, base.items, found, mine)
         self.engine = CpuRasterizer(SpatialChunks.of(self.gaussians))  # labels are drawn by it
 
-    def picture(self, k: int) -> tuple[Record, Drawn | None]:
+    def picture(self, k: int) -> tuple[Record, Labelled | None]:
         """Picture k, or a record that says that photos do not cover any of its views."""
         series, base, config = self.series, self.series.base, self.series.config
         size = (config.width, config.height)
@@ -497,20 +496,20 @@ class _Painter:
         for attempt in range(TRIES):
             camera = proposal(base.photos, K, size, series.target(k), rng, attempt)
             drawn = self.draw(camera)
-            share = judged(base.photos, camera, drawn.frame, drawn.outlines.labels, motions)
+            share = judged(base.photos, camera, drawn, motions)
             if share >= config.coverage:
                 break
             drawn = None
         return self.recorded(k, camera, share, drawn), drawn
 
-    def draw(self, camera: Camera) -> Drawn:
+    def draw(self, camera: Camera) -> Labelled:
         """What a camera sees, with its labels."""
         base = self.series.base
         return draw_picture(
             self.engine, self.gaussians, camera, self.labels, base.objects, base.background
         )
 
-    def recorded(self, k: int, camera: Camera, share: float, drawn: Drawn | None) -> Record:
+    def recorded(self, k: int, camera: Camera, share: float, drawn: Labelled | None) -> Record:
         """The record of picture k, still without its objects; None: it is left out."""
         series, base = self.series, self.series.base
         digests: dict[str, str] = {}
@@ -530,7 +529,7 @@ class _Painter:
             height=camera.height,
             K=camera.K.ravel().tolist(),
             cam_from_world=camera.cam_from_world.ravel().tolist(),
-            depth_scale=1.0 if drawn is None else depth_scale(drawn.frame),
+            depth_scale=1.0 if drawn is None else depth_scale(drawn),
             coverage=round(share, 4),
             light=series.light(k).ravel().tolist(),
             objects=[],
@@ -539,7 +538,7 @@ class _Painter:
 
 
 def _finished(
-    out: Path, record: Record, drawn: Drawn | None, poses: Mapping[int, DoubleArray]
+    out: Path, record: Record, drawn: Labelled | None, poses: Mapping[int, DoubleArray]
 ) -> None:
     """Work out the labels of a drawn picture, and write it."""
     if drawn is not None:

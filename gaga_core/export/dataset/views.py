@@ -7,12 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
+from gaga_core.arrays import BoolArray, DoubleArray, FloatArray
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.progress import Progress, Stage
-from gaga_core.raster.base import Frame, Rasterizer
+from gaga_core.raster.base import Rasterizer
+from gaga_core.raster.cpu.rasterizer import Labelled
 
 TRIES = 8  # proposals of a view, each nearer to a photo than the one before
 _SIDE = 160  # pixels of the longest side of a photo's depth
@@ -157,22 +158,21 @@ def proposal(
 def judged(
     photos: Photos,
     camera: Camera,
-    frame: Frame,
-    labels: IntArray,  # (H, W) ids that are seen
+    drawn: Labelled,
     motions: Mapping[int, DoubleArray],  # (4, 4) world map of each moved object
 ) -> float:
     """Share of the picture that photos showed, 0..1; moved objects count where they stood."""
-    rows, columns = (np.arange(_STEP // 2, n, _STEP) for n in frame.alpha.shape)
+    rows, columns = (np.arange(_STEP // 2, n, _STEP) for n in drawn.alpha.shape)
     grid = np.ix_(rows, columns)
     v, u = np.meshgrid(rows + 0.5, columns + 0.5, indexing="ij")
-    alpha, z = frame.alpha[grid].ravel(), frame.median_depth[grid].ravel().astype(np.float64)
+    alpha, z = drawn.alpha[grid].ravel(), drawn.median_depth[grid].ravel().astype(np.float64)
     solid = (alpha >= _SOLID) & (z > 0)
     if (~solid).mean() > photos.empty + _EMPTY or not solid.any():
         return 0.0
     z = z[solid]
     points = camera.position + z[:, None] * camera.rays(np.c_[u.ravel(), v.ravel()][solid])
     eyes = np.tile(camera.position, (len(points), 1))
-    ids = labels[grid].ravel()[solid]
+    ids = drawn.outlines.labels[grid].ravel()[solid]
     for group, motion in motions.items():
         own = ids == group
         back = np.linalg.inv(motion)

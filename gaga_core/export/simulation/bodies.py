@@ -32,6 +32,9 @@ _SOLID = 0.2  # opacity from which on a splat counts as a surface
 _ASIDE, _NEAR = 0.5, 0.25  # of the object's size: how far around and above or below its lowest
 # point its support is looked for; else it is below, of a layer with this share of the fullest.
 _FULL = 0.5
+# Share of its height in which an object is low, and of its low splats in the hull of another one
+# that then holds it: of what stands on a thing all but a few are above.
+_LOW, _HELD = 0.25, 0.5
 _LAYER = 0.02  # of the object's size: height of the layer of splats that a plane is fitted to
 _N_SUPPORT = 30  # splats: fewer are no surface
 _STEEPEST = np.cos(np.radians(20.0))  # of a plane that something stands on
@@ -89,6 +92,7 @@ class Body:
     properties: MassProperties
     underside: str  # "assumed flat", or "as seen"
     turn: DoubleArray = field(default_factory=lambda: np.eye(3))  # (3, 3) world from its axes
+    holds: tuple[str, ...] = ()  # names of objects that lie in it: it is hollow there
     copy_of: str = ""  # stem of the body whose splats, mesh, parts and mass it shares
 
     def moved(self, motion: DoubleArray, id: int, name: str, stem: str) -> "Body":
@@ -244,6 +248,47 @@ def closed_on(mesh: TriangleMesh, plane: Plane | None, voxel: float) -> tuple[Tr
     return TriangleMesh(np.ascontiguousarray(corners, np.float32), faces, colors), stands
 
 
+def lies_in(points: DoubleArray, others: DoubleArray) -> bool:
+    """Whether most of what is low of an object with centres ``points`` (K, 3), z upwards, is in the
+    convex hull of another one with ``others`` (M, 3), as fruit in a bowl is."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        planes = ConvexHull(others).equations
+    except (QhullError, ValueError):  # flat, or of a few points
+        return False
+    low, high = np.percentile(points[:, 2], [1, 99])
+    foot = points[points[:, 2] <= low + _LOW * (high - low)]
+    inside = (foot @ planes[:, :3].T + planes[:, 3] < 0).all(axis=1)
+    return bool(inside.mean() > _HELD)
+
+
+def without(mesh: TriangleMesh, held: Sequence[DoubleArray], gap: float) -> TriangleMesh:
+    """The closed ``mesh`` less the convex hulls of ``held`` (K, 3) each, as much larger as ``gap``.
+
+    Two bodies are never in one place, and what lies in a vessel hides that it is hollow there.
+    The mesh as it is when it has holes, or nothing would be left.
+    """
+    solid = _solid_of(mesh)
+    for other in held if solid is not None else ():
+        away = other - other.mean(axis=0)
+        reach = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+        solid = solid - library("manifold3d").Manifold.hull_points(other + gap * away / reach)
+    if solid is None or solid.volume() <= 0:
+        return mesh
+    pieces = solid.decompose()
+    return _mesh_of(max(pieces, key=lambda piece: piece.volume()), mesh)
+
+
+def _mesh_of(solid: Any, like: TriangleMesh) -> TriangleMesh:
+    """A solid as a mesh with the nearest colors of ``like``."""
+    found = solid.to_mesh()
+    corners = np.ascontiguousarray(found.vert_properties[:, :3], np.float32)
+    _, nearest = cKDTree(like.vertices).query(corners)
+    colors = None if like.colors is None else like.colors[nearest]
+    return TriangleMesh(corners, np.ascontiguousarray(found.tri_verts, np.int32), colors)
+
+
 def convex_parts(mesh: TriangleMesh, config: SimulationConfig) -> tuple[TriangleMesh, ...]:
     """Convex solids that together are nearly the closed ``mesh`` (CoACD, Wei et al. 2022).
 
@@ -281,7 +326,7 @@ def convex_parts(mesh: TriangleMesh, config: SimulationConfig) -> tuple[Triangle
     return tuple(parts)
 
 
-def _parts_of(
+def parts_of(
     mesh: TriangleMesh, plane: Plane | None, cut: float, config: SimulationConfig
 ) -> tuple[TriangleMesh, ...]:
     """The convex parts of a body; what is lower than ``cut`` over ``plane`` is one of them.
@@ -337,6 +382,9 @@ def body_stage(
     mass: float | None,
     density: float | None,
     photos: Sequence[DepthView] = (),
+    held: Sequence[
+        DoubleArray
+    ] = (),  # corners (K, 3) of objects that lie in it, world of the simulation
 ) -> Stage[tuple[Body, bool]]:
     """The body of an object without a name, and whether its mesh is closed.
 
@@ -349,7 +397,7 @@ def body_stage(
     stands = is_closed = False
     try:
         mesh, stands = closed_on(mesh, plane, voxel)
-        is_closed = True
+        mesh, is_closed = without(mesh, held, voxel / 2), True
     except MissingExtraError:
         raise
     except GagaError:  # it is used as it is
@@ -367,7 +415,7 @@ def body_stage(
         position=origin,
         gaussians=placed(gaussians, place),
         mesh=mesh,
-        parts=_parts_of(mesh, foot, _CUT * voxel, config),
+        parts=parts_of(mesh, foot, _CUT * voxel, config),
         properties=mass_properties(mesh, density or config.density, mass),
         underside="assumed flat" if stands else "as seen",
     ), is_closed

@@ -15,6 +15,7 @@ from gaga_core.errors import GagaError
 from gaga_core.export.export import as_step, exported_indices, slug
 from gaga_core.export.simulation import mjcf, usd
 from gaga_core.export.simulation.bodies import (
+    UP,
     Body,
     MissingExtraError,
     Plane,
@@ -23,6 +24,7 @@ from gaga_core.export.simulation.bodies import (
     body_stage,
     height_field,
     library,
+    lies_in,
     on_box,
     support_boxes,
     support_of,
@@ -133,15 +135,21 @@ def world_stage(
         means[firm & rest],
     )
     bodies, left_out, holes, used = list[Body](), list[str](), list[str](), set[str]()
-    for i, group in enumerate(chosen.tolist()):
+    held = _held(chosen.tolist(), {int(g): means[firm & (labels == g)] for g in chosen})
+    # What lies in another one comes first: the other is hollow there.
+    order = sorted(chosen.tolist(), key=lambda group: (len(held[group]), group))
+    for i, group in enumerate(order):
         name = group_name(scene, group)
         step = Progress(STEP, i, len(chosen), name)
         yield step
         plane = planes.get(group)
         plane = plane and on_box(plane, boxes)
+        if plane is None and any(group in inside for inside in held.values()):
+            low = means[firm & (labels == group)]
+            plane = Plane(low[np.argmin(low[:, 2])], np.array(UP))  # what it lies in is flat there
         stem = slug(name) or f"group-{group}"
         stem = stem if stem not in used else f"{stem}-{group}"
-        copy = _copied(scene, how, bodies, group, name, stem)
+        copy = None if held[group] else _copied(scene, how, bodies, group, name, stem)
         if copy is not None:
             used.add(stem)
             bodies.append(copy)
@@ -161,6 +169,11 @@ def world_stage(
             how.mesh,
             *_weight(scene, how, group),
             photos,
+            [
+                np.concatenate([part.vertices for part in body.parts]) + body.position
+                for body in bodies
+                if body.id in held[group]
+            ],
         )
         try:
             body, is_closed = yield from as_step(step, stage)
@@ -171,7 +184,9 @@ def world_stage(
             continue
         used.add(stem)
         holes += [] if is_closed else [name]
-        bodies.append(replace(body, id=group, name=name, stem=stem))
+        lying = tuple(body.name for body in bodies if body.id in held[group])
+        bodies.append(replace(body, id=group, name=name, stem=stem, holds=lying))
+    bodies.sort(key=lambda body: body.id)
     if not bodies:
         raise GagaError("None of these objects has a surface, so there is nothing to export.")
     stays = np.flatnonzero(rest & finite)
@@ -190,6 +205,23 @@ def world_stage(
         without_support=tuple(b.name for b in bodies if planes.get(b.id) is None),
         not_closed=tuple(holes),
     )
+
+
+def _held(groups: Sequence[int], points: Mapping[int, DoubleArray]) -> dict[int, set[int]]:
+    """Which groups lie in each one; ``points``: centres (K, 3) of each."""
+    boxes = {g: (p.min(axis=0), p.max(axis=0)) for g, p in points.items() if len(p)}
+    return {
+        group: {
+            other
+            for other in boxes
+            if other != group
+            and group in boxes
+            and (boxes[other][0] < boxes[group][1]).all()
+            and (boxes[other][1] > boxes[group][0]).all()
+            and lies_in(points[other], points[group])
+        }
+        for group in groups
+    }
 
 
 def _copied(
@@ -354,6 +386,7 @@ def _described(world: World, splats: Mapping[str, str], source: str) -> dict[str
                 "inertia": body.properties.inertia.tolist(),
                 "convex_parts": len(body.parts),
                 "underside": body.underside,
+                "hollow_for": list(body.holds),
                 "closed": body.name not in world.not_closed,
             }
             for body in world.bodies

@@ -25,7 +25,17 @@ from gaga_core.arrays import (
 )
 from gaga_core.kernels import exact_kernel, kernel
 from gaga_core.raster.cpu.project_kernels import OPACITY, TILE, Y0, Y1, H, R, S, U, V
-from gaga_core.raster.cpu.simd_kernels import fma
+from gaga_core.raster.cpu.simd_kernels import (
+    fill,
+    fma,
+    lane_numbers,
+    larger,
+    load,
+    minus_abs,
+    smaller,
+    store,
+    where_at_least,
+)
 
 WIDE = 16  # channels of one pass of `blend_wide`
 _F = np.float32
@@ -34,6 +44,8 @@ _ZERO, _HALF, _ONE = _F(0), _F(0.5), _F(1)
 _ALPHA_MIN, _ALPHA_MAX, _T_MIN = _F(1 / 255), _F(0.99), _F(1e-4)
 # exp(-5.7) < 1/255: under this exponent nothing is drawn, and `_exp` need not be right.
 _LOWEST = _F(-5.7)
+_DONE = -2  # of a label's plane: its outline is known, or not wanted
+_MINUS, _AREA = _F(-0.0), TILE * TILE  # -0.0 - x is -x
 _CHECK = 15  # look for an end every 16 splats
 # Planes of a tile's working memory in `blend`. One array for all: the compiler then knows that they
 # do not overlap and vectorises without asking (half the time of an array each).
@@ -52,7 +64,7 @@ def _exp(x: np.float32) -> np.float32:
     p = fma(y, fma(y, p, _F(0.9999943)), _ONE)
     p = p * p
     p = p * p
-    return _F(p * p)
+    return p * p
 
 
 @exact_kernel
@@ -514,6 +526,14 @@ def label_tiles(
 
 
 @exact_kernel
+def _take_over(T: FloatArray, total: FloatArray, alone: FloatArray) -> None:
+    """Set weight and transmittance of the only label of a tile from those of the picture."""
+    for y in range(TILE):
+        for x in range(TILE):
+            total[y, x], alone[y, x] = _ONE - abs(T[y, x]), T[y, x]
+
+
+@exact_kernel
 def _is_found(alone: FloatArray) -> np.bool_:
     """Whether each pixel of a tile lets half of the light through at most."""
     most = -_ONE
@@ -552,27 +572,30 @@ def blend_labels(
     background: FloatArray,  # (3,)
     image: FloatArray,  # (H, W, 3)
     alpha: FloatArray,
-    expected: FloatArray,
     median: FloatArray,
     labels: IntArray,  # (H, W)
-    found: UInt64Array,  # (H, W, words) zeros: bit b % 64 of word b // 64 is set
+    found: UInt64Array,  # (W, H, words) zeros: bit b % 64 of word b // 64 is set
     start: int,
     stop: int,
 ) -> None:
-    """What `blend` and `label_tiles` give, and where each object would be seen if nothing stood
-    before it: where it is seen, or has alpha >= 1/2 alone.
+    """What `blend` gives but the expected depth, what `label_tiles` gives, and where each object
+    would be seen if nothing stood before it: where it is seen, or has alpha >= 1/2 alone.
 
-    A label that weighs less than ``void`` is 0. A splat's alphas are worked out once for all of it;
-    when a tile's picture is done, only objects that are not whole there are followed.
+    A label that weighs less than ``void`` is 0. A splat's alphas are worked out once for all of it,
+    and labels have sums of their own from the second one of a tile on; when a tile's picture is
+    done, only objects that are not whole there are followed.
     """
     height, width, _ = image.shape
     n_tiles_x = (width + TILE - 1) // TILE
     plane_of = np.full(len(object_of), -1, np.int32)
-    label_of, is_whole = np.empty(16, np.int32), np.empty(16, np.bool_)
+    label_of = np.empty(16, np.int32)
     planes = np.empty((6, TILE, TILE), np.float32)
     summed = np.empty((16, TILE, TILE), np.float32)  # weights of a label
     alone = np.empty((16, TILE, TILE), np.float32)  # its transmittance without the others
     T = planes[_T]
+    columns, nothing, half = lane_numbers(), fill(_ZERO), fill(_HALF)
+    lowest, t_min = fill(_LOWEST), fill(_T_MIN)
+    most_opaque, least_opaque = fill(_ALPHA_MAX), fill(_ALPHA_MIN)
     for tile in range(start, stop):
         left, top = (tile % n_tiles_x) * TILE, (tile // n_tiles_x) * TILE
         n_rows, n_columns = min(TILE, height - top), min(TILE, width - left)
@@ -585,86 +608,86 @@ def blend_labels(
             if plane < 0:
                 if n_planes == len(label_of):
                     label_of = np.concatenate((label_of, np.empty_like(label_of)))
-                    is_whole = np.concatenate((is_whole, np.empty_like(is_whole)))
                     summed = np.concatenate((summed, np.empty_like(summed)))
                     alone = np.concatenate((alone, np.empty_like(alone)))
+                if n_planes == 1:  # all so far was of one label
+                    _take_over(T, summed[0], alone[0])
                 plane = n_planes
                 plane_of[splat_labels[k]], label_of[plane] = plane, splat_labels[k]
                 summed[plane] = _ZERO
                 _open_tile(alone[plane], n_rows, n_columns)
                 n_planes += 1
-            total, own = summed[plane], alone[plane]
+            is_object = object_of[splat_labels[k]] >= 0
             u, v = splats[k, U] - _F(left) - _HALF, splats[k, V] - _F(top) - _HALF
             s, r, h, opacity = splats[k, S], splats[k, R], splats[k, H], splats[k, OPACITY]
-            f0, f1, f2, z = colors[k, 0], colors[k, 1], colors[k, 2], depths[k]
+            f0, f1, f2, z = colors[k, 0], colors[k, 1], colors[k, 2], fill(depths[k])
             for y in range(max(0, int(splats[k, Y0]) - top), min(TILE, int(splats[k, Y1]) - top)):
+                at = y * TILE
                 dy = _F(y) - v
-                shift = -s * (u + r * dy)
-                rest = -h * dy * dy
-                for x in range(TILE):
-                    e = fma(s, _F(x), shift)
-                    a = min(_ALPHA_MAX, opacity * _exp(max(_LOWEST, fma(-e, e, rest))))
-                    a = a if a >= _ALPHA_MIN else _ZERO
-                    before = planes[_T, y, x]
-                    after = fma(-before, a, before)
-                    goes_on = after >= _T_MIN
-                    w = a * before if goes_on else _ZERO
-                    planes[_T, y, x] = after if goes_on else -abs(before)
-                    planes[_C0, y, x] = fma(w, f0, planes[_C0, y, x])
-                    planes[_C1, y, x] = fma(w, f1, planes[_C1, y, x])
-                    planes[_C2, y, x] = fma(w, f2, planes[_C2, y, x])
-                    planes[_DEPTH, y, x] = fma(w, z, planes[_DEPTH, y, x])
-                    crosses = (before > _HALF) & (after <= _HALF)
-                    planes[_MEDIAN, y, x] = z if crosses else planes[_MEDIAN, y, x]
-                    total[y, x] += w
-                    own[y, x] = fma(-own[y, x], a, own[y, x])
+                e = fma(columns, s, fill(-s * (u + r * dy)))
+                e = larger(lowest, fma(_MINUS - e, e, fill(-h * dy * dy)))
+                a = smaller(most_opaque, opacity * _exp(e))
+                a = where_at_least(a, least_opaque, a, nothing)
+                before = load(planes, at)
+                after = fma(_MINUS - before, a, before)
+                w = where_at_least(after, t_min, a * before, nothing)
+                store(planes, at, where_at_least(after, t_min, after, minus_abs(before)))
+                store(planes, _C0 * _AREA + at, fma(w, f0, load(planes, _C0 * _AREA + at)))
+                store(planes, _C1 * _AREA + at, fma(w, f1, load(planes, _C1 * _AREA + at)))
+                store(planes, _C2 * _AREA + at, fma(w, f2, load(planes, _C2 * _AREA + at)))
+                median_z = load(planes, _MEDIAN * _AREA + at)
+                crosses = where_at_least(half, after, z, median_z)
+                store(planes, _MEDIAN * _AREA + at, where_at_least(half, before, median_z, crosses))
+                if n_planes > 1:
+                    at += plane * _AREA
+                    store(summed, at, load(summed, at) + w)
+                    if is_object:
+                        own = load(alone, at)
+                        store(alone, at, fma(_MINUS - own, a, own))
             if (j & _CHECK) == _CHECK and _is_done(T):
                 behind = j + 1
                 break
+        if n_planes == 1:
+            _take_over(T, summed[0], alone[0])
         for y in range(n_rows):
             for x in range(n_columns):
-                best, most = 0, _ZERO
+                best, most, first = 0, _ZERO, 0
                 for p in range(n_planes):
                     w = summed[p, y, x]
                     if w > most or (w == most and w > _ZERO and label_of[p] < best):
-                        best, most = label_of[p], w
-                labels[top + y, left + x] = best if most >= _F(void) else 0
-                p = plane_of[labels[top + y, left + x]]
-                if p >= 0:
-                    alone[p, y, x] = -_ONE
+                        best, most, first = label_of[p], w, p
+                is_seen = most > _ZERO and most >= _F(void)
+                labels[top + y, left + x] = best if is_seen else 0
+                if is_seen:
+                    alone[first, y, x] = -_ONE
                 t = abs(planes[_T, y, x])
-                covered = _ONE - t
-                alpha[top + y, left + x] = covered
-                expected[top + y, left + x] = (
-                    planes[_DEPTH, y, x] / covered if covered > _ZERO else _ZERO
-                )
+                alpha[top + y, left + x] = _ONE - t
                 median[top + y, left + x] = planes[_MEDIAN, y, x]
                 image[top + y, left + x, 0] = planes[_C0, y, x] + t * background[0]
                 image[top + y, left + x, 1] = planes[_C1, y, x] + t * background[1]
                 image[top + y, left + x, 2] = planes[_C2, y, x] + t * background[2]
         for p in range(n_planes):
-            is_whole[p] = _is_found(alone[p])
+            if object_of[label_of[p]] < 0 or _is_found(alone[p]):
+                plane_of[label_of[p]] = _DONE
         for j in range(behind, offsets[tile + 1]):  # what the picture does not need
             k = ids[j]
-            if object_of[splat_labels[k]] < 0:
-                continue
             plane = plane_of[splat_labels[k]]
+            if plane == _DONE:
+                continue
             if plane < 0:
                 if n_planes == len(label_of):
                     label_of = np.concatenate((label_of, np.empty_like(label_of)))
-                    is_whole = np.concatenate((is_whole, np.empty_like(is_whole)))
                     summed = np.concatenate((summed, np.empty_like(summed)))
                     alone = np.concatenate((alone, np.empty_like(alone)))
-                plane = n_planes
-                plane_of[splat_labels[k]], label_of[plane] = plane, splat_labels[k]
-                is_whole[plane] = False
-                _open_tile(alone[plane], n_rows, n_columns)
+                plane = n_planes if object_of[splat_labels[k]] >= 0 else _DONE
+                plane_of[splat_labels[k]], label_of[n_planes] = plane, splat_labels[k]
                 n_planes += 1
-            if is_whole[plane]:
-                continue
+                if plane == _DONE:
+                    continue
+                _open_tile(alone[plane], n_rows, n_columns)
             _cover(alone[plane], splats[k], left, top)
-            if (j & _CHECK) == _CHECK:
-                is_whole[plane] = _is_found(alone[plane])
+            if (j & _CHECK) == _CHECK and _is_found(alone[plane]):
+                plane_of[splat_labels[k]] = _DONE
         for p in range(n_planes):
             row = object_of[label_of[p]]
             plane_of[label_of[p]] = -1
@@ -674,7 +697,7 @@ def blend_labels(
             for y in range(n_rows):
                 for x in range(n_columns):
                     if alone[p, y, x] <= _HALF:
-                        found[top + y, left + x, word] |= bit
+                        found[left + x, top + y, word] |= bit
 
 
 @kernel

@@ -57,11 +57,22 @@ class Outlines:
 
     labels: IntArray  # (H, W) seen label, 0 = none
     objects: IntArray  # (K,) labels in view, ascending
-    bits: UInt64Array  # (H, W, ceil(K / 64)) bit k % 64 of word k // 64: object k, were it alone
+    # (H, W, ceil(K / 64)), in memory column by column: bit k % 64 of word k // 64 is object k alone
+    bits: UInt64Array
 
     def whole(self, k: int) -> BoolArray:
         """Mask (H, W) of object k, seen or hidden."""
         return (self.bits[:, :, k // 64] >> np.uint64(k % 64) & np.uint64(1)) > 0
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled:
+    """A picture with the labels of what it shows."""
+
+    image: FloatArray  # (H, W, 3) background included
+    alpha: FloatArray  # (H, W)
+    median_depth: FloatArray  # (H, W) camera depth, 0 = none
+    outlines: Outlines
 
 
 # --- Blending weights of sampled pixels as sparse rows (rows of W).
@@ -318,7 +329,7 @@ class CpuRasterizer:
         objects: IntArray,  # (G,) labels, ascending
         void: float,
         background: DoubleArray | FloatArray | None = None,  # (3,); black
-    ) -> tuple[Frame, Outlines]:
+    ) -> Labelled:
         """What `render` gives, and in the same pass what is seen of every label, and where
         ``objects`` would be seen alone.
 
@@ -332,19 +343,18 @@ class CpuRasterizer:
         here = np.intersect1d(objects, seen).astype(np.int32)
         rows[np.searchsorted(values, here)] = np.arange(len(here), dtype=np.int32)
         shape = (camera.height, camera.width)
-        frame = Frame(
-            np.empty((*shape, 3), np.float32), *(np.empty(shape, np.float32) for _ in range(3))
-        )
-        shown = np.empty(shape, np.int32)
-        bits = np.zeros((*shape, max(1, -(-len(here) // 64))), np.uint64)
+        image, shown = np.empty((*shape, 3), np.float32), np.empty(shape, np.int32)
+        alpha, median = np.empty(shape, np.float32), np.empty(shape, np.float32)
+        bits = np.zeros((camera.width, camera.height, max(1, -(-len(here) // 64))), np.uint64)
         behind = np.zeros(3, np.float32) if background is None else np.float32(background)
-        drawn = (frame.image, frame.alpha, frame.expected_depth, frame.median_depth)
+        drawn = (image, alpha, median)
         known = (dense, rows, view.offsets, view.ids, void, behind)
         colors = _colors(gaussians, camera, view)
         view.run(
             kernels.blend_labels, view.splats, view.depths, colors, *known, *drawn, shown, bits
         )
-        return frame, Outlines(values[shown], here, bits)
+        shown = shown if values[-1] == len(values) - 1 else values[shown]
+        return Labelled(image, alpha, median, Outlines(shown, here, bits.transpose(1, 0, 2)))
 
     def backward(
         self,

@@ -58,6 +58,11 @@ def _constant(value: float) -> Any:
     return ir.Constant(_VECTOR, [value] * LANES)
 
 
+def _filled(builder: Any, value: Any) -> Any:
+    one = builder.insert_element(_NOTHING, value, _INT(0))
+    return _shuffled(builder, one, _NOTHING, [0] * LANES)
+
+
 def _shuffled(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
     kind = ir.VectorType(_INT, len(lanes))
     return builder.shuffle_vector(a, b, ir.Constant(kind, lanes))
@@ -68,8 +73,7 @@ def fill(typing_context: Any, value: Any) -> Any:
     """The float32 ``value`` in every lane."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        one = builder.insert_element(_NOTHING, args[0], _INT(0))
-        return _shuffled(builder, one, _NOTHING, [0] * LANES)
+        return _filled(builder, args[0])
 
     return f32x16(types.float32), generate
 
@@ -109,20 +113,32 @@ def store(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
 
 @_generated
 def fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
-    """a b + c of float32, rounded once: the same bits on every processor.
+    """a b + c of float32 or of vectors, rounded once: the same bits on every processor.
 
     Compilers contract a product and a sum where the processor can, and round twice elsewhere. A
     processor that cannot has it from float64: the product is exact there, and rounding the sum to
     float64 first changes one result in 2^29.
     """
 
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        if HAS_FMA:
-            return builder.fma(*args)
-        x, y, z = (builder.fpext(value, ir.DoubleType()) for value in args)
-        return builder.fptrunc(builder.fadd(builder.fmul(x, y), z), _FLOAT)
+    is_vector = any(isinstance(one, F32x16) for one in (a, b, c))
 
-    return types.float32(types.float32, types.float32, types.float32), generate
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kinds = zip(args, signature.args, strict=True)
+        lanes = [
+            _filled(builder, value) if is_vector and kind == types.float32 else value
+            for value, kind in kinds
+        ]
+        if HAS_FMA:
+            number = lanes[0].type
+            kind = ir.FunctionType(number, [number] * 3)
+            name = f"llvm.fma.v{LANES}f32" if is_vector else "llvm.fma.f32"
+            return builder.call(_declared(builder.module, kind, name), lanes)
+        double = ir.VectorType(ir.DoubleType(), LANES) if is_vector else ir.DoubleType()
+        x, y, z = (builder.fpext(value, double) for value in lanes)
+        return builder.fptrunc(builder.fadd(builder.fmul(x, y), z), lanes[0].type)
+
+    takes = [one if isinstance(one, F32x16) else types.float32 for one in (a, b, c)]
+    return (f32x16 if is_vector else types.float32)(*takes), generate
 
 
 @_generated

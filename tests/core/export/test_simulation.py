@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.cli.main import main
@@ -20,9 +20,12 @@ from gaga_core.export.simulation.bodies import (
     World,
     closed_on,
     convex_parts,
+    lies_in,
     mass_properties,
+    parts_of,
     support_of,
     upright_place,
+    without,
 )
 from gaga_core.export.simulation.export import (
     SimulationExport,
@@ -148,6 +151,54 @@ def test_a_ball_stays_in_a_cup_of_parts_and_not_on_one_hull() -> None:
     assert np.linalg.norm(inside[:2]) < 0.02
     outside = _ball_rests_at(replace(_CONFIG, parts=1))
     assert outside[2] > 0.06 or np.linalg.norm(outside[:2]) > 0.02
+
+
+def test_a_vessel_is_hollow_where_something_lies_in_it() -> None:
+    """A cylinder that photos could not see into, and the ball in it: it is there alone."""
+    full = _mesh(trimesh.creation.cylinder(0.05, 0.06))  # to z = 30 mm
+    ball = trimesh.creation.icosphere(3, 0.03)
+    ball.apply_translation([0, 0, 0.015])
+    vertices, inside = full.vertices.astype(np.float64), np.array(ball.vertices)
+    assert lies_in(inside, vertices)
+    assert not lies_in(vertices, inside)
+    assert not lies_in(inside + np.array([0, 0, 0.045]), vertices)  # it stands on it
+    gap = 0.001
+    hollow = without(full, [inside], gap)
+    from_middle = np.linalg.norm(hollow.vertices - ball.center_mass, axis=1)
+    assert from_middle.min() == pytest.approx(0.03 + gap, rel=0.01)
+    height = 0.03 + gap + 0.015  # of the cap of the ball that is in the cylinder
+    cap = np.pi * height**2 * (3 * (0.03 + gap) - height) / 3
+    less = mass_properties(full, 1, None).volume - mass_properties(hollow, 1, None).volume
+    assert less == pytest.approx(cap, rel=0.01)
+    assert without(full, [], gap).faces.shape == full.faces.shape
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.1])
+def test_bodies_have_a_foot_under_their_centre_of_mass(tilt: float) -> None:
+    """Also a cone on its tip and a slanted prism: nothing is under the support, and what is on it
+    reaches as far around the centre of mass as a tenth of the size."""
+    normal = np.array([np.sin(tilt), 0, np.cos(tilt)])
+    plane = Plane(np.array([0.01, 0.02, 0.0]), normal)
+    cone = trimesh.creation.cone(0.05, 0.1)
+    cone.vertices *= [1, -1, -1]
+    prism = trimesh.creation.box((0.06, 0.05, 0.12))
+    prism.vertices[:, 0] += 0.6 * (prism.vertices[:, 2] + 0.06)
+    for solid in (cone, prism):
+        mesh = _mesh(solid)
+        low = plane.heights(mesh.vertices.astype(np.float64)).min()
+        mesh, stands = closed_on(mesh.moved(low * normal, 1.0), plane, 0.001)
+        assert stands
+        parts = parts_of(mesh, plane, 0.002, replace(_CONFIG, parts=4))
+        corners = np.concatenate([part.vertices for part in parts]).astype(np.float64)
+        heights = plane.heights(corners)
+        assert heights.min() == pytest.approx(0, abs=1e-6)
+        on_it = corners[heights < 1e-5]
+        middle = mass_properties(mesh, 1.0, None).centre
+        wide = 0.099 * np.ptp(mesh.vertices, axis=0).max()
+        for x, y in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+            hull = ConvexHull(on_it[:, :2])
+            spot = middle[:2] + wide * np.array([x, y])
+            assert (hull.equations[:, :2] @ spot + hull.equations[:, 2] < 1e-6).all()
 
 
 def test_a_box_rests_where_it_stood() -> None:
