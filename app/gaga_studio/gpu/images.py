@@ -1,11 +1,12 @@
 """Photos, masks and thumbnails as textures, decoded in a thread and uploaded when asked for.
 
-Objects are drawn one a frame in the thread of the window, next to the viewport's own picture.
+Objects are drawn, a few a frame, in the thread of the window, next to the viewport's own picture.
 """
 
 import logging
 import queue
 import threading
+import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
 
@@ -25,6 +26,7 @@ from gaga_studio.session.view import Picture
 _LOG = logging.getLogger(__name__)
 
 Load = Callable[[], Picture]
+_DRAWING_S = 0.02  # of a frame: small objects take 5 ms in software, large ones 90
 _WAITING_MAX = 64  # requests that scrolled away are dropped, oldest first
 
 
@@ -104,12 +106,15 @@ class ImageStore:
         return is_decoding or bool(self._undrawn) or not self._decoded.empty()
 
     def receive(self) -> None:
-        """Once a frame: send decoded pictures to the card, and draw one object."""
+        """Once a frame: send decoded pictures to the card, and draw an object or a few."""
         self._take()
-        if self._undrawn:
+        until = time.perf_counter() + _DRAWING_S
+        while self._undrawn:
             key, picture = self._undrawn.popleft()
             self._painter = self._painter or _ObjectPainter(self._ctx)
             self._keep(key, self._painter.draw(picture))
+            if time.perf_counter() > until:
+                return
 
     def _take(self) -> None:
         while not self._decoded.empty():
