@@ -363,7 +363,12 @@ class Studio:
         except OSError as error:
             lost = "Settings and autosaves are not kept."
             self.session.notify(Level.WARNING, f"{explain_os_error(error, home)} {lost}")
-        self.window.run()
+        # While the window opens nobody clicks: half of what a first click needs is compiled then.
+        self.session.jobs.prepare("Prepare kernels", stages.kernels_stage())
+        try:
+            self.window.run()
+        finally:
+            self.session.jobs.shut_down()  # where no window opened, too
 
     # --- called by the window
 
@@ -403,8 +408,6 @@ class Studio:
             max_side=int(self._ctx.info["GL_MAX_TEXTURE_SIZE"]),
             is_fast=not self.viewport.is_software,
         )
-        # While the window opens nobody clicks: half of what a first click needs is compiled then.
-        self.session.jobs.prepare("Prepare kernels", stages.kernels_stage())
         path, demo = self._first
         autosave.offer(self.session)
         if path is not None:

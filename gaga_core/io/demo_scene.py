@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import assets
+from gaga_core.io.folder.scene_folder import place_aside
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.json_file import read_json
 from gaga_core.io.splats.ply import write_ply
@@ -23,8 +24,8 @@ def copy_demo_stage(folder: Path) -> Stage[Path]:
     """Copy the demo's scene folder to ``folder`` and return it.
 
     It is put together next to ``folder`` and renamed at the end: a cancelled copy leaves nothing.
-    An older demo there is replaced; what was worked out in its ``gaga`` folder is kept as
-    ``gaga-before``. Raises `GagaError` when ``folder`` holds other things.
+    An older demo there is replaced; what was worked out in its ``gaga`` folder is kept by
+    `place_aside`. Raises `GagaError` when ``folder`` holds other things.
     """
     source, folder = assets() / "demo", folder.absolute()
     if folder.exists() and not (folder.is_dir() and _is_demo_or_empty(folder)):
@@ -78,11 +79,11 @@ def _is_demo_or_empty(folder: Path) -> bool:
 
 def _keep_others(old: Path, new: Path) -> None:
     """Copy what a person put into or worked out in an older demo; its groups no longer fit the new
-    splats and go to ``gaga-before``."""
+    splats and go to the next free `place_aside`."""
     for entry in sorted(old.iterdir()) if old.is_dir() else ():
         if (new / entry.name).exists():
             continue
-        target = new / ("gaga-before" if entry.name == "gaga" else entry.name)
+        target = new / (place_aside(old).name if entry.name == "gaga" else entry.name)
         if entry.is_dir():
             shutil.copytree(entry, target, dirs_exist_ok=True)
         else:

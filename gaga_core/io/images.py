@@ -19,9 +19,9 @@ from gaga_core.io.files import atomic_write, check_memory, explain_os_error, ope
 if TYPE_CHECKING:
     import rawpy
 
-HEIF_SUFFIXES = (".heic", ".heif")  # of phones; read where pillow-heif is installed
+HEIF_SUFFIXES = (".heic", ".heif")  # of phones; read where pi-heif is installed
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")  # ... rawpy
-HAS_HEIF, HAS_RAW = (find_spec(name) is not None for name in ("pillow_heif", "rawpy"))
+HAS_HEIF, HAS_RAW = (find_spec(name) is not None for name in ("pi_heif", "rawpy"))
 IMAGE_SUFFIXES = (
     *(".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff"),
     *(HEIF_SUFFIXES if HAS_HEIF else ()),
@@ -111,10 +111,10 @@ def _formats(path: Path) -> tuple[str, ...]:
     """What a file may hold: HEIF only where its name says so, by a reader that is loaded then."""
     if not (HAS_HEIF and path.suffix.lower() in HEIF_SUFFIXES):
         return _READ
-    import pillow_heif
+    import pi_heif
 
     # Depth and further pictures of a file are not looked at. It turns pictures upright itself.
-    pillow_heif.register_heif_opener(depth_images=False, aux_images=False, thumbnails=False)
+    pi_heif.register_heif_opener(depth_images=False, aux_images=False, thumbnails=False)
     return (*_READ, "HEIF")
 
 

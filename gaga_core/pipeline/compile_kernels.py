@@ -202,13 +202,13 @@ def _associate(sample: _Sample, preset: str, *, are_regions: bool = False) -> ob
 
 
 Step = tuple[str, Callable[[_Sample], object]]
-# In the order in which a window needs them: clicks, outlines, the object list, thumbnails, names.
+# In the order in which a window needs them: clicks, outlines, the object list, names.
 _STEPS: dict[Part, tuple[Step, ...]] = {
     "window": (
         ("clicks on objects", lambda s: pick(s.scene, s.cameras[0], _SIDE / 2, _SIDE / 2)),
         ("object list", lambda s: object_table(s.scene)),
-        ("pictures", lambda s: s.rasterizer.render(s.gaussians, s.cameras[0])),
         ("names", lambda s: (group_facts(s.scene, s.cameras), group_digests(s.scene))),
+        ("pictures", lambda s: s.rasterizer.render(s.gaussians, s.cameras[0])),
         ("selection", _select),
         ("clicks without objects", _click),
         ("files", _write),

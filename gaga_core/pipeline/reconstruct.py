@@ -30,6 +30,7 @@ from gaga_core.io.folder.scene_folder import (
     find_sparse,
     is_scene_folder,
     open_scene_folder,
+    place_aside,
 )
 from gaga_core.io.images import IMAGE_SUFFIXES, image_header
 from gaga_core.io.json_file import read_foreign_json
@@ -131,12 +132,11 @@ def go_on_stage(scene: Path, *, rasterizer: Rasterizer | None = None) -> Stage[R
 
 
 def set_groups_aside(scene: Path) -> None:
-    """Move what was found in former splats of ``scene`` from gaga/ to gaga-before/: it does not fit
-    others."""
-    kept = scene / "gaga-before"
+    """Move what was found in former splats of ``scene`` from gaga/ to the next free `place_aside`:
+    it does not fit others."""
+    kept = place_aside(scene)
     found = [path for path in (scene / "gaga").glob("*") if path.name != "report.json"]
     if found:
-        shutil.rmtree(kept, ignore_errors=True)
         kept.mkdir()
     for path in found:
         path.rename(kept / path.name)

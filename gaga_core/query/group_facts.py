@@ -17,7 +17,7 @@ from gaga_core.camera import Camera
 from gaga_core.color import SH_C0, sh_basis
 from gaga_core.query.colors import LEVELS, NAMES, color_table
 from gaga_core.scene.orientation import estimate_up, upright_basis
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, State
 
 _BINS = 64
 _TAIL = 0.02  # share of the opacity outside the box on each side of an axis
@@ -343,9 +343,6 @@ def group_digests(scene: Scene) -> tuple[IntArray, LongArray]:
     A digest changes when splats join or leave, move or are recolored; not with the group's id or
     name, nor with what else is in the scene.
     """
-    from gaga_core.query.group_facts_kernels import hash_groups
-    from gaga_core.raster.cpu.prepare import for_kernel
-
     rows, ids = compact_rows(scene.labels)
     g, p = scene.gaussians, scene.placements
     words = _bits(g.means) @ _MIX[:3]
@@ -358,9 +355,14 @@ def group_digests(scene: Scene) -> tuple[IntArray, LongArray]:
         for m, c, o in zip(p.matrix, p.color, p.opacity, strict=True)
     ]
     words ^= np.array(placed, np.int64)[scene.placement]
+    words += np.arange(len(words)) * 7046029254386353131
+    words = (words ^ (words >> 30)) * -4658895280553007687
+    words = (words ^ (words >> 27)) * -7723592293110705685
+    words ^= words >> 31
+    kept = np.flatnonzero(~scene.has(State.DELETED))
     digest = np.zeros(len(ids), np.int64)
-    counts = np.zeros(len(ids), np.int64)
-    hash_groups(rows, for_kernel(scene.state, np.uint8), words, digest, counts)
+    np.add.at(digest, rows[kept], words[kept])  # a sum: the order does not matter
+    counts = np.bincount(rows[kept], minlength=len(ids))
     live = np.flatnonzero((counts > 0) & (ids > 0))
     return ids[live], digest[live]
 

@@ -2,7 +2,7 @@
 
 import math
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt8Array
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.kernels import kernel
 
 BEHIND_CELLS = 1.5  # this far behind the nearest splat, in cells of a view, is still its surface
@@ -210,22 +210,3 @@ def tally_looks(
         q[7] += o * y * y
         q[8] += o * y * z
         q[9] += o * z * z
-
-
-@kernel
-def hash_groups(
-    rows: IntArray,  # (N,)
-    state: UInt8Array,  # (N,)
-    words: LongArray,  # (N,) bits of what a splat looks like
-    digest: LongArray,  # (G,) out
-    counts: LongArray,  # (G,) out: splats
-) -> None:
-    """Digest of each group's splats: a sum of mixed numbers, so the order does not matter."""
-    for i in range(rows.shape[0]):
-        if state[i] & 8:
-            continue
-        v = words[i] + i * 7046029254386353131
-        v = (v ^ (v >> 30)) * -4658895280553007687
-        v = (v ^ (v >> 27)) * -7723592293110705685
-        digest[rows[i]] += v ^ (v >> 31)
-        counts[rows[i]] += 1

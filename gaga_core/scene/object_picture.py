@@ -38,6 +38,20 @@ class ObjectView:
         return Camera(K, look_at(eye, self.centre, self.up), side, side, "thumbnail")
 
 
+@dataclass(frozen=True, eq=False)
+class ObjectDrawing:
+    """What a picture of an object is drawn from, by the processor or by OpenGL."""
+
+    splats: Gaussians  # far to near
+    camera: Camera  # of the picture, which they fill
+
+    def render(self) -> UInt8Array:
+        """Draw it on the processor: (H, W, 3)."""
+        ground = np.full(3, GROUND / 255, np.float32)
+        frame = CpuRasterizer().render(self.splats, self.camera, background=ground)
+        return np.rint(np.clip(frame.image, 0, 1) * 255).astype(np.uint8)
+
+
 def object_view(
     centre: DoubleArray, radius: float, cameras: Sequence[Camera], up: DoubleArray
 ) -> ObjectView:
@@ -45,16 +59,18 @@ def object_view(
     return ObjectView(centre, radius, _towards(cameras, centre, up), up)
 
 
-def object_picture(splats: Gaussians, view: ObjectView, side: int) -> UInt8Array:
-    """Draw splats of one object (side, side, 3), at most `MOST_DRAWN` of them.
-
-    Raises ``GagaError`` when there are none.
-    """
+def object_drawing(splats: Gaussians, view: ObjectView, side: int) -> ObjectDrawing:
+    """Splats of one object as a picture (side, side); raises ``GagaError`` when there are none."""
     if len(splats) == 0:
         raise GagaError("The object has no splats.")
-    ground = np.full(3, GROUND / 255, np.float32)
-    frame = CpuRasterizer().render(splats, _tight(view.camera(side), splats), background=ground)
-    return np.rint(np.clip(frame.image, 0, 1) * 255).astype(np.uint8)
+    camera = _tight(view.camera(side), splats)
+    depths = splats.means @ camera.cam_from_world[2, :3].astype(np.float32)
+    return ObjectDrawing(splats.take(np.argsort(-depths, kind="stable")), camera)
+
+
+def object_picture(splats: Gaussians, view: ObjectView, side: int) -> UInt8Array:
+    """`object_drawing`, drawn on the processor: (side, side, 3)."""
+    return object_drawing(splats, view, side).render()
 
 
 def _towards(cameras: Sequence[Camera], centre: DoubleArray, up: DoubleArray) -> DoubleArray:

@@ -123,7 +123,8 @@ def filtered(
             source, w = row[k : k + width], along[k]
             for x in range(width):
                 total[x] += w * source[x]
-        out[y] = total
+        for x in range(width):  # no row at once: checking its length would compile half of str
+            out[y, x] = total[x]
 
 
 @kernel

@@ -119,6 +119,10 @@ def _fill(kind: str, said: str, used: str) -> Row:
     return Row("delete and fill", Data(said, used), names, (">= 6", "", ">= -0.05"))
 
 
+_FIRST_MINUTE = ("demo opened", "outline", "names", "thumbnails")
+_FILM = ("the scene turns", "splats of the training")
+
+
 def _speed(said: str, name: str, bar: str = "", unit: str = "", on: Data = _SPLATS) -> Row:
     return Row(said, on, (name,), (bar,), unit)
 
@@ -319,6 +323,16 @@ TABLES: Mapping[str, Sequence[Row]] = {
             ("<= 1.5",) * 4,
             unit="times",
         ),
+        *(
+            Row(
+                "photos placed to: the scene turns in the window / shows trained splats",
+                data,
+                tuple(f"training film: {name}, photos placed to {step}" for step in _FILM),
+                ("<= 15", ""),
+                "s",
+            )
+            for name, data in (("fox", _FOX), ("demo", _DEMO))
+        ),
         Row("captures that do what they must, of 17", Data("`make captures`", "yes"), once=(17,)),
     ],
     "Many objects, many views": [
@@ -404,12 +418,16 @@ TABLES: Mapping[str, Sequence[Row]] = {
             "CPU-s",
         ),
         Row(
-            "nothing compiled yet, after the first picture: outline / names / thumbnails",
+            "nothing compiled yet: the demo opens / then outline / names / thumbnails",
             _DEMO,
-            tuple(
-                f"first minute: {step}, of the processor"
-                for step in ("outline", "names", "thumbnails")
-            ),
+            tuple(f"first minute: {step}" for step in _FIRST_MINUTE),
+            ("<= 3", "<= 5", "<= 5", "<= 5"),
+            "s",
+        ),
+        Row(
+            "the same of the processor",
+            _DEMO,
+            tuple(f"first minute: {step}, of the processor" for step in _FIRST_MINUTE),
             unit="CPU-s",
         ),
         _speed("open 4M splats, to numpy", "open 4M against numpy's columns", "<= 1.5", "times"),
@@ -464,6 +482,12 @@ TABLES: Mapping[str, Sequence[Row]] = {
             "`gaga run` on 60 photos of 12 Mpx, 100 iterations: peak memory",
             _GARDEN,
             once=(1696,),
+            unit="MiB",
+        ),
+        Row(
+            "`gaga run` on 60 photos of 12 Mpx with poses, default options: peak memory",
+            Data("drawn views of the demo scene", "no"),
+            once=(836,),
             unit="MiB",
         ),
         _speed(

@@ -10,7 +10,10 @@ import pytest
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
+from gaga_core.scene.object_picture import ObjectDrawing
+from gaga_studio.gpu import images
 from gaga_studio.gpu.images import ImageStore
+from tests.scenes import orbit_cameras, random_gaussians
 
 pytestmark = pytest.mark.gl
 
@@ -83,6 +86,27 @@ def test_a_broken_picture_is_asked_for_once_until_dropped(store: ImageStore) -> 
 def test_something_that_is_no_picture_is_refused(store: ImageStore) -> None:
     assert _get(store, "flat", lambda: np.zeros((4, 4), np.uint8)) is None
     assert _get(store, "empty", lambda: np.zeros((0, 4, 3), np.uint8)) is None
+
+
+def test_objects_are_drawn_as_the_processor_draws_them_some_each_frame(
+    store: ImageStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    splats, camera = random_gaussians(600), orbit_cameras(1, width=30, height=20)[0]
+    order = np.argsort(-(splats.means @ camera.cam_from_world[2, :3].astype(np.float32)))
+    one = ObjectDrawing(splats.take(order), camera)
+    for key in "ab":
+        store.texture(key, lambda: one)
+    while store._decoding or store._loads:
+        time.sleep(0.001)
+    monkeypatch.setattr(images, "_DRAWING_S", 0.0)
+    for n_drawn in (1, 2):
+        assert store.loading
+        store.receive()
+        assert len(store._textures) == n_drawn
+    assert not store.loading
+    data = store._textures["a"].read()
+    drawn = np.frombuffer(data, np.uint8).reshape(camera.height, camera.width, 3).astype(int)
+    assert np.abs(drawn - one.render()).mean() < 0.5
 
 
 def test_the_least_recently_shown_goes_first(store: ImageStore) -> None:

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, DoubleArray, IntArray, UInt8Array
+from gaga_core.arrays import BoolArray, DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.grouping.levels import Levels
 from gaga_core.scene.bake import bake
@@ -16,8 +16,9 @@ from gaga_core.scene.edits.objects import parting
 from gaga_core.scene.folders import Folders, is_inside, parent_of, parents_of
 from gaga_core.scene.object_picture import (
     MOST_DRAWN,
+    ObjectDrawing,
     ObjectView,
-    object_picture,
+    object_drawing,
     object_view,
 )
 from gaga_core.scene.objects import ObjectTable, confidence_of_groups, group_indices
@@ -532,7 +533,7 @@ def click_again(session: Session, splat: int, *, up: bool = False) -> bool:
 
 SMALL, LARGE = 96, 320  # pixels, in the list and in its tooltip
 
-Load = Callable[[], UInt8Array]
+Load = Callable[[], ObjectDrawing]
 
 
 def picture_request(
@@ -581,8 +582,8 @@ def _drawn(
     cameras: Sequence[Camera],
     up: DoubleArray,
     side: int,
-) -> UInt8Array:
-    """The object (side, side, 3) and nothing else."""
+) -> ObjectDrawing:
+    """The object and nothing else, (side, side); drawn by OpenGL, which waits for no compiler."""
     rows = group_indices(scene, int(table.ids[row]))
     splats = bake(scene, indices=rows[:: max(-(-len(rows) // MOST_DRAWN), 1)])
-    return object_picture(splats, _view(table, row, cameras, up), side)
+    return object_drawing(splats, _view(table, row, cameras, up), side)

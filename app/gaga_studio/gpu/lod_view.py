@@ -287,9 +287,8 @@ class NodePool:
         part = slice(first, first + n)
         self.represents[part] = read.rows
         self._means[part] = read.means
-        sort_kernels.reaches(read.log_scales, self._reach[part])
-        sort_kernels.importance(read.log_scales, read.logit_opacities, self._scores[part])
-        np.nan_to_num(self._scores[part], copy=False, nan=-np.inf)
+        self._reach[part] = sort_kernels.reaches(read.log_scales)
+        self._scores[part] = sort_kernels.importance(read.log_scales, read.logit_opacities)
         self._covers[part] = covers_of(read.log_scales, read.logit_opacities)
         for name in _COLUMNS:
             getattr(self.scene, name)[part] = getattr(scene, name)[read.rows]

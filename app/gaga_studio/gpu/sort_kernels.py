@@ -17,30 +17,31 @@ N_KEYS = 1 << 18
 SKIPPED = 2 | 8  # bits of State: hidden, deleted
 
 
-@kernel
-def reaches(log_scales: FloatArray, out: FloatArray) -> None:
-    """Distance within which each splat can be seen: 3.34 times its longest standard deviation."""
-    for i in range(log_scales.shape[0]):
-        longest = max(log_scales[i, 0], log_scales[i, 1], log_scales[i, 2])
-        out[i] = np.float32(3.34 * math.exp(longest))
+def reaches(log_scales: FloatArray) -> FloatArray:
+    """Distance (N,) within which each splat can be seen: 3.34 times its longest standard
+    deviation."""
+    a, b, c = log_scales.T
+    with np.errstate(over="ignore"):
+        return np.float32(3.34) * np.exp(np.maximum(np.maximum(a, b), c))
 
 
-@kernel
-def importance(log_scales: FloatArray, logit_opacities: FloatArray, out: FloatArray) -> None:
-    """Rank of each splat: of those above any threshold t, each was taken with probability p.
+def importance(log_scales: FloatArray, logit_opacities: FloatArray) -> FloatArray:
+    """Rank (N,) of each splat, -inf of a damaged one.
 
-    p = min(1, e^-t w), where w is the root of opacity times the area of the largest cross-section:
-    what is large is there with certainty, and of a small thing made of many splats some remain,
-    where the largest alone would leave nothing of it (priority sampling, Duffield 2007). Enlarged
-    by 1 / p in area they cover what all of them did. Chance is a row of multiples of the golden
-    ratio: neighbours in the file are thinned out evenly.
+    Of those above any threshold t, each was taken with probability p = min(1, e^-t w), where w is
+    the root of opacity times the area of the largest cross-section: what is large is there with
+    certainty, and of a small thing made of many splats some remain, where the largest alone would
+    leave nothing of it (priority sampling, Duffield 2007). Enlarged by 1 / p in area they cover
+    what all of them did. Chance is a row of multiples of the golden ratio: neighbours in the file
+    are thinned out evenly.
     """
-    for i in range(log_scales.shape[0]):
-        a, b, c = log_scales[i, 0], log_scales[i, 1], log_scales[i, 2]
-        area = a + b + c - min(a, b, c)
-        weight = 0.5 * (area - math.log1p(math.exp(-logit_opacities[i])))
-        chance = (i + 1) * 0.6180339887498949 % 1.0
-        out[i] = np.float32(weight - math.log(max(chance, 1e-9)))
+    a, b, c = log_scales.T
+    with np.errstate(invalid="ignore", over="ignore"):
+        area = a + b + c - np.minimum(np.minimum(a, b), c)
+        weight = 0.5 * (area - np.logaddexp(0, -logit_opacities))
+    chance = np.arange(1, len(a) + 1) * 0.6180339887498949 % 1.0
+    rank = weight - np.log(np.maximum(chance, 1e-9)).astype(np.float32)
+    return np.nan_to_num(rank.astype(np.float32), copy=False, nan=-np.inf)
 
 
 @kernel

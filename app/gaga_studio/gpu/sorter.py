@@ -239,9 +239,8 @@ class SortColumns:
         if self._gaussians is gaussians:
             return
         n = len(gaussians)
-        self._reach = np.empty(0 if job.only is not None else n, np.float32)
         if job.only is None:
-            sort_kernels.reaches(gaussians.log_scales, self._reach)
+            self._reach = sort_kernels.reaches(gaussians.log_scales)
         self._depths = np.empty(n, np.float32)
         self._ids = np.empty(n, np.int32)
         self._scores = None
@@ -256,9 +255,7 @@ class SortColumns:
         if gaussians is None or not 0 < budget < len(gaussians):
             return _ALL
         if self._scores is None:
-            self._scores = np.empty(len(gaussians), np.float32)
-            sort_kernels.importance(gaussians.log_scales, gaussians.logit_opacities, self._scores)
-            np.nan_to_num(self._scores, copy=False, nan=-np.inf)
+            self._scores = sort_kernels.importance(gaussians.log_scales, gaussians.logit_opacities)
         if self._chosen.budget != budget:
             self._chosen = _Chosen(budget, *_best(self._scores, budget))
         return self._chosen

@@ -14,6 +14,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.scene.edits import How
+from gaga_core.scene.object_picture import ObjectDrawing
 from gaga_core.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -181,12 +182,13 @@ class ViewState:
         return self.look is SplatLook.ANTIALIASED
 
 
+Picture = UInt8Array | ObjectDrawing  # (H, W, 3) or (H, W, 4), or drawn with OpenGL
+
+
 class ImageSource(Protocol):
     """Pictures as textures; the window gives one (``gpu.images.ImageStore``)."""
 
-    def texture(
-        self, key: str, load: Callable[[], UInt8Array] | None
-    ) -> tuple[int, int, int] | None:
+    def texture(self, key: str, load: Callable[[], Picture] | None) -> tuple[int, int, int] | None:
         """GL name, width and height; None while ``load`` runs in the background.
 
         Without ``load`` only a picture that is there.

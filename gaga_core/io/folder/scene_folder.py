@@ -13,6 +13,7 @@ SCENE/gaga/                       all that we write
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -74,6 +75,13 @@ class SceneFolder:
             f"{missing} of {len(self.cameras)} photos are not in {self.root / 'images'} "
             f"(first: {name}). Put the photos back where the COLMAP model expects them."
         )
+
+
+def place_aside(root: Path) -> Path:
+    """Where groups of splats that were replaced are kept: the first of gaga-before, gaga-before-2,
+    ... that is not there."""
+    names = (f"gaga-before-{k}" if k > 1 else "gaga-before" for k in count(1))
+    return next(place for name in names if not (place := root / name).exists())
 
 
 def is_scene_folder(path: Path) -> bool:

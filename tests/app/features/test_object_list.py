@@ -38,7 +38,7 @@ def picture(session: Session, group: int) -> tuple[str, UInt8Array]:
     found = request(session, group)
     assert found is not None
     assert found[1] is not None
-    return found[0], found[1]()
+    return found[0], found[1]().render()
 
 
 @pytest.fixture

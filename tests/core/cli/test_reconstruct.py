@@ -9,7 +9,7 @@ import pytest
 
 from gaga_core.cli.main import main
 from gaga_core.io.folder.scene_folder import open_scene_folder
-from gaga_core.pipeline.reconstruct import reconstruct_scene
+from gaga_core.pipeline.reconstruct import reconstruct_scene, set_groups_aside
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
 from tests.core.cli.calls import answer, refusal
@@ -59,8 +59,13 @@ def test_a_stopped_training_goes_on_to_the_splats_of_a_whole_one(
             break
     stage.close()
     assert not (stopped / "point_cloud.ply").exists()
-    went_on = answer(capsys, "reconstruct", str(photos), str(stopped), "--go-on")
-    assert went_on["stages_run"] == ["train"]
+    for groups in ("first", "second"):  # of splats that were kept before
+        (stopped / "gaga" / "labels.npz").write_text(groups)
+        set_groups_aside(stopped)
+    kept = [stopped / name / "labels.npz" for name in ("gaga-before", "gaga-before-2")]
+    assert [path.read_text() for path in kept] == ["first", "second"]
+    went_on = answer(capsys, "run", str(stopped), "--go-on")
+    assert went_on["stages_run"] == ["masks", "associate", "lift", "render"]
     run_stage(reconstruct_scene(None, whole, config))
     files = [(folder / "point_cloud.ply").read_bytes() for folder in (stopped, whole)]
     assert files[0] == files[1]

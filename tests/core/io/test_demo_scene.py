@@ -89,6 +89,8 @@ def test_what_is_not_whole_is_noticed(own: Path, missing: str) -> None:
 def test_an_older_version_is_replaced_and_own_work_kept(own: Path) -> None:
     (own / "gaga").mkdir()
     (own / "gaga" / "project.json").write_text("{}")
+    (own / "gaga-before").mkdir()
+    (own / "gaga-before" / "project.json").write_text("of a version before")
     (own / "edited.ply").write_bytes(b"mine")
     stamp = json.loads((own / STAMP).read_text())
     (own / STAMP).write_text(json.dumps(stamp | {"version": stamp["version"] - 1}))
@@ -98,7 +100,8 @@ def test_an_older_version_is_replaced_and_own_work_kept(own: Path) -> None:
     assert is_complete(own)
     assert json.loads((own / "split.json").read_text()) != {}
     assert (own / "edited.ply").read_bytes() == b"mine"
-    assert (own / "gaga-before" / "project.json").read_text() == "{}"
+    kept = [own / name / "project.json" for name in ("gaga-before", "gaga-before-2")]
+    assert [path.read_text() for path in kept] == ["of a version before", "{}"]
     assert not (own / "gaga").exists()
 
 

@@ -1,13 +1,16 @@
 """Videos that are written: the right pictures, whole or not at all."""
 
 import json
+import os
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
+import zstandard
 from PIL import Image
 
 from gaga_core.arrays import UInt8Array
@@ -49,6 +52,22 @@ def _read(path: Path, size: tuple[int, int]) -> UInt8Array:
 def _flat(colors: list[tuple[int, int, int]], config: VideoConfig) -> Callable[[int], UInt8Array]:
     width, height = config.size
     return lambda i: np.full((height, width, 3), colors[i], np.uint8)
+
+
+def test_a_compressed_ffmpeg_is_unpacked_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    binaries = tmp_path / "package" / "binaries"
+    binaries.mkdir(parents=True)
+    (binaries / "ffmpeg-v9.exe.zst").write_bytes(zstandard.compress(b"a program"))
+    monkeypatch.setattr(imageio_ffmpeg, "__file__", str(binaries.parent / "__init__.py"))
+    for variable in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.setenv(variable, str(tmp_path / "cache"))
+    program = Path(ffmpeg_program())
+    assert (program.name, program.read_bytes()) == ("ffmpeg-v9.exe", b"a program")
+    assert os.access(program, os.X_OK)
+    program.write_bytes(b"is there")
+    assert Path(ffmpeg_program()).read_bytes() == b"is there"
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".webm"])
