@@ -226,8 +226,10 @@ class FitConfig:
 
     sweeps: int = 16  # at most; 0 = the bare vote
     margin: float = 0.05  # least lead of a Gaussian's own label, in scores of unit codes
-    # A quarter of what training takes: IoU 81.2 and 81.3 on ycb_crowd, for 2.1 and 13.4 CPU-s.
+    # At least a quarter of what training takes: IoU 81.2 and 81.3 on ycb_crowd, for 2.1 and 13.4
+    # CPU-s; at most as many. Of 150 small objects a quarter costs 1.8 points.
     rows: RowConfig = field(default_factory=lambda: RowConfig(per_view=4096))
+    per_group: int = 100  # rows of a view for each group, so that small ones have some
 
     def __post_init__(self) -> None:
         if self.sweeps < 0 or not 0 < self.margin < 1:
@@ -261,8 +263,13 @@ def fit_identity(
     config = config or FitConfig()
     if config.sweeps == 0:
         return Fitted(start, 0, 0, 0.0, 0.0)
+    most, groups = RowConfig().per_view, len(start.codes) - 1
+    wanted = config.rows.per_view  # 0 = all
+    if 0 < wanted < most:
+        wanted = min(max(wanted, config.per_group * groups), most)
+    rows = replace(config.rows, per_view=wanted)
     sampled = yield from sample_rows(
-        gaussians, cameras, label_map, rasterizer, config.rows, shuffles=False
+        gaussians, cameras, label_map, rasterizer, rows, shuffles=False
     )
     n, held = len(gaussians), held_out(len(sampled))
     n_rows = sum(len(view.labels) for view in sampled)
