@@ -565,7 +565,7 @@ def picture_request(
 def _may_draw(session: Session, document: Document) -> bool:
     """Whether digests are those of the scene, and nothing goes on that drawing would delay."""
     is_busy = session.is_previewing or session.live is not None or session.rig.is_moving
-    return not is_busy and session.jobs.quiet is None and document.feature(SearchState).is_measured
+    return not is_busy and document.feature(SearchState).has_looks
 
 
 def _view(table: ObjectTable, row: int, cameras: Sequence[Camera], up: DoubleArray) -> ObjectView:

@@ -20,7 +20,7 @@ def measure(session: Session) -> None:
     while True:
         search.tick(session)
         session.jobs.poll()
-        if document.feature(SearchState).is_measured and session.jobs.quiet is None:
+        if document.feature(SearchState).has_looks and session.jobs.quiet is None:
             search.tick(session)
             return
         assert time.monotonic() < end

@@ -9,6 +9,7 @@ import pytest
 
 from gaga_core.arrays import FloatArray, UInt8Array
 from gaga_core.pipeline.search import train_views
+from gaga_core.progress import run_stage
 from gaga_core.query.detector import Boxes, DetectConfig, as_boxes
 from gaga_core.scene.edits.objects import name_groups
 from gaga_studio.features import object_list, objects, selection, transform
@@ -76,6 +77,23 @@ def embedder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> _Mean:
     monkeypatch.setattr(search_actions, "embedder_folder", lambda: tmp_path)
     monkeypatch.setattr(search_actions, "load_embedder", lambda folder: made)
     return made
+
+
+def test_looks_are_known_before_the_rest_is_measured(associated: Session) -> None:
+    """Pictures of objects wait for them alone; names may wait for kernels."""
+    document = associated.need()
+    search, cameras = SearchState(), train_views(document.project)
+    key = search.key(document.scene, cameras)
+    assert not search.rests(key)
+    stage = search_actions.measure_stage(document.scene, cameras, key, lambda: None, search.take)
+    next(stage)
+    assert not search.has_looks
+    next(stage)
+    assert search.has_looks
+    assert search.measured is None
+    assert search.digest_of(1) is not None
+    run_stage(stage)
+    assert search.measured is not None
 
 
 def test_words_find_objects_without_any_model(associated: Session) -> None:

@@ -56,13 +56,21 @@ _PAUSE_S = 0.35  # without a key before a noun is looked up: the word may not be
 
 
 @dataclass(frozen=True, eq=False)
+class Looks:
+    """What the objects of one state of a scene look like."""
+
+    key: object  # of the state
+    groups: IntArray  # (G,) ascending
+    digests: LongArray  # (G,)
+
+
+@dataclass(frozen=True, eq=False)
 class SceneMeasurements:
     """Facts of one state of a scene that a search reads."""
 
     key: object  # of the state
     facts: GroupFacts
-    groups: IntArray  # (G,)
-    digests: LongArray  # (G,) of what they look like now
+    looks: Looks
     pictures: Pictures | None  # the index next to the project file
     description: Description  # what groups without a name are called, and which are background
     problem: str = ""  # why the index cannot be used
@@ -70,7 +78,7 @@ class SceneMeasurements:
     @property
     def n_unknown(self) -> int:
         """Groups that the index does not know as they are now."""
-        return n_stale(self.pictures.index, self.digests) if self.pictures is not None else 0
+        return n_stale(self.pictures.index, self.looks.digests) if self.pictures is not None else 0
 
 
 @dataclass(frozen=True)
@@ -94,6 +102,7 @@ class SearchState:
         self.sentence = ""  # what was understood
         self.unknown: tuple[str, ...] = ()  # words that were not
         self.problem = ""  # why a noun could not be looked up
+        self.looks: Looks | None = None  # known before the rest is measured
         self.measured: SceneMeasurements | None = None
         self.described: SceneMeasurements | None = None  # by which objects are called now
         self.detector: Detector | None = None  # the one that was used last, loaded
@@ -161,16 +170,17 @@ class SearchState:
 
     def digest_of(self, group: int) -> int | None:
         """Digest of what a group looked like when it was measured; None if it was not."""
-        if self.measured is None:
+        if self.looks is None:
             return None
-        at = int(np.searchsorted(self.measured.groups, group))
-        known = at < len(self.measured.groups) and self.measured.groups[at] == group
-        return int(self.measured.digests[at]) & _WORD if known else None
+        groups, digests = self.looks.groups, self.looks.digests
+        at = int(np.searchsorted(groups, group))
+        known = at < len(groups) and groups[at] == group
+        return int(digests[at]) & _WORD if known else None
 
     @property
-    def is_measured(self) -> bool:
-        """Whether what was measured is the scene as `rests` saw it last."""
-        return self.measured is not None and self.measured.key == self._newest[0]
+    def has_looks(self) -> bool:
+        """Whether digests are those of the scene as `rests` saw it last."""
+        return self.looks is not None and self.looks.key == self._newest[0]
 
     def rests(self, key: object) -> bool:
         """Whether the scene has been in the state ``key`` for a moment: a drag may be over."""
@@ -184,9 +194,12 @@ class SearchState:
         self._new_index += 1
         self._known = set()
 
-    def take(self, measured: SceneMeasurements) -> None:
+    def take(self, measured: SceneMeasurements | Looks) -> None:
         """Take what was measured; from any thread."""
-        self.measured = measured
+        if isinstance(measured, Looks):
+            self.looks = measured
+        else:
+            self.measured = measured
 
     # --- looking up nouns
 
@@ -278,19 +291,21 @@ def measure_stage(
     cameras: Sequence[Camera],
     key: object,
     load: Callable[[], Pictures | None],
-    take: Callable[[SceneMeasurements], None],
+    take: Callable[[SceneMeasurements | Looks], None],
 ) -> Stage[None]:
-    """Measure a snapshot of a scene and read its index; ``take`` gets the result."""
+    """Measure a snapshot of a scene and read its index; ``take`` gets the results, looks first:
+    pictures of objects need no more, and the rest may wait for kernels."""
+    yield Progress("Measure the objects", 0, 1)
+    looks = Looks(key, *group_digests(scene))
+    take(looks)
     yield Progress("Measure the objects", 0, 1)
     facts = group_facts(scene, cameras)
-    yield Progress("Measure the objects", 0, 1)
-    groups, digests = group_digests(scene)
     try:
         pictures, problem = load(), ""
     except GagaError as error:
         pictures, problem = None, str(error)
     words = describe(scene, facts, cameras, kept=scene.described)
-    take(SceneMeasurements(key, facts, groups, digests, pictures, words, problem))
+    take(SceneMeasurements(key, facts, looks, pictures, words, problem))
 
 
 def look_up_stage(
@@ -463,7 +478,7 @@ def index_state(session: Session) -> str:
         return f"No index yet. Names, colors, sizes and places are understood without one.{where}"
     if found is None or found.pictures is None:
         return "There is an index of this scene."
-    n, n_unknown = len(found.groups), found.n_unknown
+    n, n_unknown = len(found.looks.groups), found.n_unknown
     if n_unknown == 0:
         return f"The index knows all {n:,} objects as they are now."
     changed = "1 has" if n_unknown == 1 else f"{n_unknown:,} have"
