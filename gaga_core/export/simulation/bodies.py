@@ -326,6 +326,33 @@ def convex_parts(mesh: TriangleMesh, config: SimulationConfig) -> tuple[Triangle
     return tuple(parts)
 
 
+def outside(parts: Sequence[TriangleMesh], held: Sequence[DoubleArray]) -> tuple[TriangleMesh, ...]:
+    """Convex ``parts`` without what reaches into the convex hulls of ``held`` (K, 3) each.
+
+    Parts fill hollows up to their concavity, and a simulator pushes apart what is in one place.
+    Each is cut along the facet of the hull that it reaches behind the least.
+    """
+    from scipy.spatial import ConvexHull
+
+    for other in held:
+        planes, kept = ConvexHull(other).equations, list[TriangleMesh]()  # normals point outwards
+        for part in parts:
+            corners = part.vertices.astype(np.float64)
+            behind = (planes[:, :3] @ corners.T + planes[:, 3:]).min(axis=1)
+            least = int(np.argmax(behind))
+            if behind[least] >= 0:
+                kept.append(part)
+                continue
+            solid = library("manifold3d").Manifold.hull_points(corners)
+            solid = solid.trim_by_plane(planes[least, :3], -planes[least, 3]).to_mesh()
+            try:
+                kept.append(convex_collider(np.asarray(solid.vert_properties[:, :3], np.float64)))
+            except GagaError:  # nothing is left
+                continue
+        parts = kept
+    return tuple(parts)
+
+
 def parts_of(
     mesh: TriangleMesh, plane: Plane | None, cut: float, config: SimulationConfig
 ) -> tuple[TriangleMesh, ...]:
@@ -415,7 +442,9 @@ def body_stage(
         position=origin,
         gaussians=placed(gaussians, place),
         mesh=mesh,
-        parts=parts_of(mesh, foot, _CUT * voxel, config),
+        parts=outside(
+            parts_of(mesh, foot, _CUT * voxel, config), [corners - origin for corners in held]
+        ),
         properties=mass_properties(mesh, density or config.density, mass),
         underside="assumed flat" if stands else "as seen",
     ), is_closed

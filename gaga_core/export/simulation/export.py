@@ -170,7 +170,7 @@ def world_stage(
             *_weight(scene, how, group),
             photos,
             [
-                np.concatenate([part.vertices for part in body.parts]) + body.position
+                np.concatenate([p.vertices for p in body.parts]) @ body.turn.T + body.position
                 for body in bodies
                 if body.id in held[group]
             ],

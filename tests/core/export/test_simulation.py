@@ -173,6 +173,33 @@ def test_a_vessel_is_hollow_where_something_lies_in_it() -> None:
     assert without(full, [], gap).faces.shape == full.faces.shape
 
 
+def test_what_lies_in_a_vessel_is_where_no_part_of_the_vessel_is_and_rests_there() -> None:
+    """A ball sunk into a box of few coarse parts, which alone would reach into it."""
+    import manifold3d
+
+    box = box_on_table()
+    ball = trimesh.creation.icosphere(4, 0.022).vertices + np.array([0, 0.1, 0])  # the box's top
+    splats = box.take(np.append(np.arange(len(box)), np.arange(len(ball))))
+    splats.means[len(box) :] = ball * [1, -1, -1]
+    splats.extra["group"][len(box) :] = 3
+    config = replace(_CONFIG, parts=4, concavity=0.3)
+    how = SimulationExport(config=config, mesh=MeshConfig(voxels=32), up=(0, -1, 0))
+    world = run_stage(world_stage(Scene.of(splats, splats.extra["group"]), how, (1, 3)))
+    vessel, held = world.bodies
+    assert vessel.holds == (held.name,)
+
+    def solids(body: Body) -> list[Any]:
+        hull = manifold3d.Manifold.hull_points
+        return [hull((part.vertices + body.position).astype(np.float64)) for part in body.parts]
+
+    least = 1e-6 * held.properties.volume  # what float32 tells
+    assert all((a ^ b).volume() < least for a in solids(vessel) for b in solids(held))
+    assert sum(solid.volume() for solid in solids(vessel)) > 0.5 * vessel.properties.volume
+    *_, last = fall(world, 2.0)
+    assert np.abs(last[1, :3, 3] - held.position).max() < 0.002
+    assert np.trace(last[1, :3, :3]) > 1 + 2 * np.cos(np.radians(3))
+
+
 @pytest.mark.parametrize("tilt", [0.0, 0.1])
 def test_bodies_have_a_foot_under_their_centre_of_mass(tilt: float) -> None:
     """Also a cone on its tip and a slanted prism: nothing is under the support, and what is on it
