@@ -13,7 +13,7 @@ from gaga_core.io.demo_scene import ensure_demo
 from gaga_core.io.folder.scene_folder import find_model
 from gaga_core.io.masks.label_maps import mask_folder
 from gaga_core.masks import MaskSet
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene
 
@@ -75,12 +75,16 @@ def prepared(
 ) -> Stage[T]:
     """Compile the kernels of ``parts`` where needed, then run the stage that ``make`` builds.
 
-    All in the job's thread: numba, torch and what ``make`` imports would slow the launch down.
+    Kernels have no share of the bar, which would go back after them. All in
+    the job's thread: numba, torch and what ``make`` imports would slow the launch down.
     """
-    from gaga_core.pipeline.compile_kernels import after_warm_up
+    from gaga_core.kernels import is_compiled
+    from gaga_core.pipeline.compile_kernels import warm_up_stage
 
     yield Progress(title, 0, 0, text)
-    return (yield from after_warm_up(make(), *parts))
+    if missing := [part for part in parts if not is_compiled(part)]:
+        yield from mapped(warm_up_stage(*missing), lambda step: replace(step, done=0, total=0))
+    return (yield from make())
 
 
 def file_gaussians(scene: Scene) -> Gaussians:

@@ -149,9 +149,10 @@ def job_text(job: Job) -> str:
     """ "Associate masks 45 %, 12 s left"; the step is named where the share is its own."""
     if job.is_cancelling:
         return f"{job.title}: stopping"
+    names_step = job.stage != job.title and (job.is_of_step or job.fraction < 0)
+    step = f": {job.stage[:1].lower()}{job.stage[1:]}" if names_step else ""
     if job.fraction < 0:
-        return job.title
-    step = f": {job.stage[:1].lower()}{job.stage[1:]}" if job.is_of_step else ""
+        return f"{job.title}{step}"
     text = f"{job.title}{step}  {100 * job.fraction:.0f} %"
     if job.eta_s is not None:
         text += f", {duration(job.eta_s)} left"
