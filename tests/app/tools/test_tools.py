@@ -16,7 +16,7 @@ from gaga_core.scene.selection.by_volume import SurfacePoint, map_between
 from gaga_core.scene.tint import mean_color
 from gaga_studio.features import objects, selection
 from gaga_studio.features.commands import command, for_shortcut, run
-from gaga_studio.features.find import association, memory_bank
+from gaga_studio.features.find import association, click_object, memory_bank
 from gaga_studio.session.session import NO_GROUPS, Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.tools.controller import ToolController
@@ -91,6 +91,9 @@ def test_the_first_click_where_there_are_no_objects_is_the_tool_objects(session:
     hand.click_at(at)
     assert tool() is ToolName.OBJECT
     assert session.jobs.why_busy == "", "preparing clicks holds nothing up"
+    assert run("edit.cancel", session)
+    assert click_object.waiting(session) == [], "Escape drops what waits"
+    hand.click_at(at)
     assert session.jobs.wait()
     assert len(session.selected_indices()) > 0
     assert "Enter makes it an object" in status_text(session, hand.controller.tool(session))
@@ -100,6 +103,20 @@ def test_the_first_click_where_there_are_no_objects_is_the_tool_objects(session:
     hand.click_at(at)
     assert tool() is ToolName.PICK, "now there is an object to select"
     assert len(session.selected_groups()) == 1
+
+
+def test_a_tool_that_a_click_took_is_given_back_when_objects_are_found(session: Session) -> None:
+    for by_click in (True, False):
+        session.tool = ToolName.PICK
+        if by_click:
+            Hand(session).click_at(surface(session))
+        else:
+            assert run("tool.object", session)
+        assert session.tool is ToolName.OBJECT
+        assert run("object.associate", session)
+        assert session.jobs.wait()
+        assert session.tool is (ToolName.PICK if by_click else ToolName.OBJECT)
+        assert run("edit.undo", session)
 
 
 def test_what_is_said_of_objects_fits_what_is_open(session: Session) -> None:

@@ -33,7 +33,7 @@ from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import NO_OBJECTS_OF_A_FILE, Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view import Mode
+from gaga_studio.session.view import Mode, ToolName
 
 # --- settings
 
@@ -44,6 +44,7 @@ class FindState:
 
     groups: GroupSettings = field(default_factory=GroupSettings)
     identities: IdentitySettings = field(default_factory=IdentitySettings)
+    took_the_tool: bool = False  # a click where there were no objects took the tool Object
 
     def association(self, preset: str) -> AssociateConfig:
         """Settings of an association by ``preset``; ``GagaError`` when they exclude each other."""
@@ -147,6 +148,9 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
 
     def done(result: Association) -> None:
         session.notify(Level.INFO, take_groups(document, result))
+        took = session.feature(FindState).took_the_tool and session.tool is ToolName.OBJECT
+        if took and len(session.selected_indices()) == 0:
+            session.tool = ToolName.PICK  # now there are objects to pick
         for note in result.notes:
             session.notify(Level.WARNING, note)
         lift_after_finding(session, preset)
@@ -440,7 +444,7 @@ def _photos_have(n: int) -> str:
 def stage_offer(session: Session) -> StageOffer | None:
     """Return the stage that the open scene needs next; None if none, or while a job runs."""
     document = session.document
-    if document is None or session.jobs.running or document.read.has_groups():
+    if document is None or session.jobs.why_busy or document.read.has_groups():
         return None
     trains = lift_mode(session.settings) == "paper"
     options = session.feature(FindState).identities.config(session.settings.preset, "paper")

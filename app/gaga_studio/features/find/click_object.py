@@ -19,6 +19,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra
 from gaga_core.segmentation.choose import ProviderEntry, promptable_models
 from gaga_studio.features.base import Command, no_scene, no_selection
+from gaga_studio.features.find.association import FindState
 from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Request, notifies
@@ -203,6 +204,7 @@ _LONGEST = 480  # longest side, pixels, of the depth picture of a box
 def begin(session: Session) -> None:
     """Take the tool, and look at the scene in the background if that is still to be done."""
     session.tool = ToolName.OBJECT
+    session.feature(FindState).took_the_tool = False
     prepare(session)
 
 
@@ -215,6 +217,7 @@ def first_click(session: Session, place: ViewportPoint) -> bool:
     if found is None or found.weights.sum() < _LEAST:
         return False
     begin(session)
+    session.feature(FindState).took_the_tool = True
     click(session, place.u, place.v, place.width, place.height, is_on=True)
     return True
 
@@ -224,7 +227,7 @@ def prompt(session: Session) -> str:
     document = session.need()
     if n := len(document.feature(ClickState).waiting):
         waits = "1 click waits" if n == 1 else f"{n} clicks wait"
-        return f"{waits}: the scene is being analysed. Middle drag orbits."
+        return f"{waits}: the scene is being analysed. Middle drag orbits, Esc clears."
     if document.feature(ClickState).is_preparing:
         return "Analysing the scene; clicks are answered when it is done. Middle drag orbits."
     if document.feature(ClickState).is_asking:
@@ -255,7 +258,8 @@ def is_clicking(session: Session) -> bool:
     """
     if session.tool is not ToolName.OBJECT or session.document is None:
         return False
-    return has_clicks(session) or len(session.selected_indices()) > 0
+    waits = bool(waiting(session))
+    return waits or has_clicks(session) or len(session.selected_indices()) > 0
 
 
 @notifies
@@ -361,6 +365,7 @@ def make_object(session: Session) -> bool:
 def clear(session: Session) -> bool:
     """Forget the clicks: nothing is selected, and the next one begins another object."""
     stop_asking(session)
+    session.need().feature(ClickState).waiting = []
     return session.need().select(algebra.nothing(), "set", "Clear the clicks")
 
 

@@ -76,7 +76,8 @@ def _nothing_yet(session: Session) -> None:
         widgets.empty_state(icons.BOXES, "No objects yet", "They appear here as views are done.")
         return
     offer = association.stage_offer(session)
-    reason = offer.reason if offer is not None else "Nothing in this scene belongs to an object."
+    busy = session.jobs.why_busy or "Nothing in this scene belongs to an object."
+    reason = offer.reason if offer is not None else busy
     widgets.empty_state(icons.BOXES, "No objects yet", reason)
     if offer is not None and offer.command:
         room, padding = imgui.get_content_region_avail().x, 2 * imgui.get_style().frame_padding.x
