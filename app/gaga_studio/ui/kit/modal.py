@@ -67,9 +67,10 @@ def close_row() -> None:
 def answer(name: str, face: Face, *, why_not: str = "") -> bool:
     """The last row of a sheet: a button ``name`` and Cancel, as wide; both close it.
 
-    Whether the button was pressed.
+    Whether the button was pressed, or Enter where no field has the keyboard.
     """
     goes, cancels = answers(name, face, why_not=why_not)
+    goes = goes or (not why_not and _enter_is_free())
     if goes or cancels:
         imgui.close_current_popup()
     return goes
@@ -82,3 +83,11 @@ def answers(name: str, face: Face, *, why_not: str = "") -> tuple[bool, bool]:
     goes = widgets.button(name, face, why_not=why_not)
     imgui.same_line()
     return goes, widgets.button("Cancel", Face(width=face.width))
+
+
+def _enter_is_free() -> bool:
+    """Whether Enter was pressed, but not in a field or in what is open over the sheet."""
+    is_ours = imgui.is_window_focused(imgui.FocusedFlags_.child_windows)
+    had_field = imgui.get_current_context().active_id_previous_frame != 0
+    is_new = imgui.is_window_appearing()  # the key of this frame opened it
+    return is_ours and not had_field and not is_new and widgets.enter_pressed()
