@@ -11,6 +11,7 @@ from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.folder.lock import FolderLock, InUseError, lock_folder
+from gaga_core.io.splats.sog import META
 from gaga_core.io.splats.splat_files import files_of_model
 from gaga_core.pipeline.level_of_detail import is_of, rows_of_files
 from gaga_core.scene import edits
@@ -122,7 +123,10 @@ class Document:
     def name(self) -> str:
         """Name of the folder or file."""
         folder = self.project.folder
-        return folder.root.name if folder is not None else self.project.model_path.name
+        path = self.project.model_path
+        if folder is not None:
+            return folder.root.name
+        return path.parent.name if path.name == META else path.name  # that of a SOG folder
 
     @property
     def title(self) -> str:
