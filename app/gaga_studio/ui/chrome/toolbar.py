@@ -26,6 +26,8 @@ _DEPTHS = (
     (False, "", "Through", "Everything in the region, including what is hidden behind it"),
     (True, "", "Visible surface", "Only what is seen from here"),
 )
+_WHOLE = "An object is always selected whole, including its hidden parts."
+_PAINTS = "The brush takes the objects whose visible surface it goes over."
 _MODEL_HINT = (
     "A Segment Anything model segments the clicked object in several views, in the background; "
     "its answer replaces the first one"
@@ -111,10 +113,10 @@ def _what_regions_take(session: Session) -> None:
         why_not={False: no_objects},
     )
     imgui.same_line(0, em(_GAP))
-    why_not = "" if takes else "An object is always selected whole, including its hidden parts."
-    depth = widgets.segmented(
-        "How deep", _DEPTHS, view.visible_only and takes, why_not={True: why_not}
-    )
+    paints = session.tool is ToolName.BRUSH and not takes
+    why_not = _PAINTS if paints else "" if takes else _WHOLE
+    shown = paints or (view.visible_only and takes)
+    depth = widgets.segmented("How deep", _DEPTHS, shown, why_not={not paints: why_not})
     if not no_objects:
         view.takes_splats = takes
     if takes:

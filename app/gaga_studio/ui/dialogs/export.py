@@ -75,10 +75,10 @@ def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool)
     return _crop(session, options)
 
 
-def _up(options: ExportOptions) -> ExportOptions:
+def _up(options: ExportOptions, of: str) -> ExportOptions:
     widgets.field_name("Up", em(NAMES))
     choices = [
-        (False, "", "Y, as glTF has it", "It stands upright in other programs"),
+        (False, "", f"Y, as {of} has it", "It stands upright in other programs"),
         (True, "", "As trained", "Axes of the scene, x and y reversed, as a .ply has them"),
     ]
     return replace(
@@ -270,7 +270,8 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
         if is_solid
         else sheet.form in (SplatFormat.GLB, SplatFormat.USD) and has_splats
     ):
-        sheet.options = _up(sheet.options)
+        is_usd = not is_solid and sheet.form is SplatFormat.USD
+        sheet.options = _up(sheet.options, "OpenUSD" if is_usd else "glTF")
     if sheet.what == "simulation":
         _bodies(session, sheet)
     else:
