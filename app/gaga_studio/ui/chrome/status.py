@@ -149,7 +149,7 @@ def job_text(job: Job) -> str:
     """ "Associate masks 45 %, 12 s left"; the step is named where the share is its own."""
     if job.is_cancelling:
         return f"{job.title}: stopping"
-    names_step = job.stage != job.title and (job.is_of_step or job.fraction < 0)
+    names_step = (job.is_of_step or job.fraction < 0) and not job.title.startswith(job.stage)
     step = f": {job.stage[:1].lower()}{job.stage[1:]}" if names_step else ""
     if job.fraction < 0:
         return f"{job.title}{step}"
