@@ -395,6 +395,15 @@ def test_the_offer_counts_one_photo_as_one(
 ) -> None:
     """ "1 photos have no masks yet." was offered."""
     shutil.rmtree(scene_folder / "masks")
+    session = new_session()
+    session.open(scene_folder)
+    finish(session)
+    offer, folder = association.stage_offer(session), session.need().project.folder
+    assert offer is not None
+    assert folder is not None
+    assert folder.test
+    said = [int(word) for word in offer.reason.split() if word.isdigit()]
+    assert said == [len(folder.train), len(folder.test)], "those for testing get no masks"
     first, *others = sorted((scene_folder / "images").iterdir())
     for path in others:
         path.unlink()

@@ -431,7 +431,10 @@ def _no_masks(folder: SceneFolder) -> StageOffer:
             f"Put {'it' if n == 1 else 'them'} back, or import masks."
         )
     seconds = _LEAST_SECONDS + len(folder.train) * _SECONDS_PER_PHOTO
-    reason = f"{_photos_have(n_photos)} no masks yet."
+    n_needed = sum(name in folder.image_paths for name in folder.train) or n_photos
+    n_tests = n_photos - n_needed  # they get none, so that there are fewer masks then
+    rest = f"; {n_tests} more {'is' if n_tests == 1 else 'are'} for testing" if n_tests else ""
+    reason = f"{_photos_have(n_needed)} no masks yet{rest}."
     more = (("", "object.masks_model"), ("Other ways…", "object.masks"))
     note = "now, without a model"
     return StageOffer(reason, "Make masks", "object.masks_quick", seconds, note, more)
