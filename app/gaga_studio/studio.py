@@ -34,7 +34,7 @@ from gaga_studio.features.commands import new_session
 from gaga_studio.features.dataset import DatasetPlan
 from gaga_studio.features.files import drop
 from gaga_studio.features.find import memory_bank as bank
-from gaga_studio.features.find.search import find_here
+from gaga_studio.features.find.search import find_here, follow
 from gaga_studio.features.view import background_of
 from gaga_studio.gpu.context import attach
 from gaga_studio.gpu.images import ImageStore
@@ -448,6 +448,7 @@ class Studio:
         self._letters()
         theme.resize(self.session.settings.ui_scale)
         self.session.tick(imgui.get_io().delta_time)
+        self._guard.call("Names", lambda: follow(self.session))  # also where no list is shown
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)
         bank.tick_timeline(self.session, imgui.get_io().delta_time)
         if (viewport := self.viewport) is not None:

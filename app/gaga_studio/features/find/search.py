@@ -336,19 +336,34 @@ _LONGEST = 800  # longest side, pixels, of the picture for a detector
 EXAMPLES = "“red”, “the largest”, “yellow left of the bowl”"
 
 
-# --- every frame with the search box
+# --- every frame
 
 
 def tick(session: Session, kept: Kept | None = None) -> None:
-    """Measure what has changed, describe objects, look up nouns, and update the answer.
+    """`follow` what has changed, and update the answer: every frame with the search box.
 
     ``kept`` returns the groups that the filter of the list keeps, None while it is off.
     """
+    document = follow(session)
+    if document is None:
+        return
+    search = document.feature(SearchState)
+    if search.text.strip():
+        table = session.objects()
+        search.keep(kept(session, table) if kept is not None else None)
+        search.answer(document.scene, table, train_views(document.project))
+
+
+def follow(session: Session) -> Document | None:
+    """Measure what has changed, describe objects and look up nouns, whatever panels are shown.
+
+    The document, None while it has nothing to measure.
+    """
     document = session.document
     if document is None or session.live is not None or session.is_previewing:
-        return
+        return None
     if not document.read.has_groups():
-        return
+        return None
     search = document.feature(SearchState)
     is_asked = bool(search.text.strip())
     cameras = train_views(document.project)
@@ -365,10 +380,7 @@ def tick(session: Session, kept: Kept | None = None) -> None:
         elif nouns and search.measured is not None and search.measured.pictures is not None:
             stage = look_up_stage(search.measured.pictures, nouns, search.know)
             session.jobs.start_quiet("Look up words", stage)
-    if is_asked:
-        table = session.objects()
-        search.keep(kept(session, table) if kept is not None else None)
-        search.answer(document.scene, table, cameras)
+    return document
 
 
 def _describe(document: Document) -> None:
