@@ -353,6 +353,23 @@ def outside(parts: Sequence[TriangleMesh], held: Sequence[DoubleArray]) -> tuple
     return tuple(parts)
 
 
+def _seats(held: Sequence[DoubleArray], deep: float) -> list[TriangleMesh]:
+    """What objects with corners ``held`` (K, 3) each stand on: their lowest layers, ``deep`` down.
+
+    Other parts end anywhere under them: on those alone an apple in a bowl tilted by 10 degrees.
+    """
+    found = []
+    for corners in held:
+        z = corners[:, 2]
+        foot = corners[z <= z.min() + _LAYER * np.ptp(z)]
+        under = np.column_stack([foot[:, :2], np.maximum(foot[:, 2] - deep, 0)])
+        try:
+            found.append(convex_collider(np.concatenate([foot, under])))
+        except GagaError:  # it stands on a point
+            continue
+    return found
+
+
 def parts_of(
     mesh: TriangleMesh, plane: Plane | None, cut: float, config: SimulationConfig
 ) -> tuple[TriangleMesh, ...]:
@@ -435,6 +452,9 @@ def body_stage(
     foot = Plane(plane.origin - origin, plane.normal) if plane is not None and stands else None
     place = np.eye(4)
     place[:3, 3] = -origin
+    inside = [corners - origin for corners in held]
+    seats = _seats(inside[: config.parts // 2], voxel)
+    rest = replace(config, parts=config.parts - len(seats))
     return Body(
         id=0,
         name="",
@@ -442,9 +462,7 @@ def body_stage(
         position=origin,
         gaussians=placed(gaussians, place),
         mesh=mesh,
-        parts=outside(
-            parts_of(mesh, foot, _CUT * voxel, config), [corners - origin for corners in held]
-        ),
+        parts=outside((*parts_of(mesh, foot, _CUT * voxel, rest), *seats), inside),
         properties=mass_properties(mesh, density or config.density, mass),
         underside="assumed flat" if stands else "as seen",
     ), is_closed
