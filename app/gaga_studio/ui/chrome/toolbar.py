@@ -69,7 +69,8 @@ def draw_card(session: Session, area: PictureArea, top: float) -> float:
         return top
     imgui.set_cursor_screen_pos(imgui.ImVec2(area.left + em(0.7), top))
     imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(em(0.35), em(0.35)))
-    widgets.card("Tool options", 0, lambda: _options(session))
+    is_narrow = _width(session) + em(2 * 0.7 + 2 * 0.35) > area.width
+    widgets.card("Tool options", 0, lambda: _options(session, is_narrow=is_narrow))
     imgui.pop_style_var()
     return imgui.get_item_rect_max().y + em(0.5)
 
@@ -89,9 +90,9 @@ def _width(session: Session) -> float:
     return sum(imgui.calc_text_size(label).x + padding for label in labels) + em(_GAP)
 
 
-def _options(session: Session) -> None:
+def _options(session: Session, *, is_narrow: bool = False) -> None:
     if session.tool in REGION_TOOLS:
-        _what_regions_take(session)
+        _what_regions_take(session, is_narrow=is_narrow)
     elif session.tool is ToolName.OBJECT:
         _clicks(session)
     elif session.tool not in _IN_BAR:
@@ -101,8 +102,11 @@ def _options(session: Session) -> None:
             _paint_color(session)
 
 
-def _what_regions_take(session: Session) -> None:
-    """In words, because "rings" and "centres" are what users of other editors stumble over."""
+def _what_regions_take(session: Session, *, is_narrow: bool) -> None:
+    """In words, because "rings" and "centres" are what users of other editors stumble over.
+
+    In two lines where it ``is_narrow``.
+    """
     view = session.view
     document = session.document
     no_objects = "" if document and document.read.has_groups() else session.no_groups_text
@@ -112,7 +116,8 @@ def _what_regions_take(session: Session) -> None:
         view.takes_splats or bool(no_objects),
         why_not={False: no_objects},
     )
-    imgui.same_line(0, em(_GAP))
+    if not is_narrow:
+        imgui.same_line(0, em(_GAP))
     paints = session.tool is ToolName.BRUSH and not takes
     why_not = _PAINTS if paints else "" if takes else _WHOLE
     shown = paints or (view.visible_only and takes)
