@@ -92,14 +92,14 @@ def _draw_next_stage(session: Session, state: PictureState, area: PictureArea) -
         return
     if any(one.shown(session) is not None for one in (cleanup, fill, add_scene)):
         return  # it would cover a preview that is to be looked at
-    if not offer.command and session.tool is ToolName.OBJECT:
-        return  # it only advises what is being done
+    is_low = area.height < em(_LOW_AREA)
+    if not offer.command and (is_low or session.tool is ToolName.OBJECT):
+        return  # it only advises: what is being done, or all over a low picture
     width = min(em(34), area.width - em(2))
     if width < em(12):
         return
     at = ImVec2(area.left + (area.width - width) / 2, area.bottom - em(1))
     imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 1))
-    is_low = area.height < em(_LOW_AREA)
     widgets.card("Offer", width, lambda: _content(session, state, width, is_low=is_low))
     area.offer_top = imgui.get_item_rect_min().y
 
