@@ -780,6 +780,9 @@ def _the_path_field_completes(d: Driver, folder: Path, ask: Callable[[], FileDia
     d.keys(KEY.enter)
     assert d.studio.ui.files.dialog is None
     dialog = ask()
+    d.engine.key_chars(f"{folder.parent}/")
+    d.frames()
+    assert dialog.folder == folder.parent, "the list follows what is typed"
     lefts = [d.engine.item_info(f"//$FOCUSED/###{n}").rect_full.min.x for n in ("Open", "Cancel")]
     assert lefts == sorted(lefts), "as in every other sheet"
     d.keys(KEY.escape)

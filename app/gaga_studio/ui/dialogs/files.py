@@ -276,6 +276,16 @@ def _entry(dialog: FileDialog, entry: Path) -> None:
         dialog._text = entry.name
 
 
+def _follow(dialog: FileDialog) -> None:
+    """List the folder whose whole path was typed."""
+    try:
+        typed = Path(dialog._text).expanduser()
+        if typed.is_absolute() and typed.is_dir():
+            dialog.folder = typed
+    except (OSError, RuntimeError):  # of another user, of none
+        return
+
+
 def _answer_row(dialog: FileDialog) -> None:
     if dialog.message:
         widgets.text(widgets.elided(dialog.message, em(40)), theme.WARN)
@@ -298,6 +308,8 @@ def _answer_row(dialog: FileDialog) -> None:
     entered, dialog._text = imgui.input_text_with_hint(
         "##Path", hint, theme.noted(dialog._text), flags, complete
     )
+    if imgui.is_item_edited() and dialog._text.endswith(("/", "\\")):
+        _follow(dialog)
     if entered:
         _accept(dialog)
         dialog._wants_keyboard = True  # what was not taken is typed again
