@@ -21,7 +21,7 @@ from gaga_studio.features.commands import run
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.features.object_list import UNSURE, ListFilter, ObjectListView, measures
-from gaga_studio.session.settings import load_settings
+from gaga_studio.session.settings import Settings, load_settings
 from gaga_studio.tools.move import MoveTool
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
@@ -496,3 +496,13 @@ def test_handles_and_size_are_of_the_object_without_its_floaters(
         np.testing.assert_allclose(d.session.rig.pivot, 0, atol=0.02)
 
     drive(walk, path=tmp_path / "ball.ply")
+
+
+def test_objects_have_their_names_where_no_list_is_shown(display: str, grouped_copy: Path) -> None:
+    def walk(d: Driver) -> None:
+        d.focus("Inspector")
+        assert d.engine.get_window_by_ref("//Objects").hidden
+        d.until(lambda: bool(d.scene.described), "the objects are described")
+
+    settings = Settings(ui_scale=2.0, first_steps_done=True)
+    drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
