@@ -1,11 +1,14 @@
 """The card of five steps: each ticks itself, and it stands where it covers nothing."""
 
 import itertools
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gaga_core.io.folder.scene_folder import find_model
 from gaga_studio.features import export, objects, selection, transform
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import association
@@ -94,6 +97,25 @@ def test_objects_that_a_project_brought_are_found_already(associated: Session) -
     progress.follow(associated)
     assert progress.next == 3
     assert "change" not in progress.done
+
+
+def test_a_file_without_photos_has_nothing_to_find(
+    new_session: Callable[[], Session], scene_folder: Path, tmp_path: Path
+) -> None:
+    model, path = find_model(scene_folder), tmp_path / "alone.ply"
+    assert model is not None
+    shutil.copy(model, path)
+    session, progress = new_session(), FirstSteps()
+    session.open(path)
+    finish(session)
+    session.need().scene.labels[:] = 0
+    session.need().scene.revision.labels += 1
+    progress.follow(session)
+    assert [name for name, _ in progress.steps] == ["open", "click", "change", "export"]
+    assert progress.next == 2
+    session.need().select(np.arange(5, dtype=np.int32), "set", "Click")
+    progress.follow(session)
+    assert progress.next == 3
 
 
 @pytest.mark.parametrize("unit", [10.5, 15.0, 30.0])

@@ -50,6 +50,8 @@ def status_text(session: Session, tool: Tool) -> str:
     document = session.document
     if session.training is not None and session.training.is_stopped:
         return "Training has stopped. Continue it, keep these splats, or go back to the photos."
+    if session.training is not None and session.training.scene is None:
+        return "The photos are placed first. Then splats are shown here as they are trained."
     if session.training is not None:
         return "The splats are shown as they are trained. Drag orbits, the wheel zooms."
     if session.photos is not None:

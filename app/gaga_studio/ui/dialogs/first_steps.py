@@ -32,6 +32,7 @@ class FirstSteps:
 
     done: set[str] = field(default_factory=set)
     has_photos: bool = False  # photos without splats were opened
+    is_alone: bool = False  # a file of splats: no photos to find objects in, a click takes one
     _document: int = 0
     _state: int = -1  # of the history when it was last looked at
     _look: "Look | None" = None  # at the scene, the last one
@@ -40,7 +41,9 @@ class FirstSteps:
     @property
     def steps(self) -> tuple[tuple[str, str], ...]:
         """All steps of what was opened."""
-        return (STEPS[0], _TRAIN, *STEPS[1:]) if self.has_photos else STEPS
+        if self.has_photos:
+            return (STEPS[0], _TRAIN, *STEPS[1:])
+        return tuple(step for step in STEPS if step[0] != "find" or not self.is_alone)
 
     def follow(self, session: Session) -> None:
         """Tick what is done by now."""
@@ -60,9 +63,11 @@ class FirstSteps:
         self.done |= {"open", "train"} if self.has_photos else {"open"}
         if document.read.has_groups():
             self.done.add("find")
+        self.is_alone = document.project.folder is None and "find" not in self.done
         selected = session.selected_groups()
         self._selected = self._selected if selected else ()
-        if "find" in self.done and selected != self._selected:
+        is_clicked = selected != self._selected if "find" in self.done else self.is_alone
+        if is_clicked and len(session.selected_indices()) > 0:
             self.done.add("click")
         if document.history.state_id == self._state or "change" in self.done:
             return
