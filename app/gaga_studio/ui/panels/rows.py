@@ -112,7 +112,7 @@ def name_field(state: RowState, height: float) -> tuple[bool, str] | None:
     imgui.set_next_item_width(-1)
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.2), (height - em(1)) / 2))
     flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
-    entered, state.text = imgui.input_text(f"##Name {state.shown}", theme.noted(state.text), flags)
+    entered, state.text = imgui.input_text("##Name", theme.noted(state.text), flags)
     imgui.pop_style_var()
     # A field that was not drawn in some frame has lost the keys without being told.
     was_active, state.is_active, state.has_keyboard = state.is_active, imgui.is_item_active(), True
@@ -548,8 +548,6 @@ class ObjectRow:
 
     def _name(self) -> None:
         if self.state.renaming == self.group:
-            if self.state.text == self.state.shown != self.name:  # described in the meantime
-                self.state.rename(self.group, self.name)
             typed = name_field(self.state, self.height)
             self.state.renaming = self.group if typed is None else None
             if typed is not None and typed[0]:
