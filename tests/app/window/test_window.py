@@ -673,7 +673,7 @@ def _no_offer_while_a_job_runs(d: Driver) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(widgets, "empty_state", empty_state)
         d.frames(2)
-    assert said["No objects yet"] == "Nothing in this scene belongs to an object.", "no advice"
+    assert said["No objects yet"] == "Wait is still running.", "no advice"
     ends.set()
     d.settle()
     assert d.exists(card)
