@@ -426,9 +426,7 @@ def body_stage(
     mass: float | None,
     density: float | None,
     photos: Sequence[DepthView] = (),
-    held: Sequence[
-        DoubleArray
-    ] = (),  # corners (K, 3) of objects that lie in it, world of the simulation
+    held: Sequence[DoubleArray] = (),  # corners (K, 3) of each object that lies in it, world
 ) -> Stage[tuple[Body, bool]]:
     """The body of an object without a name, and whether its mesh is closed.
 
