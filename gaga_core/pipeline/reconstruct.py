@@ -55,8 +55,8 @@ from gaga_core.placing.photos import (
     unread_kinds,
 )
 from gaga_core.placing.undistort import ORIGINALS
-from gaga_core.placing.video import expected_frames, shows_all_directions
-from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.placing.video import expected_frames
+from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.project import meant_in
@@ -461,9 +461,9 @@ def _photos_of(outside: Path | None, scene: Path) -> PhotoFind | None:
     outside = None if is_placed else outside
     poses = "" if is_placed else _poses_near(source)
     if is_video(source):
-        n_views = len(VIEWS) if run_stage(shows_all_directions(source)) else 1
-        size, n = _VIDEO_SIZE, expected_frames(source)
-        return PhotoFind(outside, scene, n, size, is_video=True, n_views=n_views)
+        n, is_round = expected_frames(source)
+        n_views = len(VIEWS) if is_round else 1
+        return PhotoFind(outside, scene, n, _VIDEO_SIZE, is_video=True, n_views=n_views)
     files = list_photos(source) if source.is_dir() else ()
     if not files:
         unread = unread_kinds(source) if source.is_dir() else ()

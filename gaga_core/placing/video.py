@@ -302,10 +302,13 @@ def shows_all_directions(video: Path) -> Stage[bool]:
     return (yield from _header(video)).is_panorama
 
 
-def expected_frames(video: Path) -> int:
-    """Frames that `extract_frames` would keep of ``video``; 0 when it cannot be read."""
-    seconds = run_stage(_header(video)).seconds
-    return int(seconds * min(_USUAL_FPS, _MOST_FRAMES / max(seconds, 1e-3)))
+def expected_frames(video: Path) -> tuple[int, bool]:
+    """Frames that `extract_frames` would keep of ``video``, 0 when it cannot be read; and what
+    `shows_all_directions` says."""
+    header = run_stage(_header(video))
+    seconds = header.seconds
+    n = int(seconds * min(_USUAL_FPS, _MOST_FRAMES / max(seconds, 1e-3)))
+    return n, header.is_panorama
 
 
 def _run(video: Path, command: list[str], expected: int) -> Stage[tuple[int, list[str]]]:

@@ -18,10 +18,10 @@ def measure(session: Session) -> None:
     """What the object list does in every frame, until everything is measured."""
     document, end = session.need(), time.monotonic() + 60
     while True:
-        search.tick(session)
+        search.follow(session)
         session.jobs.poll()
         if document.feature(SearchState).has_looks and session.jobs.quiet is None:
-            search.tick(session)
+            search.follow(session)
             return
         assert time.monotonic() < end
         time.sleep(0.02)
@@ -74,7 +74,7 @@ def test_a_picture_is_that_of_the_state_through_recolor_and_undo(measured: Sessi
     selection.select_groups(measured, (2,))
     assert picture(measured, 2)[0] == key  # a selection draws nothing again
     assert transform.recolor(measured, (1.0, 0.0, 0.0))
-    search.tick(measured)
+    search.follow(measured)
     stale = request(measured, 2)
     assert stale == (key, None)  # nothing is drawn under the digest of another state
     measure(measured)

@@ -57,16 +57,19 @@ def _ask(session: Session, text: str) -> tuple[int, ...]:
     search_actions.type_text(session, text, _SIZE)
     search = session.need().feature(SearchState)
     end = time.monotonic() + 60
-    search_actions.tick(session, object_list.kept_groups)
+    search_actions.follow(session)
+    search_actions.answer(session, object_list.kept_groups)
     while time.monotonic() < end:
         session.tick(0.01)
-        search_actions.tick(session, object_list.kept_groups)
+        search_actions.follow(session)
+        search_actions.answer(session, object_list.kept_groups)
         key = search.key(session.need().scene, train_views(session.need().project))
         is_measured = search.measured is not None and search.measured.key == key
         if is_measured and not search.is_looking_up and session.jobs.quiet is None:
             break
         time.sleep(0.01)
-    search_actions.tick(session, object_list.kept_groups)
+    search_actions.follow(session)
+    search_actions.answer(session, object_list.kept_groups)
     return tuple(hit.group for hit in search.hits)
 
 
@@ -128,7 +131,8 @@ def test_the_filter_of_the_list_leaves_out_answers_and_says_how_many(associated:
     assert _ask(associated, "mug") == ()
     assert document.feature(SearchState).n_left_out == 3
     document.feature(ObjectListView).filter = ListFilter()
-    search_actions.tick(associated, object_list.kept_groups)
+    search_actions.follow(associated)
+    search_actions.answer(associated, object_list.kept_groups)
     assert set(document.feature(SearchState).meant) == set(ids[:3]), "all again, without typing"
     assert document.feature(SearchState).n_left_out == 0
 
@@ -266,7 +270,8 @@ def test_a_detector_answers_for_this_view_until_something_else_is_typed(
     assert search_actions.no_question(associated) == ""
     search_actions.find_here(associated, _SIZE)
     assert associated.jobs.wait()
-    search_actions.tick(associated, object_list.kept_groups)
+    search_actions.follow(associated)
+    search_actions.answer(associated, object_list.kept_groups)
     assert search.in_view == "thing"
     assert "thing" in search.sentence
     _ask(associated, "the largest")

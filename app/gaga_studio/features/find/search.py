@@ -339,12 +339,20 @@ EXAMPLES = "“red”, “the largest”, “yellow left of the bowl”"
 # --- every frame
 
 
-def tick(session: Session, kept: Kept | None = None) -> None:
-    """`follow` what has changed, and update the answer: every frame with the search box.
+def _subject(session: Session) -> Document | None:
+    """The document, None while it has nothing to measure."""
+    document = session.document
+    if document is None or session.live is not None or session.is_previewing:
+        return None
+    return document if document.read.has_groups() else None
+
+
+def answer(session: Session, kept: Kept | None = None) -> None:
+    """Update the answer to what is typed: with the search box.
 
     ``kept`` returns the groups that the filter of the list keeps, None while it is off.
     """
-    document = follow(session)
+    document = _subject(session)
     if document is None:
         return
     search = document.feature(SearchState)
@@ -354,16 +362,11 @@ def tick(session: Session, kept: Kept | None = None) -> None:
         search.answer(document.scene, table, train_views(document.project))
 
 
-def follow(session: Session) -> Document | None:
-    """Measure what has changed, describe objects and look up nouns, whatever panels are shown.
-
-    The document, None while it has nothing to measure.
-    """
-    document = session.document
-    if document is None or session.live is not None or session.is_previewing:
-        return None
-    if not document.read.has_groups():
-        return None
+def follow(session: Session) -> None:
+    """Measure what has changed, describe objects and look up nouns, whatever panels are shown."""
+    document = _subject(session)
+    if document is None:
+        return
     search = document.feature(SearchState)
     is_asked = bool(search.text.strip())
     cameras = train_views(document.project)
@@ -380,7 +383,6 @@ def follow(session: Session) -> Document | None:
         elif nouns and search.measured is not None and search.measured.pictures is not None:
             stage = look_up_stage(search.measured.pictures, nouns, search.know)
             session.jobs.start_quiet("Look up words", stage)
-    return document
 
 
 def _describe(document: Document) -> None:

@@ -156,7 +156,7 @@ def draw(
     _box(session, state, area.size, search)
     imgui.same_line(0, em(0.2))
     button(session)
-    search_actions.tick(session, object_list.kept_groups)
+    search_actions.answer(session, object_list.kept_groups)
     if not search.text.strip():
         return False
     _understood(session, search)
