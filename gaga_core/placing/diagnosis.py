@@ -33,6 +33,7 @@ class Cycles:
 
     photos: LongArray  # (T, 3) indices
     errors: DoubleArray  # (T,) degrees between the turn around a triplet and none
+    matches: LongArray  # (T,) of the pair that has the fewest
 
     def open(self, degrees: float) -> BoolArray:
         """Triplets (T,) that miss by more than ``degrees``."""
@@ -43,6 +44,7 @@ def photo_cycles(
     n: int,  # photos
     pairs: LongArray,  # (Q, 2) indices of photos
     turns: DoubleArray,  # (Q, 3, 3) rotation from the first camera to the second; NaN: unknown
+    matches: LongArray,  # (Q,) verified
     seed: int = 0,
 ) -> Cycles:
     """Close the turns around triplets of photos that all matched; a sample of them, if many."""
@@ -61,7 +63,8 @@ def photo_cycles(
     a, b, c = photos.T
     around = _turn(of, turns, c, a) @ _turn(of, turns, b, c) @ _turn(of, turns, a, b)
     cosine = (np.trace(around, axis1=1, axis2=2) - 1) / 2
-    return Cycles(photos, np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+    of_pairs = matches[np.maximum(of, of.T)[[a, b, c], [b, c, a]]]
+    return Cycles(photos, np.degrees(np.arccos(np.clip(cosine, -1, 1))), of_pairs.min(axis=0))
 
 
 def _turn(of: LongArray, turns: DoubleArray, first: LongArray, second: LongArray) -> DoubleArray:
@@ -117,7 +120,7 @@ class DiagnosisConfig:
     still: float = 0.1
     still_pairs: float = 0.5  # share of the pairs of which that is true
     open_cycle: float = 35.0  # degrees that the turns around three photos may miss by
-    open_share: float = 0.15  # of the triplets, from which objects are said to repeat
+    open_share: float = 0.15  # of the triplets, from which objects repeat: equal walls have 0.36
     fewest_cycles: int = 20  # triplets below which nothing is said
 
 
@@ -252,10 +255,16 @@ def is_still(matches: MatchFacts) -> bool:
 
 
 def repetition(matches: MatchFacts) -> tuple[float, tuple[str, ...]]:
-    """Share of the triplets that contradict each other, and the worst; 0 when they are few."""
-    cycles = photo_cycles(len(matches.names), matches.pairs, matches.turns)
-    share = float(cycles.open(_CONFIG.open_cycle).mean()) if len(cycles.errors) else 0.0
-    if len(cycles.errors) < _CONFIG.fewest_cycles or share < _CONFIG.open_share:
+    """Share of the triplets that contradict each other, and the worst; 0 when they are few.
+
+    They count by their matches: few may be wrong by chance, objects that repeat give many.
+    """
+    pairs, counts = matches.pairs, matches.pair_matches
+    cycles = photo_cycles(len(matches.names), pairs, matches.turns, counts)
+    if len(cycles.errors) < _CONFIG.fewest_cycles:
+        return 0.0, ()
+    share = float(np.average(cycles.open(_CONFIG.open_cycle), weights=cycles.matches))
+    if share < _CONFIG.open_share:
         return 0.0, ()
     worst = cycles.photos[int(cycles.errors.argmax())]
     return share, tuple(matches.names[i] for i in worst)

@@ -94,15 +94,27 @@ def test_things_that_repeat_are_told(photos: PhotoSet, fine: MatchFacts) -> None
     assert diagnose(photos, fine).repeated() == ""
 
 
+def test_pairs_of_few_matches_may_be_wrong(photos: PhotoSet, fine: MatchFacts) -> None:
+    """A quarter of the pairs, far apart and weak, are turned by chance: nothing repeats."""
+    rng = np.random.default_rng(0)
+    weak = rng.random(len(fine.pairs)) < 0.25
+    wrong = np.array([about_z(a) for a in rng.uniform(60, 300, len(fine.pairs))])
+    turns = np.where(weak[:, None, None], wrong, fine.turns)
+    counts = np.where(weak, 60, 500)
+    assert diagnose(photos, replace(fine, turns=turns)).repeats > 0.3
+    assert diagnose(photos, replace(fine, turns=turns, pair_matches=counts)).repeats == 0
+
+
 def test_turns_close_whatever_is_unknown_and_whichever_way_pairs_go(fine: MatchFacts) -> None:
     rng = np.random.default_rng(0)
     swapped = rng.random(len(fine.pairs)) < 0.5
     pairs = np.where(swapped[:, None], fine.pairs[:, ::-1], fine.pairs)
     turns = np.where(swapped[:, None, None], fine.turns.transpose(0, 2, 1), fine.turns)
     turns[::5] = np.nan
-    cycles = photo_cycles(_N, pairs, turns)
+    cycles = photo_cycles(_N, pairs, turns, fine.pair_matches)
     assert len(cycles.errors) > 50
     assert cycles.errors.max() < 1e-5
     known = {tuple(sorted(p)) for p in pairs[~np.isnan(turns).any(axis=(1, 2))].tolist()}
     assert all({(a, b), (a, c), (b, c)} <= known for a, b, c in cycles.photos.tolist())
-    assert len(photo_cycles(_N, pairs, np.full_like(turns, np.nan)).errors) == 0
+    nothing = photo_cycles(_N, pairs, np.full_like(turns, np.nan), fine.pair_matches)
+    assert len(nothing.errors) == 0
