@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from imgui_bundle import ImVec2
+from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
@@ -48,6 +48,7 @@ def test_an_object_is_painted_the_scene_turned_compared_and_added_to(
         _the_turntable_waits_and_stays_between_the_photos(d)
         _two_versions_are_compared(d)
         _splats_and_folders_are_dropped_onto_a_scene(d, other, grouped_copy)
+        _a_notice_parts_no_name(d, tmp_path / "bad.splat")
 
     drive(walk, path=grouped_copy)
 
@@ -142,3 +143,32 @@ def _splats_and_folders_are_dropped_onto_a_scene(d: Driver, other: Path, folder:
     assert d.session.document.name == "other.ply"
     _drop(d, folder)
     assert d.session.document.name == folder.name
+
+
+def _a_notice_parts_no_name(d: Driver, wrong: Path) -> None:
+    """Lines end at spaces, never after the dot of ".splat", however narrow the picture is."""
+    wrong.write_bytes(b"splat" * 7)
+    n = len(d.scene)
+    _drop(d, wrong)
+    d.click("Question/###Open")
+    d.settle()
+    assert len(d.scene) == n, "what was open stays open"
+    text, draw, parted = d.session.notices[-1].text, imgui.text_unformatted, list[str]()
+    assert ".splat" in text
+
+    def look(lines: str) -> None:
+        draw(lines)
+        if "truncated" in lines:
+            high = imgui.get_item_rect_size().y
+            seen.append(round(high / imgui.get_text_line_height()) - lines.count("\n") - 1)
+            parted.append(lines.replace("\n", " "))
+
+    for width in range(640, 1000, 24):
+        d.resize(width, 600)
+        seen: list[int] = []
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(imgui, "text_unformatted", look)
+            d.frames(2)
+        assert seen
+        assert not any(seen), width
+    assert set(parted) == {text}
