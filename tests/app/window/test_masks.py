@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from gaga_core import kernels as kernels_of_numba
+from gaga_core.arrays import FloatArray
 from gaga_core.io.cameras.transforms_json import write_transforms_json
 from gaga_core.pipeline import compile_kernels
 from gaga_core.pipeline.reconstruct import BACKGROUND, STEPS
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.models.catalogue import known_model
+from gaga_studio.features import reconstruction
 from gaga_studio.features.commands import command
 from gaga_studio.features.find.association import FindState
 from gaga_studio.features.find.click_object import ClickState
@@ -289,17 +291,47 @@ def test_photos_become_splats_before_the_eyes(
         assert session.photos.iteration > 0
         _capture(d, "stopped")
         assert session.shown is not None, "they can still be looked at"
-        n_shown = len(session.shown)
+        d.click("**/###Continue")
+        goes_on(d, session.photos.iteration, session.shown.gaussians.means)
+        assert session.training is not None
+        assert session.training.scene is not None
+        stopped = session.training.scene.gaussians.means
         d.click("**/###Back to the photos")
         assert session.shown is None
-        assert d.exists("**/###Make splats")
-        session.training = training
-        d.frames(3)
+        d.click("**/###Make splats")  # goes on from the file
+        goes_on(d, session.photos.iteration, stopped)
+        n_shown = len(session.shown)
         d.click("**/###Keep these splats")
         d.settle()
         assert session.document is not None
         assert abs(len(d.scene) - n_shown) <= 1
         assert len(session.cameras) == 6
+        eye, going_on = session.rig.eye, reconstruction.stopped_training_of(session)
+        assert going_on is not None
+        kept = d.scene.gaussians.means
+        d.menu("File/###Go on training")
+        np.testing.assert_array_equal(session.rig.eye, eye)
+        goes_on(d, going_on.iteration, kept)
+
+    def goes_on(d: Driver, done: int, kept: FloatArray) -> None:
+        """Its splats stay in the picture until there are newer ones; then it is cancelled."""
+
+        def has_newer() -> bool:
+            training, shown = d.session.training, d.session.shown
+            update = None if training is None else training.update
+            is_newer = update is not None and update.iteration > done
+            if shown is not None:
+                assert is_newer or np.allclose(shown.gaussians.means, kept, atol=0.1)
+                assert np.ptp(shown.gaussians.logit_opacities) > 0, "as of points"
+                were_shown.append(not is_newer)
+            return is_newer
+
+        were_shown: list[bool] = []
+        d.until(has_newer, "it goes on")
+        assert any(were_shown)
+        d.click("**/###Cancel")
+        d.until(lambda: d.session.jobs.running is None, "the training stops")
+        d.frames(4)
 
     drive(walk, path=scene, size=(1000, 640))
 

@@ -128,6 +128,9 @@ def _job(session: Session, job: Job, width: float) -> None:
         of_title = imgui.calc_text_size(job.title).x
         title = widgets.elided(job.title, max(of_title - (wide - room), 0.0))
         text = widgets.elided(title + text.removeprefix(job.title), room)
+    # The button stays where it is, whatever the words are.
+    spare = max(room - imgui.calc_text_size(text).x, 0.0)
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + spare)
     imgui.align_text_to_frame_padding()
     imgui.text_unformatted(text)
     widgets.tooltip(job.message)

@@ -244,6 +244,8 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     if training.placement is not None and not small:
         draw_placement(training.placement)
     if update is None:
+        if training.is_stopped:
+            _what_now(session)
         return
     text = f"{update.iteration:,} of {training.iterations:,}  ·  {update.n_splats:,} splats"
     if not small:
