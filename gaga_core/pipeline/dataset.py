@@ -49,7 +49,7 @@ from gaga_core.export.dataset.records import (
     write_picture,
 )
 from gaga_core.export.dataset.records import draw as draw_picture
-from gaga_core.export.dataset.settings import FORMS, DatasetConfig, Form
+from gaga_core.export.dataset.settings import FORMS, MOST_PHOTOS, DatasetConfig, Form
 from gaga_core.export.dataset.views import (
     TRIES,
     Photos,
@@ -90,7 +90,6 @@ _NOTHING = "Photos do not cover any of these views. Lower --coverage, or take mo
 _MODEL_VOXELS = 64  # of a model of BOP, along its longest side
 _AHEAD = 2  # pictures that wait to be written while the next one is drawn
 _FILL_VIEWS = 24  # photos that a hole is judged by
-_MOST_PHOTOS = 160  # whose depth says what was seen
 _CLEAR = 0.05  # alpha of a pixel that shows the background alone
 # Of another light: gain, saturation, brightness and color temperature as photo editors have them.
 _GAIN, _SATURATION, _BRIGHTER, _WARMER = (0.7, 1.25), (0.75, 1.2), 0.06, 0.5
@@ -337,7 +336,7 @@ def _base_stage(project: Project, name: str, engine: Rasterizer) -> Stage[_Base]
     kinds = {item.group for item in items}
     digests = {item.group: f"{item.digest}{'' if item.group in kinds else 'b'}" for item in every}
     up = up_of_moved(project.folder.cameras, folder.cameras)
-    views = cameras[:: max(1, len(cameras) // _MOST_PHOTOS)]
+    views = cameras[:: max(1, len(cameras) // MOST_PHOTOS)]
     photos = yield from photos_stage(gaussians, views, up, engine)
     return _Base(
         name=name,

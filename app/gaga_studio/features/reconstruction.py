@@ -462,11 +462,12 @@ class KnownRates:
 
 
 def timed(
-    session: Session, stage: Stage[T], name: str, usual_s: Callable[[Progress], float]
+    session: Session, stage: Stage[T], name: str, usual_s: Callable[[Progress], float | None]
 ) -> Stage[T]:
     """``stage``, whose time is kept for the next estimate under ``name``.
 
-    ``usual_s``: what is expected, by its last words. Kernels that are prepared do not count.
+    ``usual_s``: what is expected, by its last words; None: this time tells nothing of the next.
+    Kernels that are prepared do not count.
     """
     start, last = time.monotonic(), Progress(name, 0, 0)
     while True:
@@ -474,7 +475,8 @@ def timed(
             step = next(stage)
         except StopIteration as end:
             known, took = session.feature(KnownRates), time.monotonic() - start
-            known.keep(known.rates | {name: took / usual_s(last)})
+            if (usual := usual_s(last)) is not None:
+                known.keep(known.rates | {name: took / usual})
             return cast(T, end.value)
         if step.total > 0:
             last = step

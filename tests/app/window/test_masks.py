@@ -3,6 +3,7 @@
 import os
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Event
 
@@ -284,6 +285,14 @@ def test_photos_become_splats_before_the_eyes(
         d.drag_picture((300, 250), (60, 10))
         assert (session.rig.eye != eye).any(), "the camera moves while they train"
         _capture(d, "training")
+        for size, scale in (((800, 500), 2.0), ((1000, 640), 1.0)):
+            large = replace(session.settings, ui_scale=scale)
+            d.on_main(partial(session.change_settings, large))
+            d.resize(*size)
+            d.frames(10)
+            area = d.studio.ui.area
+            assert 0 < area.live_bottom - area.top <= area.height / 2 or scale == 1
+            assert d.exists("**/###Stop here")
         d.click("**/###Cancel")
         d.until(lambda: session.jobs.running is None, "the training stops")
         d.frames(4)
