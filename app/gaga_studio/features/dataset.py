@@ -18,8 +18,9 @@ from gaga_studio.system import paths
 
 _RATE = "Labelled data"  # of the rate that is kept
 # Seconds on two cores, half of the processor time of 50 pictures of the demo: a million pixels with
-# their labels, an object's hole, its model, the depth of a photo.
-_PICTURE_S, _HOLE_S, _MODEL_S, _PHOTO_S = 0.5, 1.5, 0.1, 0.1
+# their labels, the files of a picture, an object's hole, its model, the depth of a photo.
+_PIXELS_S, _PICTURE_S, _HOLE_S, _MODEL_S, _PHOTO_S = 0.23, 0.12, 4.3, 0.4, 0.03
+_MOVED = 2  # objects that stand elsewhere in a placement for the first time, about
 
 
 @dataclass
@@ -47,11 +48,11 @@ class DatasetPlan:
     def usual_s(self, n_objects: int, n_photos: int) -> float:
         """About how long a new data set takes on two cores, seconds."""
         config = self.config
-        n_touched = -(-config.views // config.views_each) * (4 * config.moved + config.removed)
-        pictures = _PICTURE_S * config.views * config.width * config.height / 1e6
+        n_touched = -(-config.views // config.views_each) * (_MOVED * config.moved + config.removed)
+        each = _PIXELS_S * config.width * config.height / 1e6 + _PICTURE_S
         holes = _HOLE_S * min(n_touched, n_objects) if config.fill else 0.0
         models = _MODEL_S * n_objects if "bop" in self.forms else 0.0
-        return pictures + holes + models + _PHOTO_S * min(n_photos, MOST_PHOTOS)
+        return each * config.views + holes + models + _PHOTO_S * min(n_photos, MOST_PHOTOS)
 
     def says(self) -> str:
         """What will be made, in a sentence."""
