@@ -264,8 +264,13 @@ def test_labelled_data_takes_what_the_sheet_says_by_the_last_run_here(
         ):
             d.type_into(f"**/##{name}", f"{value}")
         draw = imgui.text_unformatted
+
+        def noting(text: str) -> None:
+            shown.append(text)
+            draw(text)
+
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(imgui, "text_unformatted", lambda text: (shown.append(text), draw(text)))
+            patch.setattr(imgui, "text_unformatted", noting)
             d.frames(3)
         return next(text for text in shown if text.startswith("All of them take about "))
 
