@@ -14,10 +14,12 @@ from gaga_core import kernels as kernels_of_numba
 from gaga_core.arrays import FloatArray
 from gaga_core.io.cameras.transforms_json import write_transforms_json
 from gaga_core.pipeline import compile_kernels
-from gaga_core.pipeline.reconstruct import BACKGROUND, STEPS
+from gaga_core.pipeline.place import WORKSPACE
+from gaga_core.pipeline.reconstruct import BACKGROUND, CHECKPOINT, STEPS
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.models.catalogue import known_model
+from gaga_core.training.checkpoint import splats_of
 from gaga_studio.features import reconstruction
 from gaga_studio.features.commands import command
 from gaga_studio.features.find.association import FindState
@@ -302,13 +304,12 @@ def test_photos_become_splats_before_the_eyes(
         assert session.shown is not None, "they can still be looked at"
         d.click("**/###Continue")
         goes_on(d, session.photos.iteration, session.shown.gaussians.means)
-        assert session.training is not None
-        assert session.training.scene is not None
-        stopped = session.training.scene.gaussians.means
         d.click("**/###Back to the photos")
         assert session.shown is None
+        stopped = splats_of(scene / WORKSPACE / CHECKPOINT)
+        assert stopped is not None
         d.click("**/###Make splats")  # goes on from the file
-        goes_on(d, session.photos.iteration, stopped)
+        goes_on(d, session.photos.iteration, stopped.means)
         n_shown = len(session.shown)
         d.click("**/###Keep these splats")
         d.settle()
@@ -330,7 +331,7 @@ def test_photos_become_splats_before_the_eyes(
             update = None if training is None else training.update
             is_newer = update is not None and update.iteration > done
             if shown is not None:
-                assert is_newer or np.allclose(shown.gaussians.means, kept, atol=0.1)
+                assert is_newer or np.array_equal(shown.gaussians.means, kept)
                 assert np.ptp(shown.gaussians.logit_opacities) > 0, "as of points"
                 were_shown.append(not is_newer)
             return is_newer
