@@ -49,7 +49,7 @@ from gaga_core.export.dataset.records import (
     write_picture,
 )
 from gaga_core.export.dataset.records import draw as draw_picture
-from gaga_core.export.dataset.settings import FORMS, DatasetConfig, Form
+from gaga_core.export.dataset.settings import FORMS, MOST_PHOTOS, DatasetConfig, Form
 from gaga_core.export.dataset.views import (
     TRIES,
     Photos,
@@ -88,9 +88,9 @@ _STAGE = "Make pictures"
 _AS_IT_IS = "as-it-is"  # placement of the scene without changes
 _NOTHING = "Photos do not cover any of these views. Lower --coverage, or take more photos."
 _MODEL_VOXELS = 64  # of a model of BOP, along its longest side
+_PICTURES_OF_MODEL = 3  # that take as long: 0.75 and 0.24 s of the processor in the demo
 _AHEAD = 2  # pictures that wait to be written while the next one is drawn
 _FILL_VIEWS = 24  # photos that a hole is judged by
-_MOST_PHOTOS = 160  # whose depth says what was seen
 _CLEAR = 0.05  # alpha of a pixel that shows the background alone
 # Of another light: gain, saturation, brightness and color temperature as photo editors have them.
 _GAIN, _SATURATION, _BRIGHTER, _WARMER = (0.7, 1.25), (0.75, 1.2), 0.06, 0.5
@@ -276,9 +276,15 @@ def pictures_stage(
 
     BOP alone has models of the objects, so only where it is one of ``forms`` they are made.
     """
-    project = (yield from open_path_stage(scene)) if isinstance(scene, Path) else scene
+    # One share for all: pictures, then models, which take about as long as three pictures each.
+    begin = Progress(_STAGE, 0, config.views, "photos")
+    project = scene
+    if isinstance(project, Path):
+        project = yield from as_step(begin, open_path_stage(project))
     engine = rasterizer or choose()
-    base = yield from _base_stage(project, name, engine)
+    base = yield from as_step(begin, _base_stage(project, name, engine))
+    n_models = len(base.items) if "bop" in forms else 0
+    total = config.views + _PICTURES_OF_MODEL * n_models
     holes: dict[int, Hole] = {}
     splits: dict[str, Split] = {_AS_IT_IS: "train"}
     names, left_out, made = list[str](), 0, 0
@@ -295,20 +301,21 @@ def pictures_stage(
             painter: _Painter | None = None
             for k in range(min(config.views_each, config.views - first)):
                 view = series.name(k)
-                yield Progress(_STAGE, first + k, config.views, view)
+                yield (step := Progress(_STAGE, first + k, total, view))
                 record = series.fresh(out, k)
                 if record is None:
                     if painter is None:
-                        yield from _holes_stage(base, arrangement, config, engine, holes)
+                        stage = _holes_stage(base, arrangement, config, engine, holes)
+                        yield from as_step(step, stage)
                         painter = _Painter(series, holes)
                     record, drawn = painter.picture(k)
                     made += 1
                     writer.put(partial(_finished, out, record, drawn, series.poses))
                 left_out += record.is_left_out
                 names += [] if record.is_left_out else [view]
-    yield Progress(_STAGE, config.views, config.views)
-    if "bop" in forms:
-        yield from _models_stage(out, base)
+    if n_models:
+        yield from _models_stage(out, base, total)
+    yield Progress(_STAGE, total, total)
     return _write_scene(out, base, names, (made, left_out), is_varied=len(splits) > 1)
 
 
@@ -337,7 +344,7 @@ def _base_stage(project: Project, name: str, engine: Rasterizer) -> Stage[_Base]
     kinds = {item.group for item in items}
     digests = {item.group: f"{item.digest}{'' if item.group in kinds else 'b'}" for item in every}
     up = up_of_moved(project.folder.cameras, folder.cameras)
-    views = cameras[:: max(1, len(cameras) // _MOST_PHOTOS)]
+    views = cameras[:: max(1, len(cameras) // MOST_PHOTOS)]
     photos = yield from photos_stage(gaussians, views, up, engine)
     return _Base(
         name=name,
@@ -599,7 +606,7 @@ def _model_path(out: Path, base: _Base, item: Item) -> Path:
     return out / "models" / base.name / f"{item.group}.ply"
 
 
-def _models_stage(out: Path, base: _Base) -> Stage[None]:
+def _models_stage(out: Path, base: _Base, total: int) -> Stage[None]:
     """Write the closed surface of each object, in its frame; its splats' centres if it has none."""
     config, up = MeshConfig(_MODEL_VOXELS), base.room.upright[2]
     for k, item in enumerate(base.items):
@@ -608,7 +615,8 @@ def _models_stage(out: Path, base: _Base) -> Stage[None]:
         if is_model_of(path, note):
             continue
         name = group_name(base.project.scene, item.group)
-        step = Progress("Mesh objects", k, len(base.items), name)
+        left = _PICTURES_OF_MODEL * (len(base.items) - k)
+        step = Progress(_STAGE, total - left, total, name)
         yield step
         own = base.gaussians.take(item.splats)
         stage = proxy_mesh_stage(own, choose("cpu"), up=up, config=config, is_soft=True)

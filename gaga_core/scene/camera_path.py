@@ -218,15 +218,15 @@ def turntable(
     """A closed circle of ``seconds`` around what ``shot`` looks at, about the axis ``up`` (3,).
 
     Height, distance and tilt stay those of the shot; seen from above the camera goes against the
-    clock unless ``clockwise``. A shot from between the places ``seen_from`` of the photos keeps to
-    the upright box around them: in a room, a circle would lead through the walls.
+    clock unless ``clockwise``. With the places ``seen_from`` of photos it keeps to the upright box
+    around them: in a room, a circle would lead through the walls.
     """
     axis = np.asarray(up, np.float64) / np.linalg.norm(up)
-    eye = np.array(shot.eye)
-    pivot = eye + shot.distance * shot.turn[2]
-    basis = np.eye(3) if basis is None else basis
-    box = None if seen_from is None else _box_around(basis @ eye, seen_from @ basis.T)
-    keys = []
+    pivot = np.array(shot.eye) + shot.distance * shot.turn[2]
+    basis, box = np.eye(3) if basis is None else basis, None
+    if seen_from is not None:
+        shot, box = _between(shot, pivot, seen_from @ basis.T, basis)
+    eye, keys = np.array(shot.eye), []
     for k in range(_TURNTABLE_KEYS):
         half = (-1 if clockwise else 1) * 2 * np.pi * k / _TURNTABLE_KEYS / 2
         turn = quats_to_matrices(np.array([[math.cos(half), *(math.sin(half) * axis)]]))[0]
@@ -241,24 +241,39 @@ def turntable(
 _NEAREST = 0.1  # of its distance: how near a turntable in a room may come to what it looks at
 
 
-def _box_around(eye: DoubleArray, places: DoubleArray) -> DoubleArray | None:
-    """Box (2, 2), low and high, of ``places`` (P, 3) from above; None: ``eye`` (3,) is out of it.
+def _between(
+    shot: Shot, pivot: DoubleArray, places: DoubleArray, basis: DoubleArray
+) -> tuple[Shot, DoubleArray]:
+    """``shot``, and the box (2, 3), low and high in the upright frame, that its circle keeps to.
 
-    Both in the upright frame.
+    The box is that of the ``places`` (P, 3) from above, at any height. Where the shot is nearer to
+    ``pivot`` than photos were, it reaches to the shot. One from behind all photos, and maybe behind
+    a wall, comes as near as the farthest corner of the box, at the height of photos.
     """
-    low_high = np.stack([places[:, :2].min(axis=0), places[:, :2].max(axis=0)])
-    at = eye[:2]
+    low, high = places.min(axis=0), places.max(axis=0)
     # The first photo itself is often on the edge.
-    edge = 1e-3 * max(float(np.ptp(low_high, axis=0).max()), 1e-9)
-    is_inside = (at >= low_high[0] - edge).all() and (at <= low_high[1] + edge).all()
-    return low_high if is_inside else None
+    edge = 1e-3 * max(float(np.ptp(places[:, :2], axis=0).max()), 1e-9)
+    low, high = low - edge, high + edge
+    eye, middle = basis @ np.array(shot.eye), basis @ pivot
+    out, out_of_middle = (np.linalg.norm((p - np.clip(p, low, high))[:2]) for p in (eye, middle))
+    if out < out_of_middle:
+        low, high = np.minimum(low, eye), np.maximum(high, eye)
+    elif out > 0:
+        way = eye - middle
+        reach = np.linalg.norm(np.maximum(np.abs(low - middle), np.abs(high - middle))[:2])
+        share = min(float(reach / np.linalg.norm(way[:2])), 1.0)
+        nearer = _three(basis.T @ (middle + share * way))
+        shot = replace(shot, eye=nearer, distance=share * shot.distance)
+        low[2], high[2] = min(low[2], middle[2]), max(high[2], middle[2])
+        return shot, np.stack([low, high])
+    low[2], high[2] = -np.inf, np.inf
+    return shot, np.stack([low, high])
 
 
 def _kept_in(shot: Shot, box: DoubleArray, pivot: DoubleArray, basis: DoubleArray) -> Shot:
-    """``shot`` from the nearest place of ``box`` (2, 2), looking at ``pivot`` (3,), upright."""
+    """``shot`` from the nearest place of ``box`` (2, 3), looking at ``pivot`` (3,), upright."""
     place = basis @ np.array(shot.eye)
-    kept = place.copy()
-    kept[:2] = np.clip(place[:2], box[0], box[1])
+    kept = np.clip(place, box[0], box[1])
     if np.allclose(kept, place):
         return shot
     eye = basis.T @ kept

@@ -191,6 +191,16 @@ def _best(arrays: Mapping[str, AnyArray]) -> Best | None:
     return Best(int(iteration), float(psnr), columns)
 
 
+def splats_of(path: Path) -> Gaussians | None:
+    """The splats of a checkpoint, without reading the rest; None when there are none."""
+    names = [f"values_{name}" for name in COLUMNS]
+    try:
+        arrays = read_columns(path, "", {name: _FILE[name] for name in names})
+    except GagaError:
+        return None
+    return of_columns([arrays[name] for name in names])
+
+
 def iteration_of(path: Path) -> int | None:
     """Iterations done in a checkpoint, without reading the rest; None when there is none."""
     try:

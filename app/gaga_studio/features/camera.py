@@ -277,7 +277,7 @@ def clear_path(session: Session) -> None:
 
 
 def make_turntable(session: Session, seconds: float = TURN_SECONDS) -> None:
-    """Replace the path by a circle around the pivot, in a room between its photos."""
+    """Replace the path by a circle around the pivot that stays between the photos."""
     places = np.array([camera.position for camera in session.cameras]).reshape(-1, 3)
     seen_from = places if len(places) else None
     shot, up = session.rig.shot(), session.rig.up

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
 
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
 from gaga_core.io.json_file import read_json
@@ -151,8 +152,13 @@ def found_text(found: "PhotoFind") -> str:
     return f"{found.n_photos:,} photos, and no splats yet. {found.poses}".strip()
 
 
-def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
-    """Make splats of the photos that are open, as a job that shows them while they are trained."""
+def make(
+    session: Session, plan: ReconstructionPlan | None = None, former: TrainingUpdate | None = None
+) -> None:
+    """Make splats of the photos that are open, as a job that shows them while they are trained.
+
+    A training that goes on shows its ``former`` splats until there are new ones.
+    """
     found = session.photos
     if found is None:  # they are chosen first
         session.request = Request.OPEN_PHOTOS
@@ -163,15 +169,21 @@ def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
     plan = plan or plan_of(found)
     from gaga_core.pipeline.reconstruct import Estimate
 
+    stopped = session.training
     training = TrainingPreview(found.name, plan.config.train().iterations)
+    if plan.config != found.going_on:
+        former = None
+    elif former is None and stopped is not None and stopped.scene is not None:
+        kept = stopped.scene.gaussians, stopped.placement
+        former = TrainingUpdate(stopped.cameras, (), stopped.update, *kept)
+    if former is not None:
+        training.take(former)
     known = session.feature(KnownRates)
     estimate = Estimate(found, plan.config, known.rates)
 
     def progress(payload: object) -> None:
         if isinstance(payload, TrainingUpdate) and training.take(payload):
-            eyes = np.array([camera.position for camera in training.cameras])
-            session.rig.frame_scene(eyes.min(axis=0), eyes.max(axis=0), training.cameras)
-            session.active_view = 0
+            _frame(session, training.cameras)
             for note in payload.notes:
                 session.notify(Level.WARNING, note)
 
@@ -187,14 +199,22 @@ def make(session: Session, plan: ReconstructionPlan | None = None) -> None:
     def end() -> None:
         if session.training is training:
             training.show()
-            training.is_stopped = training.update is not None
+            training.is_stopped = training.update is not None or former is not None
             session.training = training if training.is_stopped else None
             _look_again(session, plan.scene)
             if training.is_stopped and training.keeps:
                 keep_stopped(session)
 
-    if session.jobs.start(title(session), _stage(found, plan, estimate), progress, done, end):
+    stage = _stage(found, plan, estimate, former)
+    if session.jobs.start(title(session), stage, progress, done, end):
         session.training = training
+
+
+def _frame(session: Session, cameras: tuple[Camera, ...]) -> None:
+    """Show what the placed photos show."""
+    eyes = np.array([camera.position for camera in cameras])
+    session.rig.frame_scene(eyes.min(axis=0), eyes.max(axis=0), cameras)
+    session.active_view = 0
 
 
 def stop_here(session: Session) -> None:
@@ -240,9 +260,18 @@ def go_on_title(session: Session) -> str:
 
 def go_on(session: Session) -> None:
     """Go on with the training that was stopped; its end takes the place of the open scene."""
-    found = stopped_training_of(session)
-    if found is not None:
-        session.leave_for(found, "before the training goes on", lambda: make(session))
+    found, document = stopped_training_of(session), session.document
+    if found is None or document is None or document.project.folder is None:
+        return
+    cameras, gaussians = document.project.folder.cameras, document.scene.gaussians
+    former, is_moved = TrainingUpdate(cameras, gaussians=gaussians), bool(document.scene.frame.rows)
+
+    def leave() -> None:
+        make(session, former=former)
+        if is_moved:  # the training knows nothing of that
+            _frame(session, cameras)
+
+    session.leave_for(found, "before the training goes on", leave)
 
 
 def leave_stopped(session: Session) -> None:
@@ -285,7 +314,10 @@ def _look_again(session: Session, scene: Path) -> None:
 
 
 def _stage(
-    found: "PhotoFind", plan: ReconstructionPlan, estimate: "Estimate"
+    found: "PhotoFind",
+    plan: ReconstructionPlan,
+    estimate: "Estimate",
+    former: TrainingUpdate | None,
 ) -> "Stage[Reconstruction | _Refused]":
     # In the job's thread: numba and the reader of photos are a good part of the launch time.
     from gaga_core.io.folder.scene_folder import find_sparse, open_scene_folder
@@ -308,14 +340,26 @@ def _stage(
         notes = placed.notes
     folder = open_scene_folder(plan.scene)
     placement = placement_of(read_entry(plan.scene))
-    points = _points(plan.scene)
-    seen = TrainingUpdate(folder.cameras, notes, gaussians=points, placement=placement)
+    if former is None:
+        gaussians = _begun(plan.scene) if plan.config == found.going_on else None
+        gaussians = gaussians or _points(plan.scene)
+        former = TrainingUpdate(folder.cameras, gaussians=gaussians)
+    seen = replace(former, notes=notes, placement=placement)
     train = reconstruct_scene(None, plan.scene, replace(config, only="all"), again=True)
     try:
         made = yield from mapped(mapped(train, _in_steps(estimate)), _gathered(seen))
     except WrongModelError as error:  # of poses that lay there: the photos contradict them
         return _Refused(error.finding)
     return made
+
+
+def _begun(scene: Path) -> "Gaussians | None":
+    """The splats of the training that goes on."""
+    from gaga_core.pipeline.place import WORKSPACE
+    from gaga_core.pipeline.reconstruct import CHECKPOINT
+    from gaga_core.training.checkpoint import splats_of
+
+    return splats_of(scene / WORKSPACE / CHECKPOINT)
 
 
 def _points(scene: Path) -> "Gaussians | None":
@@ -418,11 +462,12 @@ class KnownRates:
 
 
 def timed(
-    session: Session, stage: Stage[T], name: str, usual_s: Callable[[Progress], float]
+    session: Session, stage: Stage[T], name: str, usual_s: Callable[[Progress], float | None]
 ) -> Stage[T]:
     """``stage``, whose time is kept for the next estimate under ``name``.
 
-    ``usual_s``: what is expected, by its last words. Kernels that are prepared do not count.
+    ``usual_s``: what is expected, by its last words; None: this time tells nothing of the next.
+    Kernels that are prepared do not count.
     """
     start, last = time.monotonic(), Progress(name, 0, 0)
     while True:
@@ -430,7 +475,8 @@ def timed(
             step = next(stage)
         except StopIteration as end:
             known, took = session.feature(KnownRates), time.monotonic() - start
-            known.keep(known.rates | {name: took / usual_s(last)})
+            if (usual := usual_s(last)) is not None:
+                known.keep(known.rates | {name: took / usual})
             return cast(T, end.value)
         if step.total > 0:
             last = step

@@ -1,6 +1,7 @@
 """Delete and fill in the window: where the colors of the hole come from, and why not."""
 
 import os
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from gaga_core.scene.orientation import degrees_of
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.features import cleanup, fill, measure
+from gaga_studio.features import cleanup, commands, fill, measure
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
@@ -157,6 +158,29 @@ def reddish(picture: UInt8Array) -> int:
     return int(((red > 110) & (red > green + 40) & (red > blue + 40)).sum())
 
 
+def _a_preview_is_seen_and_ended_in_a_small_window(d: Driver) -> None:
+    """No options of a tool lie over it, and its buttons are in sight."""
+    session = d.session
+    d.on_main(lambda: session.change_settings(replace(session.settings, ui_scale=2.0)))
+    d.resize(800, 500)
+    d.frames(10)
+    session.tool = ToolName.RECT
+    d.frames(3)
+    assert d.exists("**/How deep/Through")
+    d.on_main(lambda: commands.run("object.clean", session))
+    d.settle()
+    d.focus("Inspector")
+    assert not d.exists("**/How deep/Through")
+    for name in ("Apply", "Cancel"):
+        button = d.engine.item_info(f"//Inspector/###{name}")
+        assert button.rect_clipped.max.y == button.rect_full.max.y, name
+    d.click("Inspector/###Cancel")
+    session.tool = ToolName.PICK
+    d.on_main(lambda: session.change_settings(replace(session.settings, ui_scale=1.0)))
+    d.resize(1100, 700)
+    d.frames(10)
+
+
 def test_clean_up_and_apply(display: str, tmp_path: Path) -> None:
     scene, floaters = planted()
     model = tmp_path / "balls.ply"
@@ -183,9 +207,7 @@ def test_clean_up_and_apply(display: str, tmp_path: Path) -> None:
         assert snapshot(document.scene) == before
         assert session.selected_groups() == (GROUP,)
 
-        d.click("Inspector/###Clean up")
-        d.settle()
-        d.click("Inspector/###Cancel")
+        _a_preview_is_seen_and_ended_in_a_small_window(d)
         assert snapshot(document.scene) == before
 
         d.click("Inspector/###Clean up")

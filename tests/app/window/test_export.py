@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 from PIL import Image
 
 from gaga_core.arrays import UInt8Array
@@ -18,8 +19,9 @@ from gaga_core.scene.bake import bake
 from gaga_core.scene.export_manifest import listed_files
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Weight
-from gaga_studio.features import camera, objects, selection, simulate
+from gaga_studio.features import camera, dataset, objects, selection, simulate
 from gaga_studio.features.commands import run
+from gaga_studio.features.reconstruction import KnownRates
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.pages import page_data
@@ -243,3 +245,66 @@ def _middle(d: Driver, folder: Path) -> UInt8Array:
         width, height = image.size
         third = width // 3, height // 3, 2 * width // 3, 2 * height // 3
         return np.asarray(image.convert("RGB").crop(third))
+
+
+def test_labelled_data_takes_what_the_sheet_says_by_the_last_run_here(
+    display: str, grouped_copy: Path, tmp_path: Path
+) -> None:
+    """A run that completes another, or is cancelled, tells nothing of a whole one."""
+    out = tmp_path / "data"
+
+    def asked(d: Driver, views: int) -> str:
+        shown: list[str] = []
+        if not d.exists("Labelled data/###Choose a folder…"):
+            d.menu("File/###Make labelled data…")
+        for name, value in (
+            ("Pictures of a scene", views),
+            ("Width, pixels", 64),
+            ("Height, pixels", 48),
+        ):
+            d.type_into(f"**/##{name}", f"{value}")
+        draw = imgui.text_unformatted
+
+        def noting(text: str) -> None:
+            shown.append(text)
+            draw(text)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(imgui, "text_unformatted", noting)
+            d.frames(3)
+        return next(text for text in shown if text.startswith("All of them take about "))
+
+    def made(d: Driver) -> float:
+        d.click("**/###Choose a folder…")
+        d.answer_path(out)
+        shares: list[float] = []
+
+        def is_done() -> bool:
+            job = d.session.jobs.running
+            if job is not None and job.stage == "Make pictures" and job.fraction >= 0:
+                shares.append(job.fraction)
+            return job is None
+
+        d.until(is_done, "the data set is there")
+        assert (out / "index.html").is_file(), [one.text for one in d.session.notices]
+        assert shares == sorted(shares), "one share for photos, holes, pictures and models"
+        return KnownRates().rates["Labelled data"]
+
+    def walk(d: Driver) -> None:
+        d.studio.ui.dataset.put("coverage", 0.0)  # of 12 photos of balls
+        assert "Labelled data" not in d.session.feature(KnownRates).rates
+        seconds = dataset.seconds_of(d.session, d.studio.ui.dataset)
+        assert asked(d, 2000) != asked(d, 2)
+        assert d.studio.ui.dataset.config.views == 2
+        rate = made(d)
+        n_made = len(list(out.glob("images/*/*.jpg")))
+        assert n_made > 0
+        few = dataset.seconds_of(d.session, d.studio.ui.dataset)
+        assert few < seconds
+        assert few == pytest.approx(rate * d.studio.ui.dataset.usual_s(6, 12), rel=0.5)
+        asked(d, 6)
+        d.session.feature(KnownRates).keep({"Labelled data": 5.0})
+        assert made(d) == 5.0, "some were there"
+        assert len(list(out.glob("images/*/*.jpg"))) > n_made
+
+    drive(walk, path=grouped_copy, size=(1000, 800))

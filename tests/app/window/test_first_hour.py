@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from imgui_bundle import ImVec2
+from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
@@ -48,6 +48,7 @@ def test_an_object_is_painted_the_scene_turned_compared_and_added_to(
         _the_turntable_waits_and_stays_between_the_photos(d)
         _two_versions_are_compared(d)
         _splats_and_folders_are_dropped_onto_a_scene(d, other, grouped_copy)
+        _a_notice_parts_no_name(d, tmp_path / "bad.splat")
 
     drive(walk, path=grouped_copy)
 
@@ -76,11 +77,25 @@ def _the_turntable_waits_and_stays_between_the_photos(d: Driver) -> None:
     assert not d.session.view.playback.is_playing
     assert d.session.rig.pose == pose
     assert not d.engine.get_window_by_ref("//Camera path").hidden, "the path is seen"
-    eyes = np.array([key.shot.eye for key in path_of(d.session).keyframes])
+    _stays_between_the_photos(d)
+    d.move_to(0.5 * d.size[0], 0.5 * d.size[1])
+    d.engine.mouse_wheel_y(-20)
+    d.settle()
+    assert d.session.rig.pose.distance > 2 * pose.distance, "far behind all photos"
+    d.menu("Camera/###Turntable")
+    _stays_between_the_photos(d)
+    d.keys(KEY.home)
+    d.settle()
+
+
+def _stays_between_the_photos(d: Driver) -> None:
+    path = path_of(d.session)
+    eyes = np.array([path.shot(t).eye for t in np.linspace(0, path.seconds, 65)])
     places = np.array([camera.position for camera in d.session.cameras])
-    assert len(eyes) == 16
-    assert (eyes[:, :2] >= places[:, :2].min(axis=0) - 1e-2).all()
-    assert (eyes[:, :2] <= places[:, :2].max(axis=0) + 1e-2).all()
+    edge = 0.1 * np.ptp(places, axis=0).max()  # a curve through keyframes on the edge
+    assert len(path.keyframes) == 16
+    assert (eyes[:, :2] >= places[:, :2].min(axis=0) - edge).all()
+    assert (eyes[:, :2] <= places[:, :2].max(axis=0) + edge).all()
 
 
 def _two_versions_are_compared(d: Driver) -> None:
@@ -128,3 +143,32 @@ def _splats_and_folders_are_dropped_onto_a_scene(d: Driver, other: Path, folder:
     assert d.session.document.name == "other.ply"
     _drop(d, folder)
     assert d.session.document.name == folder.name
+
+
+def _a_notice_parts_no_name(d: Driver, wrong: Path) -> None:
+    """Lines end at spaces, never after the dot of ".splat", however narrow the picture is."""
+    wrong.write_bytes(b"splat" * 7)
+    n = len(d.scene)
+    _drop(d, wrong)
+    d.click("Question/###Open")
+    d.settle()
+    assert len(d.scene) == n, "what was open stays open"
+    text, draw, parted = d.session.notices[-1].text, imgui.text_unformatted, list[str]()
+    assert ".splat" in text
+
+    def look(lines: str) -> None:
+        draw(lines)
+        if "truncated" in lines:
+            high = imgui.get_item_rect_size().y
+            seen.append(round(high / imgui.get_text_line_height()) - lines.count("\n") - 1)
+            parted.append(lines.replace("\n", " "))
+
+    for width in range(640, 1000, 24):
+        d.resize(width, 600)
+        seen: list[int] = []
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(imgui, "text_unformatted", look)
+            d.frames(2)
+        assert seen
+        assert not any(seen), width
+    assert set(parted) == {text}

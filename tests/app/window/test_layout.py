@@ -391,6 +391,7 @@ def test_snags_of_an_hour_of_use(display: str, grouped_copy: Path, tmp_path: Pat
         _letters(d)
         _what_is_hidden_comes_back(d)
         _what_is_dark_is_seen(d)
+        _a_rename_box_moves_nothing(d, tmp_path)
         _names_of_what_was_done(d)
         _every_form_is_whole(d)
         _notices(d, tmp_path / "notice.png")
@@ -438,6 +439,27 @@ def _what_is_dark_is_seen(d: Driver) -> None:
     d.click("Viewport/Show all")
     assert d.pixels()[-1, 0].max() < 128
     d.on_main(partial(d.session.change_settings, replace(black, background="#1c1c1f")))
+
+
+def _a_rename_box_moves_nothing(d: Driver, folder: Path) -> None:
+    """The numbers of a row stay where they are while its name is a text field."""
+    d.focus("Objects")
+    d.select(3)
+    d.settle()
+    d.engine.mouse_move_to_pos(ImVec2(4, 4))
+    d.frames()
+    d.capture_now(folder / "row.png")
+    d.keys(KEY.f2)
+    box = d.engine.item_info("//Objects/**/object 3/##Name").rect_full
+    end = d.engine.item_info("//Objects/**/object 3/Shown").rect_full
+    d.capture_now(folder / "box.png")
+    area = (round(box.max.x) + 3, round(box.min.y), round(end.min.x), round(box.max.y))
+    row, now = (
+        Image.open(folder / name).convert("RGB").crop(area) for name in ("row.png", "box.png")
+    )
+    assert np.asarray(row).std() > 5, "a number is there"
+    np.testing.assert_array_equal(np.asarray(row), np.asarray(now))
+    d.keys(KEY.escape)
 
 
 def _names_of_what_was_done(d: Driver) -> None:

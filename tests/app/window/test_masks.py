@@ -3,6 +3,7 @@
 import os
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Event
 
@@ -10,12 +11,16 @@ import numpy as np
 import pytest
 
 from gaga_core import kernels as kernels_of_numba
+from gaga_core.arrays import FloatArray
 from gaga_core.io.cameras.transforms_json import write_transforms_json
 from gaga_core.pipeline import compile_kernels
-from gaga_core.pipeline.reconstruct import BACKGROUND, STEPS
+from gaga_core.pipeline.place import WORKSPACE
+from gaga_core.pipeline.reconstruct import BACKGROUND, CHECKPOINT, STEPS
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.models.catalogue import known_model
+from gaga_core.training.checkpoint import splats_of
+from gaga_studio.features import reconstruction
 from gaga_studio.features.commands import command
 from gaga_studio.features.find.association import FindState
 from gaga_studio.features.find.click_object import ClickState
@@ -282,6 +287,14 @@ def test_photos_become_splats_before_the_eyes(
         d.drag_picture((300, 250), (60, 10))
         assert (session.rig.eye != eye).any(), "the camera moves while they train"
         _capture(d, "training")
+        for size, scale in (((800, 500), 2.0), ((1000, 640), 1.0)):
+            large = replace(session.settings, ui_scale=scale)
+            d.on_main(partial(session.change_settings, large))
+            d.resize(*size)
+            d.frames(10)
+            area = d.studio.ui.area
+            assert 0 < area.live_bottom - area.top <= area.height / 2 or scale == 1
+            assert d.exists("**/###Stop here")
         d.click("**/###Cancel")
         d.until(lambda: session.jobs.running is None, "the training stops")
         d.frames(4)
@@ -289,17 +302,46 @@ def test_photos_become_splats_before_the_eyes(
         assert session.photos.iteration > 0
         _capture(d, "stopped")
         assert session.shown is not None, "they can still be looked at"
-        n_shown = len(session.shown)
+        d.click("**/###Continue")
+        goes_on(d, session.photos.iteration, session.shown.gaussians.means)
         d.click("**/###Back to the photos")
         assert session.shown is None
-        assert d.exists("**/###Make splats")
-        session.training = training
-        d.frames(3)
+        stopped = splats_of(scene / WORKSPACE / CHECKPOINT)
+        assert stopped is not None
+        d.click("**/###Make splats")  # goes on from the file
+        goes_on(d, session.photos.iteration, stopped.means)
+        n_shown = len(session.shown)
         d.click("**/###Keep these splats")
         d.settle()
         assert session.document is not None
         assert abs(len(d.scene) - n_shown) <= 1
         assert len(session.cameras) == 6
+        eye, going_on = session.rig.eye, reconstruction.stopped_training_of(session)
+        assert going_on is not None
+        kept = d.scene.gaussians.means
+        d.menu("File/###Go on training")
+        np.testing.assert_array_equal(session.rig.eye, eye)
+        goes_on(d, going_on.iteration, kept)
+
+    def goes_on(d: Driver, done: int, kept: FloatArray) -> None:
+        """Its splats stay in the picture until there are newer ones; then it is cancelled."""
+
+        def has_newer() -> bool:
+            training, shown = d.session.training, d.session.shown
+            update = None if training is None else training.update
+            is_newer = update is not None and update.iteration > done
+            if shown is not None:
+                assert is_newer or np.array_equal(shown.gaussians.means, kept)
+                assert np.ptp(shown.gaussians.logit_opacities) > 0, "as of points"
+                were_shown.append(not is_newer)
+            return is_newer
+
+        were_shown: list[bool] = []
+        d.until(has_newer, "it goes on")
+        assert any(were_shown)
+        d.click("**/###Cancel")
+        d.until(lambda: d.session.jobs.running is None, "the training stops")
+        d.frames(4)
 
     drive(walk, path=scene, size=(1000, 640))
 

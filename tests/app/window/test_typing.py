@@ -134,9 +134,11 @@ def test_fast_drags_do_what_slow_ones_do(display: str, grouped_copy: Path) -> No
     ("keys", "names", "unsaved"),
     [
         ("Return", [], False),  # nothing was typed: nothing is named
+        ("Escape", [], False),  # nor does it bring back what the box was opened with
         ("m Control_L+z Return", [], False),  # undo belongs to the field
         ("m u g Control_L+s", ["mug"], False),
         ("m u g Control_L+p", ["mug"], True),
+        ("End s Return", ["orange things"], True),
         ("Control_L+s", [], False),
     ],
 )
@@ -144,7 +146,7 @@ def test_a_name_that_is_typed_is_kept_by_what_is_done_next(
     display: str, grouped_copy: Path, keys: str, names: list[str], unsaved: bool
 ) -> None:
     """Ctrl+S in the field enters the name and saves.
-    What is entered without a change does not overwrite a name that came while it was open."""
+    A field that nobody touched shows the name that comes while it is open."""
 
     def see(studio: Studio) -> dict[str, Any]:
         document, rows = studio.session.need(), studio.ui.scene.objects.rows
@@ -154,6 +156,7 @@ def test_a_name_that_is_typed_is_kept_by_what_is_done_next(
             "names": list(document.scene.names.values()),
             "unsaved": document.unsaved,
             "is_open": rows.renaming is not None,
+            "text": rows.text,
         }
         if rows.renaming is not None and not document.scene.names:  # as when it is described
             document.scene.described = {document.focus: "orange thing"}
@@ -163,10 +166,36 @@ def test_a_name_that_is_typed_is_kept_by_what_is_done_next(
     session = new_session(Settings(first_steps_done=True))
     studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
     rest: Stroke = ("Rest", True)
-    script = [*strokes("F2"), rest, *strokes(keys)]
-    _, opened, after = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
+    script = [*strokes("F2"), rest, rest, *strokes(keys)]
+    _, opened, described, after = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
     assert opened["is_open"]
+    assert (described["is_open"], described["text"]) == (True, "orange thing")
+    del after["text"]
     assert after == {"names": names, "unsaved": unsaved, "is_open": False}
+
+
+@pytest.mark.parametrize(("before", "name"), [("m u", "mug"), ("End", None)])
+def test_a_name_that_is_being_typed_is_left_alone(
+    display: str, grouped_copy: Path, before: str, name: str | None
+) -> None:
+    """What has a description while the field is edited, or the cursor moved in it, keeps both."""
+
+    def see(studio: Studio) -> tuple[str, dict[int, str]]:
+        document, rows = studio.session.need(), studio.ui.scene.objects.rows
+        if not studio.session.selected_groups():
+            select_groups(studio.session, (1,))
+        if rows.text:
+            document.scene.described = {document.focus: "orange thing"}
+            document.scene.revision.names += 1
+        return rows.text, dict(document.scene.names)
+
+    session = new_session(Settings(first_steps_done=True))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    rest: Stroke = ("Rest", True)
+    script = [*strokes(f"F2 {before}"), rest, rest, *strokes("g Return" if name else "Return")]
+    *_, typed, described, after = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
+    assert described[0] == typed[0]
+    assert list(after[1].values()) == ([name] if name else [])
 
 
 _CLICK: list[Stroke] = [("Button1", True), ("Button1", False)]

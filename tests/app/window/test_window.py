@@ -282,12 +282,26 @@ def test_a_task_is_cancelled_by_its_button(display: str, balls: Path) -> None:
     def test(d: Driver) -> None:
         d.session.jobs.start("Count", _endless(lambda: ended.append(True)))
         d.frames(4)
+        places = dict[bool, set[float]]()
+
+        def is_told() -> bool:
+            job = d.session.jobs.running
+            assert job is not None
+            place = d.engine.item_info("//**/###Cancel").rect_full.min.x
+            places.setdefault(job.eta_s is None, set()).add(place)
+            return job.eta_s is not None
+
+        d.until(is_told, "the time left")
+        d.frames(2)
+        is_told()
+        assert len(places) == 2
+        assert len(set.union(*places.values())) == 1, "the button stays where it is"
         d.click("**/###Cancel")
         d.settle()
         assert ended == [True]
         assert d.session.notices == ()
 
-    drive(test, path=balls)
+    drive(test, path=balls, size=(1280, 720))
 
 
 def test_a_small_window_and_the_picture_alone(display: str, balls: Path) -> None:

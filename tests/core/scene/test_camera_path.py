@@ -132,6 +132,35 @@ def test_a_turntable_keeps_its_distance_and_looks_at_its_middle() -> None:
     assert (np.cross(*np.array([path.shot(t).eye - pivot for t in (0, 1)])) @ axis) > 0
 
 
+@pytest.mark.parametrize(
+    ("eye", "pivot", "begins_here"),
+    [
+        ((0.2, -0.9, 1.5), (0.0, 0.2, 0.8), True),  # from between the photos
+        ((0.1, 1.2, 1.2), (0.0, 1.8, 1.0), True),  # nearer to a wall than any photo
+        ((7.0, -9.0, 7.5), (0.0, 0.2, 0.8), False),  # from far behind all photos
+        ((-2.4, 0.1, 1.5), (0.3, 0.2, 0.8), False),  # from behind a wall
+        ((0.1, 3.0, 1.2), (0.0, 1.6, 1.0), False),  # from behind the wall that it looks at
+    ],
+)
+def test_a_turntable_stays_between_the_photos(
+    eye: tuple[float, float, float], pivot: tuple[float, float, float], begins_here: bool
+) -> None:
+    """Walls stand at 2 from the middle of the photos, which were taken to 1 from it."""
+    places = np.random.default_rng(5).uniform((-1, -1, 1), (1, 1, 2), (60, 3))
+    shot = shot_towards(np.array(eye), np.array(pivot), UP, 0.9)
+    path = turntable(shot, UP, 8.0, seen_from=places)
+    eyes = np.array([path.shot(t).eye for t in np.linspace(0, 8, 97)])
+    assert np.abs(eyes[:, :2]).max() < 1.3
+    assert eyes[:, 2].max() < 2.3
+    first = path.keyframes[0].shot
+    assert (np.linalg.norm(np.array(first.eye) - eye) < 1e-9) == begins_here
+    assert np.ptp(eyes, axis=0).max() > 0.5, "it goes around"
+    for key in path.keyframes:
+        pixels, depth = key.shot.camera(640, 480).project(np.array(pivot)[None])
+        assert np.abs(pixels[0] - [320, 240]).max() < 1
+        assert depth[0] > 0
+
+
 def test_frames_of_a_film() -> None:
     path = _walk(3, 4)
     times = path.frame_times(24)

@@ -85,12 +85,13 @@ class FrameFigures:
 def draw(session: Session, hint: str, figures: FrameFigures | None) -> None:
     """The whole bar; ``hint`` says what a click does now."""
     right = _figures_text(session, figures)
-    width = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
+    left = imgui.get_cursor_pos_x()
+    width = left + imgui.get_content_region_avail().x
     job = session.jobs.running or session.jobs.quiet or session.jobs.preparing
     if job is not None and width < em(_NARROW):
         right = ""
     tail = imgui.calc_text_size(right).x + em(1) if right else 0.0
-    middle = _job_width(session, job, width - tail) if job is not None else 0.0
+    middle = _job_width(session, job, width - tail - left) if job is not None else 0.0
     imgui.align_text_to_frame_padding()
     room = width - tail - middle - em(1)
     if room > em(4):
@@ -128,6 +129,9 @@ def _job(session: Session, job: Job, width: float) -> None:
         of_title = imgui.calc_text_size(job.title).x
         title = widgets.elided(job.title, max(of_title - (wide - room), 0.0))
         text = widgets.elided(title + text.removeprefix(job.title), room)
+    # The button stays where it is, whatever the words are.
+    spare = max(room - imgui.calc_text_size(text).x, 0.0)
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + spare)
     imgui.align_text_to_frame_padding()
     imgui.text_unformatted(text)
     widgets.tooltip(job.message)

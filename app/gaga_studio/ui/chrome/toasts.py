@@ -77,7 +77,7 @@ def _card(
         widgets.text(icon, color)
         imgui.same_line()
         imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + width - em(5.4))
-        imgui.text_unformatted(theme.plain(notice.text))
+        widgets.paragraph(notice.text)
         imgui.pop_text_wrap_pos()
         if notice.shows is not None:
             imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + em(1.6))

@@ -5,7 +5,7 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from gaga_studio.features import commands
+from gaga_studio.features import add_scene, cleanup, commands, fill
 from gaga_studio.features.find import click_object
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
@@ -63,8 +63,10 @@ def draw_options(session: Session) -> None:
 def draw_card(session: Session, area: PictureArea, top: float) -> float:
     """The options over the upper left of the picture, from ``top``, pixels; what is free below.
 
-    Nothing where the bar shows them.
+    Nothing where the bar shows them, nor over a preview, which is to be looked at.
     """
+    if any(feature.shown(session) is not None for feature in (cleanup, fill, add_scene)):
+        return top
     if not area.has_options or session.tool not in _WITH_CARD:
         return top
     imgui.set_cursor_screen_pos(imgui.ImVec2(area.left + em(0.7), top))

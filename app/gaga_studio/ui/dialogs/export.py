@@ -438,7 +438,7 @@ def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
         imgui.text_unformatted(f"{n_things}{n_files}, about {size_text(summary.n_bytes)}")
     widgets.dim(said, wrap=True)
     if not _is_folder(sheet) and _plan(sheet).path.is_file():
-        imgui.text_wrapped("The file that is there is replaced.")
+        widgets.paragraph("The file that is there is replaced.")
 
 
 def size_text(n_bytes: int) -> str:

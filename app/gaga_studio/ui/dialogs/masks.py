@@ -207,13 +207,13 @@ def _details(session: Session, dialog: MaskDialog, entry: ProviderEntry | None) 
         widgets.dim("Choose a segmenter.")
         return
     with theme.face(strong=True):
-        imgui.text_wrapped(entry.title)
+        widgets.paragraph(entry.title)
     facts = _facts(entry)
     if facts:
         widgets.dim(f"{facts[0].upper()}{facts[1:]}.", wrap=True)
     if not entry.is_available:
         imgui.dummy(ImVec2(0, em(0.2)))
-        imgui.text_wrapped(entry.reason)
+        widgets.paragraph(entry.reason)
         if entry.page and widgets.button("Get", Face("Get it…", primary=True)):
             imgui.close_current_popup()
             session.request = Request.MODELS
@@ -232,7 +232,7 @@ def _settings(session: Session, dialog: MaskDialog, entry: ProviderEntry) -> Non
     try:
         kind = masks.settings_family(entry)
     except GagaError as error:
-        imgui.text_wrapped(theme.plain(str(error)))
+        widgets.paragraph(str(error))
         return
     if masks.has_profile(entry):
         was = settings.profile == "paper"

@@ -121,7 +121,7 @@ def _foot(session: Session) -> None:
     elif state.offered is not None:
         _terms(session, state.offered)
     elif state.removing is not None:
-        imgui.text_wrapped(f"Delete {state.removing.title} from this computer?")
+        widgets.paragraph(f"Delete {state.removing.title} from this computer?")
         if widgets.button("Delete", Face(primary=True)):
             masks.remove_asked_model(session)
         imgui.same_line()
@@ -144,7 +144,7 @@ def _progress(session: Session, job: Job) -> None:
 
 def _terms(session: Session, listing: Listing) -> None:
     """Licence and size; nothing is downloaded before the answer."""
-    imgui.text_wrapped(terms(listing.model, listing))
+    widgets.paragraph(terms(listing.model, listing))
     if widgets.button("Accept", Face("Accept the license and download", primary=True)):
         masks.accept_model(session)
     imgui.same_line()

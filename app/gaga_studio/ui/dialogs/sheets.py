@@ -149,7 +149,7 @@ def _question(session: Session) -> None:
         imgui.open_popup(name)
     if not begin_modal(name, em(28), is_possible=question is not None) or question is None:
         return
-    imgui.text_wrapped(theme.plain(question.text))
+    widgets.paragraph(question.text)
     imgui.dummy(ImVec2(0, em(0.4)))
     style = imgui.get_style()
     pad = 2 * style.frame_padding.x
@@ -287,7 +287,7 @@ def _about() -> None:
         imgui.text_unformatted("gaga-studio")
     widgets.dim(f"Version {__version__}")
     imgui.dummy(ImVec2(0, em(0.3)))
-    imgui.text_wrapped(
+    widgets.paragraph(
         "Views and edits 3D Gaussian Splatting scenes object by object. Objects are found by Gaga: "
         "masks of single photos, associated through a 3D-aware memory bank (TMLR 2026)."
     )

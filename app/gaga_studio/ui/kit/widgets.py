@@ -36,7 +36,7 @@ def tooltip(text: str, shortcut: str = "") -> None:
     _place_tooltip(text, bool(shortcut))
     if imgui.begin_tooltip():
         imgui.push_text_wrap_pos(em(24))
-        imgui.text_unformatted(theme.plain(text))
+        paragraph(text)
         if shortcut:
             with theme.text_color(theme.DIM):
                 imgui.text_unformatted(shortcut)
@@ -53,7 +53,7 @@ def _place_tooltip(text: str, has_shortcut: bool) -> None:
     if high.y - low.y > em(_TALL):
         return
     pad, gap, screen = imgui.get_style().window_padding, em(0.3), imgui.get_main_viewport()
-    size = imgui.calc_text_size(theme.plain(text), wrap_width=em(24))
+    size = imgui.calc_text_size("\n".join(_lines(text, em(24))), wrap_width=em(24))
     tall = size.y + 2 * pad.y + has_shortcut * imgui.get_text_line_height_with_spacing()
     right, foot = screen.pos.x + screen.size.x, screen.pos.y + screen.size.y
     left = max(low.x, imgui.get_io().mouse_pos.x - em(2))
@@ -189,7 +189,22 @@ def _push_flat(on: bool, rest: ImVec4 | None = None) -> None:
 def text(words: str, color: ImVec4, *, wrap: bool = False) -> None:
     """Text in a color; ``wrap``: in as many lines as the panel needs."""
     with theme.text_color(color):
-        (imgui.text_wrapped if wrap else imgui.text_unformatted)(theme.plain(words))
+        if wrap:
+            paragraph(words)
+        else:
+            imgui.text_unformatted(theme.plain(words))
+
+
+def paragraph(words: str) -> None:
+    """Text in as many lines as the panel, or the position that was pushed to wrap at, needs.
+
+    They end at spaces: the toolkit would part ".splat" after its dot. It parts what is too long.
+    """
+    edge = max(imgui.internal.get_current_window().dc.text_wrap_pos, 0.0)
+    room = imgui.internal.calc_wrap_width_for_pos(imgui.get_cursor_screen_pos(), edge)
+    imgui.push_text_wrap_pos(edge)
+    imgui.text_unformatted("\n".join(_lines(words, room)))
+    imgui.pop_text_wrap_pos()
 
 
 def dim(words: str, wrap: bool = False) -> None:
@@ -529,13 +544,20 @@ def wrapped(text: str, color: ImVec4) -> None:
 
 
 def _lines(text: str, width: float) -> list[str]:
+    """The lines of ``text``, those wider than ``width`` pixels parted at spaces."""
     lines: list[str] = []
-    for word in theme.plain(text).split():
-        joined = f"{lines[-1]} {word}" if lines else word
-        if lines and imgui.calc_text_size(joined).x <= width:
-            lines[-1] = joined
-        else:
-            lines.append(word)
+    for whole in theme.plain(text).split("\n"):
+        if imgui.calc_text_size(whole).x <= width:
+            lines.append(whole)
+            continue
+        words = whole.split()
+        lines += words[:1]
+        for word in words[1:]:
+            joined = f"{lines[-1]} {word}"
+            if imgui.calc_text_size(joined).x <= width:
+                lines[-1] = joined
+            else:
+                lines.append(word)
     return lines
 
 

@@ -220,7 +220,7 @@ def _cleaning(session: Session) -> bool:
     if found is None:
         return False
     counts = found.counts
-    imgui.dummy(ImVec2(0, em(0.2)))
+    _apply_or_cancel(session, "object.clean_apply", cleanup.cancel)
     _line(
         DROPPED,
         f"{_splats(len(found.remove))} to drop",
@@ -234,7 +234,6 @@ def _cleaning(session: Session) -> bool:
         f"{_splats(len(found.add))} to add",
         ((counts["inside"], "hidden inside"), (counts["neighbours_in"], "at its edge")),
     )
-    _apply_or_cancel(session, "object.clean_apply", cleanup.cancel)
     return True
 
 
@@ -273,7 +272,7 @@ def _filling(session: Session) -> bool:
     if found is None:
         return False
     imgui.text_unformatted("Delete and fill")
-    imgui.dummy(ImVec2(0, em(0.2)))
+    _apply_or_cancel(session, "object.fill_apply", fill.cancel)
     for line in fill.summary(found):
         widgets.dim(line, wrap=True)
     command = commands.command("object.fill_lighten")
@@ -281,7 +280,6 @@ def _filling(session: Session) -> bool:
         commands.run(command.id, session)
     widgets.tooltip("Lighten the object's shadow to match its surroundings")
     _colors(session)
-    _apply_or_cancel(session, "object.fill_apply", fill.cancel)
     return True
 
 
@@ -291,15 +289,14 @@ def _adding(session: Session) -> bool:
     if found is None:
         return False
     imgui.text_unformatted("Add a scene")
-    imgui.dummy(ImVec2(0, em(0.2)))
+    _apply_or_cancel(session, "scene.add_apply", add_scene.cancel)
     for line in add_scene.summary(found):
         widgets.dim(line, wrap=True)
-    _apply_or_cancel(session, "scene.add_apply", add_scene.cancel)
     return True
 
 
 def _apply_or_cancel(session: Session, apply: str, cancel: Callable[[Session], object]) -> None:
-    """The two ways to end a preview."""
+    """The two ways to end a preview, above what it says: a low panel shows them as well."""
     imgui.dummy(ImVec2(0, em(0.2)))
     gap = theme.scaled(5)
     width = (imgui.get_content_region_avail().x - gap) / 2
@@ -308,6 +305,7 @@ def _apply_or_cancel(session: Session, apply: str, cancel: Callable[[Session], o
     imgui.same_line(0, gap)
     if widgets.button("Cancel", Face(width=width), hint="Discard the preview  Esc"):
         cancel(session)
+    imgui.dummy(ImVec2(0, em(0.2)))
 
 
 def _colors(session: Session) -> None:

@@ -105,8 +105,20 @@ def select_area(is_selected: bool, is_partly: bool, height: float) -> bool:
     return clicked
 
 
-def name_field(state: RowState, height: float) -> tuple[bool, str] | None:
-    """The text field of a name: whether one was entered, and which; None while it is open."""
+def name_field(state: RowState, name: str, height: float) -> tuple[bool, str] | None:
+    """The text field of a name: whether one was entered, and which; None while it is open.
+
+    As long as nobody has touched it, it follows ``name``: objects are described meanwhile.
+    """
+    if name != state.shown == state.text:
+        held = imgui.internal.get_input_text_state(imgui.get_id("##Name"))
+        if (
+            held is None
+            or abs(held.get_selection_end() - held.get_selection_start()) == held.text_len
+        ):
+            state.text = state.shown = name
+            if held is not None:
+                held.reload_user_buf_and_select_all()
     if not state.has_keyboard:
         imgui.set_keyboard_focus_here()
     imgui.set_next_item_width(-1)
@@ -116,8 +128,11 @@ def name_field(state: RowState, height: float) -> tuple[bool, str] | None:
     imgui.pop_style_var()
     # A field that was not drawn in some frame has lost the keys without being told.
     was_active, state.is_active, state.has_keyboard = state.is_active, imgui.is_item_active(), True
+    imgui.internal.get_current_window().dc.prev_line_text_base_offset = 0  # the row's is without it
     is_left = entered or (was_active and not state.is_active)
-    return (state.text != state.shown, state.text.strip()) if is_left else None
+    # Escape brings back what the field was opened with, which is no name that was typed.
+    is_new = state.text != state.shown and not imgui.is_key_pressed(imgui.Key.escape)
+    return (is_new, state.text.strip()) if is_left else None
 
 
 def arrow(low: ImVec2, depth: int, columns: RowColumns, is_open: bool) -> bool:
@@ -548,7 +563,7 @@ class ObjectRow:
 
     def _name(self) -> None:
         if self.state.renaming == self.group:
-            typed = name_field(self.state, self.height)
+            typed = name_field(self.state, self.name, self.height)
             self.state.renaming = self.group if typed is None else None
             if typed is not None and typed[0]:
                 objects.rename(self.session, self.group, typed[1])
@@ -627,7 +642,7 @@ class FolderRow:
         imgui.table_set_column_index(1)
         if self.state.renaming_folder != self.path:
             self._text(row)
-        elif (typed := name_field(self.state, self.columns.height)) is not None:
+        elif (typed := name_field(self.state, name_of(self.path), self.columns.height)) is not None:
             self.state.renaming_folder = None
             if typed[0]:
                 folders.rename(self.session, self.path, typed[1])

@@ -237,13 +237,16 @@ def draw_live(session: Session, corner: ImVec2, size: ImVec2) -> float:
 
 def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     update, job = training.update, session.jobs.running
-    with theme.face(strong=True):
-        widgets.line(f"{'Stopped' if training.is_stopped else 'Training'}: {training.name}")
+    if update is None or training.is_stopped or not small:  # else the picture needs the room
+        with theme.face(strong=True):
+            widgets.line(f"{'Stopped' if training.is_stopped else 'Training'}: {training.name}")
     if update is None:
         widgets.dim(job.message if job is not None else "", wrap=True)
     if training.placement is not None and not small:
         draw_placement(training.placement)
     if update is None:
+        if training.is_stopped:
+            _what_now(session)
         return
     text = f"{update.iteration:,} of {training.iterations:,}  ·  {update.n_splats:,} splats"
     if not small:
@@ -255,7 +258,7 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     if training.is_stopped:
         _what_now(session)
     else:
-        _while_it_runs(session)
+        _while_it_runs(session, small=small)
     if small:
         return
     imgui.dummy(ImVec2(0, em(0.1)))
@@ -267,12 +270,14 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     chart("Held-out PSNR", last, measured, training.iterations, theme.GOOD)
 
 
-def _while_it_runs(session: Session) -> None:
-    """The button that ends it, and the switch of the turning picture."""
+def _while_it_runs(session: Session, *, small: bool) -> None:
+    """The button that ends it, and where there is room the switch of the turning picture."""
     hint = "What is there becomes the scene. File, Go on training takes the training up again."
     face = Face("Stop here", width=imgui.get_content_region_avail().x)
     if widgets.button("Stop here", face, hint=hint):
         reconstruction.stop_here(session)
+    if small:  # the switch is in the menu View, too
+        return
     turns = session.settings.turns_in_training
     changed, _ = widgets.checkbox("Turn the picture", turns)
     if changed:

@@ -127,7 +127,7 @@ def _content(session: Session, state: PictureState, width: float, *, is_low: boo
     reason = room - (used + em(0.4) if is_wide and buttons else 0)
     imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + reason)
     imgui.align_text_to_frame_padding()
-    imgui.text_unformatted(offer.reason)
+    widgets.paragraph(offer.reason)
     imgui.pop_text_wrap_pos()
     imgui.same_line(width - em(2.3))
     if widgets.icon_button("Not now", icons.CLOSE):
