@@ -342,8 +342,8 @@ def test_what_cannot_be(
     assert "no photos" in capsys.readouterr().err
     assert main(["dataset", str(project.folder.root), "--to", "voc"]) == 1
     assert "choose of coco, yolo, bop" in capsys.readouterr().err
-    with pytest.raises(GagaError, match="Lower --coverage"):
-        made(project, tmp_path / "none", changed(coverage=1.0, views=2, moved=0.0))
+    with pytest.raises(GagaError, match="Lower --coverage"):  # 4 times as fine as the photos
+        made(project, tmp_path / "none", changed(views=2, moved=0.0, width=640, height=480))
 
 
 def test_models_are_made_for_bop_alone(project: Project, tmp_path: Path) -> None:
