@@ -2,13 +2,16 @@
 
 import logging
 import re
+import sys
 import unicodedata
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 LONGEST_SENTENCE = 400  # characters; a notice of the window has room for them
 LONGEST_LINE = 10_000  # characters of a line of output or of the log: 50 lines of 200 columns
 _LONGEST_WORD = 80  # what a long sentence keeps of a path or a name
+_OF_MODELS = ("models", "usd")  # extras that the folder of `make app-models` has
 _JOINERS = "\u200c\u200d"  # format characters that scripts and emoji are written with
 
 
@@ -26,6 +29,19 @@ class GagaError(Exception):
 
 class CancelledError(GagaError):
     """The user stopped a long task; everything is as it was before."""
+
+
+def cure_without(extra: str) -> str:
+    """How to install the packages of an optional ``extra``: what follows "Install it: ".
+
+    The program of `make app` has no pip: it finds packages in its folder of models alone.
+    """
+    pip = f"pip install 'gaga-studio[{extra}]'"
+    if not getattr(sys, "frozen", False):
+        return pip
+    if extra in _OF_MODELS:
+        return f"put the folder of make app-models at {Path(sys.executable).parent / 'models'}"
+    return f"this program folder cannot have it, a Python of your own can: {pip}"
 
 
 def plain_text(text: str, longest: int = LONGEST_SENTENCE) -> str:

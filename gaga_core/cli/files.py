@@ -12,7 +12,7 @@ from tyro.conf import Positional
 
 from gaga_core.cli import output as out
 from gaga_core.cli.output import AnyScene, AsJson
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, cure_without
 
 if TYPE_CHECKING:
     from gaga_core.progress import Stage
@@ -260,8 +260,7 @@ def examine() -> list[Finding]:
 def _missing(package: str) -> Finding:
     """A package that is not there; the program of `make app` comes without torch."""
     if package == "torch" and getattr(sys, "frozen", False):
-        where = Path(sys.executable).parent / "models"
-        text = f"not installed (masks and words by models, CUDA): put its folder at {where}"
+        text = f"not installed (masks and words by models, CUDA): {cure_without('models')}"
         return Finding(package, text, True)
     return Finding(package, "missing: install gaga-studio again with pip", False)
 
@@ -294,7 +293,7 @@ def _extra(package: str, extra: str, purpose: str) -> Finding:
     try:
         return Finding(name, f"{importlib.metadata.version(package)}: {purpose}", True)
     except importlib.metadata.PackageNotFoundError:
-        text = f"not installed ({purpose}): pip install 'gaga-studio[{extra}]'"
+        text = f"not installed ({purpose}): {cure_without(extra)}"
         return Finding(name, text, True)
 
 

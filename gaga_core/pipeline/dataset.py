@@ -51,6 +51,8 @@ from gaga_core.export.dataset.records import (
 from gaga_core.export.dataset.records import draw as draw_picture
 from gaga_core.export.dataset.settings import FORMS, MOST_PHOTOS, DatasetConfig, Form
 from gaga_core.export.dataset.views import (
+    ALIKE,
+    CLOSER,
     TRIES,
     Photos,
     judged,
@@ -94,7 +96,6 @@ _FILL_VIEWS = 24  # photos that a hole is judged by
 _CLEAR = 0.05  # alpha of a pixel that shows the background alone
 # Of another light: gain, saturation, brightness and color temperature as photo editors have them.
 _GAIN, _SATURATION, _BRIGHTER, _WARMER = (0.7, 1.25), (0.75, 1.2), 0.06, 0.5
-_THING = 0.85  # share of the views that look at an object; the others look at what a photo did
 _EMPTY = 0.02  # share of a photo without splats from which on its color there is the background's
 
 
@@ -442,14 +443,14 @@ class _Series:
             settings,
         )
 
-    def target(self, k: int) -> DoubleArray:
-        """The point (3,), world, that picture k looks at."""
+    def looks_at(self, k: int) -> tuple[DoubleArray, tuple[float, float]]:
+        """The point (3,), world, that picture k looks at, and from how far of the photos' way."""
         own = self.config.seed, self.index, k
-        if number_of(*own, "thing") % 1000 < 1000 * _THING and self.poses:
+        if number_of(*own, "thing") % 1000 < 1000 * self.config.closer and self.poses:
             group = min(self.poses, key=lambda g: number_of(*own, g))
-            return np.asarray(self.poses[group][:3, 3])
+            return np.asarray(self.poses[group][:3, 3]), CLOSER
         points = self.base.photos.looked_at
-        return np.asarray(points[number_of(*own) % len(points)])
+        return np.asarray(points[number_of(*own) % len(points)]), ALIKE
 
     def light(self, k: int) -> DoubleArray:
         """The affine map (3, 4) of the colors of picture k."""
@@ -467,7 +468,9 @@ class _Series:
 
     def key(self, k: int) -> str:
         """Digest of all that decides picture k but which splats the objects in it have."""
-        own = (*self._common, np.round(self.target(k), 9).tolist(), self.light(k).tolist(), k)
+        target, closer = self.looks_at(k)
+        view = np.round(target, 9).tolist(), closer
+        own = (*self._common, view, self.light(k).tolist(), k)
         return hashlib.blake2b(repr(own).encode(), digest_size=16).hexdigest()
 
     def fresh(self, out: Path, k: int) -> Record | None:
@@ -500,11 +503,12 @@ class _Painter:
         size = (config.width, config.height)
         K, drawn, share = lens(base.cameras, *size), None, 0.0
         rng, motions = rng_of(config.seed, series.index, k, "view"), series.arrangement.motions
+        (target, closer), enough = series.looks_at(k), config.coverage * base.photos.usual
         for attempt in range(TRIES):
-            camera = proposal(base.photos, K, size, series.target(k), rng, attempt)
+            camera = proposal(base.photos, K, size, target, rng, attempt, closer)
             drawn = self.draw(camera)
             share = judged(base.photos, camera, drawn, motions)
-            if share >= config.coverage:
+            if share >= enough:
                 break
             drawn = None
         return self.recorded(k, camera, share, drawn), drawn

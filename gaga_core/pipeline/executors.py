@@ -30,7 +30,7 @@ import numpy as np
 from PIL import Image
 
 from gaga_core.arrays import UInt8Array
-from gaga_core.errors import CancelledError, GagaError
+from gaga_core.errors import CancelledError, GagaError, cure_without
 from gaga_core.io.files import atomic_write, explain_os_error, refuse_links
 from gaga_core.io.folder.scene_folder import (
     AssociateEntry,
@@ -495,7 +495,7 @@ def _dask_client(engine: EngineConfig) -> "Iterator[Client]":
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise GagaError(
-            "Dask is not installed. Install it with: pip install gaga-studio[executors]"
+            f"Dask is not installed. Install it: {cure_without('executors')}."
         ) from error
     if engine.address:
         try:

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, cure_without
 from gaga_core.segmentation.base import FlattenConfig, ModelCard, ModelProvider, Provider
 from gaga_core.segmentation.models.catalogue import KNOWN, KnownModel
 from gaga_core.segmentation.models.weights import (
@@ -32,9 +32,7 @@ if TYPE_CHECKING:
     from gaga_core.segmentation.base import MaskMaker
     from gaga_core.segmentation.sam import SamPrompter
 
-_NO_TRANSFORMERS = (
-    "The package transformers is missing. Install it: pip install 'gaga-studio[models]'."
-)
+_NO_TRANSFORMERS = f"The package transformers is missing. Install it: {cure_without('models')}."
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn import Module
 
 from gaga_core.arrays import FloatArray, UInt8Array
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, cure_without
 from gaga_core.segmentation.settings import Device
 
 # What transformers and torch raise on damaged files; weights that are pickles are read as tensors
@@ -128,7 +128,7 @@ def offline() -> Iterator[None]:
             except ImportError as error:
                 raise GagaError(
                     "This model needs the package transformers. "
-                    "Install it: pip install 'gaga-studio[models]'."
+                    f"Install it: {cure_without('models')}."
                 ) from error
             verbosity, had_bar = hints.get_verbosity(), hints.is_progress_bar_enabled()
             hints.set_verbosity(logging.ERROR)

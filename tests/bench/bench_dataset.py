@@ -4,7 +4,8 @@ Scenes are generated from scanned objects (`tools.scenes`): the photos and the t
 come from surfaces four times as dense and clean as the noisy splats that the data set is made of.
 The detector is a small convolutional network for peaks of object centres, trained from nothing
 with the same number of steps: on the few labelled photos, on pictures of the data set, and on both,
-as often on one as on the other.
+as often on one as on the other. Where views stand, how many share a placement and how many are in
+another light was chosen on the scene of seed 9.
 """
 
 import json
@@ -39,10 +40,10 @@ _SCANS = data_folder("ycb_meshes")
 _SCENES = tuple(SceneConfig(seed, "train", "table", views=40) for seed in (41,))
 _LABELLED = 8  # photos of 40; the detector is tried on the others
 _SEEDS = 5
-_PICTURES, _STEPS, _BATCH = 240, 200, 8
+_PICTURES, _STEPS, _BATCH = 240, 400, 8  # on seed 9 photos alone gain nothing from step 200 on
 _SIZE = (160, 120)  # pixels, of what the detector sees
 _CELL = 4  # pixels
-_CONFIG = DatasetConfig(views=_PICTURES, views_each=30, removed=0.0, fill=False)
+_CONFIG = DatasetConfig(views=_PICTURES, removed=0.0, fill=False)
 _JUDGED, _LEAST = 8, 100  # pictures of a scene, and pixels of a visible mask
 _TIMED = 12  # pictures of 640 x 480
 _COUNTS = (200, 800)  # pictures whose peak memory is compared
@@ -77,8 +78,9 @@ def figures() -> list[Figure]:
         Figure("detector: spread over seeds, of data", float(ours.std()), "AP"),
         Figure("detector: AP on unseen photos, of both", float(both.mean()), "AP"),
         Figure("detector: spread over seeds, of both", float(both.std()), "AP"),
-        Figure(
-            "detector: worst gain of a seed by both", float((both - photos).min()), "AP", ">= 0"
+        *(
+            Figure(f"detector: worst gain of a seed by {k}", float(gain.min()), "AP", ">= 0")
+            for k, gain in (("data", ours - photos), ("both", both - photos))
         ),
     ]
 

@@ -1,11 +1,18 @@
 """Laws of the sentences that quote files."""
 
+import re
+import sys
 import time
+import tomllib
+from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaga_core.errors import LONGEST_SENTENCE, GagaError, plain_text
+from gaga_core.errors import LONGEST_SENTENCE, GagaError, cure_without, plain_text
+from gaga_core.export.simulation.bodies import library
+from gaga_core.io.splats.usd import usd
 
 _TEXTS = st.text(max_size=1200)
 
@@ -39,3 +46,33 @@ def test_words_of_unlike_lengths_are_cut_in_time_that_grows_with_them() -> None:
     text = " ".join("x" * (300_000 - 1000 * i) for i in range(3))
     assert len(plain_text(text)) <= LONGEST_SENTENCE
     assert time.process_time() - start < 2  # seconds; its square takes minutes
+
+
+@pytest.mark.parametrize("extra", ["models", "usd", "simulation", "executors"])
+def test_the_program_folder_names_no_extra_that_it_cannot_have(
+    extra: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its folder of models alone brings packages: those that `make app-models` puts there."""
+    assert cure_without(extra) == f"pip install 'gaga-studio[{extra}]'"
+    monkeypatch.setattr(sys, "frozen", True, raising=False)
+    root = Path(__file__).parents[2]
+    recipe = re.search(r"--target dist/models (.*)", (root / "Makefile").read_text("utf-8"))
+    extras = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))["project"]
+    needed = {re.split(r"[\[>]", one)[0] for one in extras["optional-dependencies"][extra]}
+    assert recipe is not None
+    if needed <= set(recipe[1].split()):
+        assert str(Path(sys.executable).parent / "models") in cure_without(extra)
+    else:
+        assert "this program folder cannot have it" in cure_without(extra)
+
+
+def test_packages_for_simulators_are_missed_in_one_sentence_that_is_true(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "frozen", True, raising=False)
+    for name in ("coacd", "manifold3d", "mujoco", "pxr"):
+        monkeypatch.setitem(sys.modules, name, None)
+        extra = "usd" if name == "pxr" else "simulation"
+        with pytest.raises(GagaError) as said:
+            usd() if name == "pxr" else library(name)
+        assert str(said.value).endswith(f"Install it: {cure_without(extra)}.")

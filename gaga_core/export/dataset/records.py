@@ -21,7 +21,7 @@ from gaga_core.raster.cpu.rasterizer import CpuRasterizer, Labelled, Outlines
 
 Split = Literal["train", "val"]
 SPLITS: tuple[Split, ...] = ("train", "val")
-RECORD_VERSION = 1  # raise it when pictures or labels change: older ones are made again
+RECORD_VERSION = 2  # raise it when pictures or labels change: older ones are made again
 VOID_BELOW = 0.3  # summed weight under which a pixel shows no group, as in group maps
 _DEEPEST = 65_535  # of a 16-bit picture
 _QUALITY = 95  # of JPEG

@@ -26,14 +26,18 @@ class DatasetConfig:
     """Height of a picture in pixels."""
     coverage: float = setting(0.8, "Least share seen by photos", least=0.0, most=1.0)
     """Share of a picture that photos must have shown from about the same side and distance: what
-    they did not show may be wrong."""
+    they did not show may be wrong. It is a share of what photos show of each other, where they are
+    few."""
+    closer: float = setting(0.4, "Closer views", least=0.0, most=1.0)
+    """Share of the pictures that look at one object, from closer than photos; the others look at
+    what a photo looked at, from about as far."""
     moved: float = setting(0.5, "Objects elsewhere", least=0.0, most=1.0)
     """Share of the pictures in which objects stand elsewhere on what carries them."""
     removed: float = setting(0.2, "Objects removed", least=0.0, most=1.0)
     """Share of the pictures in which an object is gone."""
-    lights: float = setting(0.5, "Other light", least=0.0, most=1.0)
+    lights: float = setting(0.25, "Other light", least=0.0, most=1.0)
     """Share of the pictures in another light: brightness, contrast and color temperature."""
-    views_each: int = setting(25, "Pictures of a placement", least=1, most=10_000)
+    views_each: int = setting(10, "Pictures of a placement", least=1, most=10_000)
     """Pictures of one placement of the objects."""
     validation: float = setting(0.2, "Placements for validation", least=0.0, most=0.9)
     """Share of the placements kept for validation. The scene as it is always is for training."""
@@ -44,7 +48,7 @@ class DatasetConfig:
 
     def __post_init__(self) -> None:
         check_limits(self)
-        for name in ("coverage", "moved", "removed", "lights", "validation"):
+        for name in ("coverage", "closer", "moved", "removed", "lights", "validation"):
             if not 0 <= getattr(self, name) <= 1:
                 raise GagaError(f"--{name} is a share: a number from 0 to 1.")
 

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from gaga_core.arrays import DoubleArray, FloatArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, cure_without
 from gaga_core.export.simulation.settings import SimulationConfig
 from gaga_core.export.solids import MeshConfig, convex_collider, proxy_mesh_stage
 from gaga_core.gaussians import Gaussians
@@ -571,6 +571,6 @@ def library(name: str) -> ModuleType:
         return importlib.import_module(name)
     except ImportError as error:
         raise MissingExtraError(
-            f"Bodies for simulators need the package {name}. Install it by "
-            "pip install 'gaga-studio[simulation]'."
+            f"Bodies for simulators need the package {name}. Install it: "
+            f"{cure_without('simulation')}."
         ) from error

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, cure_without
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, check_memory
 from gaga_core.io.splats.glb import placed
@@ -53,7 +53,7 @@ def usd() -> ModuleType:
         from pxr import UsdVol
     except ImportError as error:
         raise GagaError(
-            "OpenUSD needs the package usd-core. Install it: pip install 'gaga-studio[usd]'."
+            f"OpenUSD needs the package usd-core. Install it: {cure_without('usd')}."
         ) from error
     if not hasattr(UsdVol, _KIND):
         raise GagaError(

@@ -19,7 +19,7 @@ from urllib.parse import quote, urlsplit
 
 import msgspec
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, cure_without
 from gaga_core.io.json_file import decode_json
 from gaga_core.segmentation.models.catalogue import KnownModel
 from gaga_core.segmentation.models.weights import models_folder
@@ -168,8 +168,7 @@ def connected(model: KnownModel, config: HubConfig) -> "Iterator[httpx2.Client]"
         raise GagaError(f"{model.title} is not downloaded: {reason}. {by_hand(model)}")
     if find_spec("huggingface_hub") is None or find_spec("httpx2") is None:
         raise GagaError(
-            "Downloads need the package huggingface_hub. "
-            "Install it: pip install 'gaga-studio[models]'."
+            f"Downloads need the package huggingface_hub. Install it: {cure_without('models')}."
         )
     import httpx2
     from huggingface_hub import get_token

@@ -342,8 +342,8 @@ def test_what_cannot_be(
     assert "no photos" in capsys.readouterr().err
     assert main(["dataset", str(project.folder.root), "--to", "voc"]) == 1
     assert "choose of coco, yolo, bop" in capsys.readouterr().err
-    with pytest.raises(GagaError, match="Lower --coverage"):
-        made(project, tmp_path / "none", changed(coverage=1.0, views=2, moved=0.0))
+    with pytest.raises(GagaError, match="Lower --coverage"):  # 4 times as fine as the photos
+        made(project, tmp_path / "none", changed(views=2, moved=0.0, width=640, height=480))
 
 
 def test_models_are_made_for_bop_alone(project: Project, tmp_path: Path) -> None:
@@ -354,3 +354,30 @@ def test_models_are_made_for_bop_alone(project: Project, tmp_path: Path) -> None
     report = run_stage(dataset_stage([project], out, config, ("coco", "bop")))
     assert report.made == 0
     assert len(list((out / "bop" / "models").glob("*.ply"))) == 4
+
+
+def test_of_few_photos_views_are_kept_that_photos_would_be(tmp_path: Path) -> None:
+    """Six photos around a table show little of each other from the same side."""
+    scene = objects_scene(n_objects=4, per_object=400, n_cameras=6)
+    root = tmp_path / "few"
+    write_true_scene(root, scene)
+    project = run_stage(open_path_stage(root))
+    project.scene.labels = scene.labels
+    report = made(project, tmp_path / "set", changed(coverage=0.8, moved=0.0, views=24))
+    assert report.left_out <= 2
+
+
+def test_views_of_what_photos_looked_at_are_as_far_as_photos(
+    project: Project, scene: Synthetic, tmp_path: Path
+) -> None:
+    made(project, tmp_path / "set", changed(closer=0.0, moved=0.0, views=24))
+    made(project, tmp_path / "close", changed(closer=1.0, moved=0.0, views=24))
+    far, close = (
+        np.median(
+            [np.linalg.norm(one.camera.position) for one in records(tmp_path / name).values()]
+        )
+        for name in ("set", "close")
+    )
+    photos = np.median([np.linalg.norm(camera.position) for camera in scene.cameras])
+    assert abs(far / photos - 1) < 0.05
+    assert close < 0.95 * photos

@@ -24,6 +24,7 @@ _SHARES = {
     "removed": "Share of the pictures in which an object is gone",
     "lights": "Share of the pictures in another brightness, contrast and color temperature",
     "validation": "Share of the placements kept for validation; no view of one is in both",
+    "closer": "Share of the pictures that look at one object from closer than photos",
     "coverage": "Share of a picture that photos must have shown from about the same side",
 }
 _FORMS: tuple[tuple[Form, str, str], ...] = (
