@@ -9,7 +9,7 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,7 @@ import numpy as np
 from gaga_core.errors import CancelledError, GagaError
 from gaga_core.io.cameras.given import GivenPose, GivenPoses
 from gaga_core.io.cameras.poses import find_poses, read_poses
+from gaga_core.io.depth_maps import read_depth, write_scene_depth
 from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
 from gaga_core.io.folder.scene_folder import World, read_report_entry, with_entry, write_world
 from gaga_core.io.folder.splits import carry_split
@@ -31,6 +32,7 @@ from gaga_core.placing.foreground import (
     Backdrop,
     backdrop_stage,
     masks_from_folder,
+    write_masks,
 )
 from gaga_core.placing.given import (
     Posed,
@@ -44,6 +46,7 @@ from gaga_core.placing.given import (
 from gaga_core.placing.ladder import Ladder, place_stage
 from gaga_core.placing.metrics import SfmFacts
 from gaga_core.placing.photos import (
+    DEPTH_MAPS,
     MASKS,
     PhotoSet,
     check_prepared,
@@ -62,7 +65,7 @@ from gaga_core.placing.video import (
     extract_moving_frames,
     shows_all_directions,
 )
-from gaga_core.progress import Stage, say
+from gaga_core.progress import Progress, Stage, say
 
 # --- The photos of a reconstruction, in its workspace: from a folder, or frames of a film.
 
@@ -71,8 +74,10 @@ _PREPARED_SIDE = 3200  # pixels: larger photos bring nothing to the matching
 _ROUNDS = 2  # times that more frames are taken where the chain breaks
 
 
-def photo_set_stage(source: Path, workspace: Path, config: ReconstructConfig) -> Stage[PhotoSet]:
-    """The photos of ``source``, a folder or a film, ready in workspace/photos.
+def photo_set_stage(
+    source: Path, workspace: Path, config: ReconstructConfig, given: GivenPoses | None = None
+) -> Stage[PhotoSet]:
+    """The photos of ``source``, a folder or a film, ready in workspace/photos, with their masks.
 
     What was made ready before is read. Raises ``GagaError`` when there are too few.
     """
@@ -89,9 +94,21 @@ def photo_set_stage(source: Path, workspace: Path, config: ReconstructConfig) ->
     shutil.rmtree(workspace / "frames", ignore_errors=True)
     if config.foreground is not None:
         yield from masks_from_folder(found, Path(config.foreground), workspace / MASKS)
+    elif given is not None and given.has_masks:
+        masks = {n: (p.mask, p.turns) for n, p in _by_photo(found, given, source) if p.mask}
+        yield from write_masks(found, masks, workspace / MASKS)
     with atomic_write(file) as temporary:
         temporary.write_text(json.dumps(found.to_json()), encoding="utf-8")
     return found
+
+
+def _by_photo(photos: PhotoSet, given: GivenPoses, source: Path) -> Iterator[tuple[str, GivenPose]]:
+    """The prepared photos, but for views of panoramas, with what is given of them."""
+    poses = {(source / pose.name).resolve(): pose for pose in given.poses}
+    for photo in photos.photos:
+        pose = poses.get(Path(photo.source).resolve())
+        if pose is not None and photo.view is None:
+            yield photo.name, pose
 
 
 def _prepared(
@@ -302,9 +319,10 @@ def place_photos(
         given = _given_poses(source, config)
         _claim(workspace, _fingerprint(source, config, given))
         require_room(scene, source, workspace)
-        if config.foreground is None:  # found by a run that was stopped: features need none
+        has_masks = config.foreground is not None or (given is not None and given.has_masks)
+        if not has_masks:  # found by a run that was stopped: features need none
             shutil.rmtree(workspace / MASKS, ignore_errors=True)
-        found = yield from photo_set_stage(source, workspace, config)
+        found = yield from photo_set_stage(source, workspace, config, given)
         posed = None if given is None else posed_photos(found, given, source, config.sfm())
         made = yield from _placed(found, posed, workspace, config)
         _require(made, config)
@@ -315,7 +333,7 @@ def place_photos(
             write_given(workspace, posed.names, posed.poses, refine=False)
             yield from run_step("to_given", found, workspace, config.sfm())
         backdrop = None
-        if config.foreground is None:
+        if not has_masks:
             is_static = config.turntable or made.diagnosis.still
             backdrop = yield from backdrop_stage(
                 found,
@@ -324,6 +342,8 @@ def place_photos(
                 workspace / MASKS,
                 is_static=is_static,
             )
+        if given is not None and given.is_metric:
+            yield from _depth_stage(found, given, source, workspace / DEPTH_MAPS)
         side = max(_PICTURE_SIDE, config.max_side or 0)
         yield from undistort_into(
             scene, found, workspace, config.sfm(), longest_side=side, replaces=source
@@ -343,6 +363,17 @@ def place_photos(
     write_entry(scene, {"sfm": entry | {"seconds": round(time.perf_counter() - start, 1)}})
     shutil.rmtree(workspace, ignore_errors=True)
     return notes_of(entry)
+
+
+def _depth_stage(photos: PhotoSet, given: GivenPoses, source: Path, target: Path) -> Stage[None]:
+    """Write the given depth of the photos, upright: NAME.jpg.png in the form of a scene's depth."""
+    target.mkdir(exist_ok=True)
+    found = [(name, pose) for name, pose in _by_photo(photos, given, source) if pose.depth]
+    for i, (name, pose) in enumerate(found):
+        yield Progress("Read depth", i, len(found), name)
+        assert pose.depth is not None
+        depth = np.rot90(read_depth(pose.depth), -pose.turns)
+        write_scene_depth(target / f"{name}.png", depth)
 
 
 def _given_poses(source: Path, config: ReconstructConfig) -> GivenPoses | None:
@@ -457,7 +488,7 @@ def _fingerprint(source: Path, config: ReconstructConfig, given: GivenPoses | No
 
 
 def _words_of(pose: GivenPose) -> str:
-    return f"{pose.name} {pose.lens} {pose.cam_from_world.tolist()}"
+    return f"{pose.name} {pose.lens} {pose.cam_from_world.tolist()} {pose.mask} {pose.depth}"
 
 
 def _require(made: Ladder, config: ReconstructConfig) -> None:

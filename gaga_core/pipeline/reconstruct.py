@@ -197,7 +197,7 @@ def train_scene(
         colors = np.full((len(points), 3), 128, np.uint8)
     engine = rasterizer or choose()
     views = yield from load_views_stage(
-        cameras, folder.image_paths, test, settings.longest_side, folder.foreground
+        cameras, folder.image_paths, test, settings.longest_side, folder.foreground, folder.depth
     )
     initial = yield from first_splats_stage(points, colors, views.train, settings, engine)
     workspace = root / WORKSPACE

@@ -21,12 +21,13 @@ from scipy.cluster.vq import kmeans2
 from scipy.spatial.distance import cdist
 
 from gaga_core.arrays import AnyArray, DoubleArray, LongArray
+from gaga_core.io.depth_maps import DEPTH, read_scene_depth, write_scene_depth
 from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.processes import end_with_parent
 from gaga_core.io.folder.scene_folder import FOREGROUND
 from gaga_core.io.json_file import read_json
 from gaga_core.placing.given import GivenFile, centres, moved_by, similarity_between
-from gaga_core.placing.photos import MASKS, prefix_of_view, turn_of_view
+from gaga_core.placing.photos import DEPTH_MAPS, MASKS, prefix_of_view, turn_of_view
 from gaga_core.placing.sfm import FEW_PHOTOS, CameraGroup, StepSettings
 
 # --- What the checks read of a model: plain arrays that the worker writes.
@@ -690,8 +691,11 @@ def _undistort(settings: StepSettings, workspace: Path) -> None:
     masks = Path(settings.pictures).with_name(MASKS)
     if masks.is_dir():
         _undistort_masks(masks, workspace, out, options)
+    depths = masks.with_name(DEPTH_MAPS)
+    if depths.is_dir():
+        _undistort_depth(depths, workspace, out)
     for entry in out.iterdir():
-        if entry.name not in ("images", "sparse", FOREGROUND):
+        if entry.name not in ("images", "sparse", FOREGROUND, DEPTH):
             shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
     (out / "sparse" / "0").mkdir()
     for file in (out / "sparse").iterdir():
@@ -710,6 +714,30 @@ def _undistort_masks(
         if image.has_pose and mask is not None:
             flat, _ = pycolmap.undistort_image(options, mask, image.camera)
             flat.write(out / FOREGROUND / f"{Path(str(image.name)).stem}.png")
+
+
+def _undistort_depth(depths: Path, workspace: Path, out: Path) -> None:
+    """Depth maps like the pictures, at their own size, by the nearest pixel."""
+    (out / DEPTH).mkdir()
+    model, flat = (pycolmap.Reconstruction(f) for f in (workspace / "model", out / "sparse"))
+    targets = {str(image.name): image for image in flat.images.values()}
+    for image in model.images.values():
+        file = depths / f"{image.name}.png"
+        target = targets.get(str(image.name))
+        if target is None or not file.is_file():
+            continue
+        depth = read_scene_depth(file)
+        size = np.array(depth.shape[::-1])
+        v, u = np.mgrid[0 : size[1], 0 : size[0]].reshape(2, -1) + 0.5
+        pinhole, lens = (np.array([i.camera.width, i.camera.height]) for i in (target, image))
+        rays = np.asarray(target.camera.cam_from_img(np.c_[u, v] / size * pinhole))
+        bent = image.camera.img_from_cam(np.c_[rays, np.ones(len(rays))], check_cheirality=False)
+        x, y = np.floor(np.nan_to_num(bent, nan=-1.0) / lens * size).astype(np.int64).T
+        inside = (x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1])
+        flattened = np.zeros(depth.size, np.float32)
+        flattened[inside] = depth[y[inside], x[inside]]
+        stem = Path(str(image.name)).stem
+        write_scene_depth(out / DEPTH / f"{stem}.png", flattened.reshape(depth.shape))
 
 
 def _export(settings: StepSettings, workspace: Path) -> None:

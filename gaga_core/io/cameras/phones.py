@@ -21,6 +21,7 @@ from gaga_core.io.cameras.given import (
     checked,
     rigid,
 )
+from gaga_core.io.depth_maps import DepthMap
 from gaga_core.io.json_file import read_foreign_json
 
 _Number = Annotated[float, msgspec.Meta(ge=-1e18, le=1e18)]
@@ -69,7 +70,20 @@ class _Record(msgspec.Struct, frozen=True):
     h: _Side
     K: list[_Number]  # (9,) by columns
     poses: list[list[_Number]]  # qx, qy, qz, qw, x, y, z
+    dw: int = 0  # pixels of its depth files
+    dh: int = 0
     perFrameIntrinsicCoeffs: list[list[_Number]] = []  # noqa: N815  fx, fy, cx, cy
+
+
+def _depth_of(path: Path, size: tuple[int, int] | None = None) -> DepthMap | None:
+    """The depth map ``path``, where it is, with the confidence that its program writes next to it:
+    confidence/NAME.png, conf_NAME.png or NAME.conf."""
+    if not path.is_file():
+        return None
+    name = path.name.replace("depth_", "conf_").replace(".depth", ".conf")
+    others = (path.parent.with_name("confidence") / path.name, path.with_name(name))
+    confidence = next((p for p in others if p != path and p.is_file()), None)
+    return DepthMap(path, confidence=confidence, size=size)
 
 
 def read_polycam(folder: Path, photos: Photos) -> GivenPoses:
@@ -83,9 +97,8 @@ def read_polycam(folder: Path, photos: Photos) -> GivenPoses:
         size = round(key.width), round(key.height)
         lens = brown_lens(size, (key.fx, key.fy), (key.cx, key.cy))
         world_from_cam = np.vstack([key.pose(), [0, 0, 0, 1.0]])
-        depth = folder.parent / "depth" / f"{file.stem}.png"
-        pose = cam_from_opengl(world_from_cam)
-        poses.append(GivenPose(name, lens, pose, None, depth if depth.is_file() else None))
+        depth = _depth_of(folder.parent / "depth" / f"{file.stem}.png")
+        poses.append(GivenPose(name, lens, cam_from_opengl(world_from_cam), None, depth))
     return checked(
         GivenPoses("Polycam", folder, tuple(poses), is_metric=True, up=_ARKIT_UP), photos
     )
@@ -104,8 +117,8 @@ def read_scanner_app(folder: Path, photos: Photos) -> GivenPoses:
         K = np.array(frame.intrinsics).reshape(3, 3)
         lens = brown_lens(photos.size(name), (K[0, 0], K[1, 1]), (K[0, 2], K[1, 2]))
         pose = cam_from_opengl(np.array(frame.cameraPoseARFrame).reshape(4, 4))
-        depth = file.with_name(file.name.replace("frame_", "depth_")).with_suffix(".png")
-        poses.append(GivenPose(name, lens, pose, None, depth if depth.is_file() else None))
+        depth = _depth_of(file.with_name(file.name.replace("frame_", "depth_")).with_suffix(".png"))
+        poses.append(GivenPose(name, lens, pose, None, depth))
     photos.missing = photos_missing
     found = GivenPoses("3D Scanner App", folder, tuple(poses), is_metric=True, up=_ARKIT_UP)
     return checked(found, photos)
@@ -133,5 +146,9 @@ def read_record3d(file: Path, photos: Photos) -> GivenPoses:
             fx, fy, cx, cy = record.perFrameIntrinsicCoeffs[i]
             focal, centre = (fx, fy), (cx, cy)
         lens = brown_lens((round(record.w), round(record.h)), focal, centre)
-        poses.append(GivenPose(name, lens, cam_from_opengl(rigid(turn, np.array(place)))))
+        photo = photos.paths[name]
+        depth = _depth_of(photo.with_suffix(".depth"), (record.dw, record.dh))
+        depth = depth or _depth_of(photo.parent.parent / "depth" / f"{photo.stem}.exr")
+        pose = cam_from_opengl(rigid(turn, np.array(place)))
+        poses.append(GivenPose(name, lens, pose, None, depth))
     return checked(GivenPoses("Record3D", file, tuple(poses), is_metric=True, up=_ARKIT_UP), photos)

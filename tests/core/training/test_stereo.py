@@ -1,12 +1,14 @@
 """Multi-view stereo: points lie on the surfaces that photos show, and only there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.progress import run_stage
-from gaga_core.training.start import first_splats_stage
+from gaga_core.training.start import depth_points, first_splats_stage
 from gaga_core.training.stereo import stereo_points_stage
 from gaga_core.training.stereo_kernels import count_agreeing
 from gaga_core.training.views import TrainView
@@ -41,7 +43,8 @@ def _photo(camera: Camera) -> TrainView:
     seen = np.isfinite(depth)
     color = np.zeros((*depth.shape, 3))
     color[seen] = _texture(eye + rays[seen] * depth[seen, None])
-    return TrainView(camera, (color * 255).astype(np.uint8))
+    measured = np.where(seen, depth, 0).astype(np.float32)
+    return TrainView(camera, (color * 255).astype(np.uint8), None, measured)
 
 
 def _off(points: DoubleArray) -> DoubleArray:
@@ -54,7 +57,7 @@ def _off(points: DoubleArray) -> DoubleArray:
 @pytest.fixture(scope="module")
 def views() -> tuple[TrainView, ...]:
     cameras = orbit_cameras(14, width=96, height=72, radius=2.0)
-    return tuple(_photo(camera) for camera in cameras)
+    return tuple(replace(_photo(camera), depth=None) for camera in cameras)
 
 
 @pytest.fixture(scope="module")
@@ -143,3 +146,31 @@ def test_a_training_starts_from_them(known: DoubleArray, views: tuple[TrainView,
     assert first(300, 1000) == 300
     assert first(300, 200) == 200
     assert first(30, 1000) == len(known)
+
+
+def test_measured_depth_takes_the_place_of_matching(
+    known: DoubleArray, views: tuple[TrainView, ...]
+) -> None:
+    """Its points lie on the surfaces in their colors; in another unit it is not used."""
+    measured = tuple(_photo(view.camera) for view in views)
+    points, colors = depth_points(known, measured, 3000, 0)
+    assert len(points) == 3000
+    assert _off(points).max() < 1e-5
+    assert np.abs(colors / 255 - _texture(points)).max() < 0.01
+    assert np.ptp(points, axis=0).min() > 0.8  # of all views, the whole ball
+    coarse = [
+        replace(v, depth=np.ascontiguousarray(v.depth[1::3, 1::3]))
+        for v in measured
+        if v.depth is not None
+    ]
+    assert _off(depth_points(known, coarse, 500, 0)[0]).max() < 1e-5
+    for factor in (0.5, 1000):
+        wrong = [
+            replace(v, depth=v.depth * np.float32(factor)) for v in measured if v.depth is not None
+        ]
+        assert len(depth_points(known, wrong, 3000, 0)[0]) == 0
+    config = short(5, stereo=300, cover=0).with_cap(1000)
+    first = first_splats_stage(
+        known, np.full((len(known), 3), 128, np.uint8), measured, config, CPU
+    )
+    assert _off(run_stage(first).means[len(known) :]).max() < 1e-5
