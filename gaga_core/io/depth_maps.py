@@ -23,8 +23,9 @@ MILLIMETRES = 0.001  # metres a level, of the 16-bit pictures of all phone progr
 _MOST_BYTES = 1 << 22  # of a compressed file: 256 x 192 pixels take 50 kB
 _MOST_LEVELS = 65_535
 _MAP_FOLDERS = {"depth", "depths", "confidence", "masks"}  # of phone programs and nerfstudio
-_MAP_NAME = re.compile(r"(depth|conf)_\d+\.png", re.IGNORECASE)  # of 3D Scanner App
-_INSTALL = "Install gaga-studio[depth], or leave it out"
+# Of 3D Scanner App, and of Record3D.
+_MAP_NAME = re.compile(r"(depth|conf)_\d+\.png|\d+\.(depth|conf)", re.IGNORECASE)
+_PACKAGES = {".exr": "OpenEXR", ".depth": "lzfse", ".conf": "lzfse"}  # of the extra "depth"
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,14 @@ def is_map(inside: PurePath) -> bool:
     of a photo, and no photo."""
     in_folder = any(part.lower() in _MAP_FOLDERS for part in inside.parts[:-1])
     return in_folder or _MAP_NAME.fullmatch(inside.name) is not None
+
+
+def why_unread(path: Path) -> str:
+    """A sentence about the package that reading a depth map takes; "" where it is installed."""
+    package = _PACKAGES.get(path.suffix.lower())
+    if package is None or find_spec(package) is not None:
+        return ""
+    return f"Depth like {path.name} is read with the package {package}: gaga-studio[depth]."
 
 
 def read_depth(depth: DepthMap) -> FloatArray:
@@ -64,6 +73,8 @@ def read_depth(depth: DepthMap) -> FloatArray:
 
 def _read(path: Path, size: tuple[int, int] | None, raw: type = np.float32) -> AnyArray:
     """Values (H, W) as they are stored; ``raw`` is the type of those without a header."""
+    if why := why_unread(path):
+        raise GagaError(why)
     suffix = path.suffix.lower()
     if suffix == ".npy":
         found = read_array(path, "Copy it again.")
@@ -80,8 +91,6 @@ def _read(path: Path, size: tuple[int, int] | None, raw: type = np.float32) -> A
 
 
 def _read_exr(path: Path) -> AnyArray:
-    if find_spec("OpenEXR") is None:
-        raise GagaError(f"{path.name} is an OpenEXR file. {_INSTALL}.")
     import OpenEXR
 
     try:
@@ -97,8 +106,6 @@ def _read_exr(path: Path) -> AnyArray:
 
 
 def _read_lzfse(path: Path, size: tuple[int, int] | None, raw: type) -> AnyArray:
-    if find_spec("lzfse") is None:
-        raise GagaError(f"{path.name} is compressed by LZFSE. {_INSTALL}.")
     import lzfse
 
     try:

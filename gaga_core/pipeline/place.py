@@ -20,6 +20,7 @@ import numpy as np
 
 from gaga_core.errors import CancelledError, GagaError
 from gaga_core.io.cameras.given import GivenPose, GivenPoses
+from gaga_core.io.cameras.phones import is_recording, unpack_r3d_stage
 from gaga_core.io.cameras.poses import find_poses, read_poses
 from gaga_core.io.depth_maps import read_depth, write_scene_depth
 from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
@@ -314,6 +315,9 @@ def place_photos(
     if source is None:
         raise GagaError(f"There are no photos in {scene}. Put them into {scene / 'images'}.")
     start, existed = time.perf_counter(), scene.exists()
+    if is_recording(source):
+        yield from unpack_r3d_stage(source, scene / ORIGINALS)
+        source = scene / ORIGINALS
     workspace = scene / WORKSPACE
     try:
         given = _given_poses(source, config)

@@ -22,6 +22,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras.cameras_json import write_cameras_json
 from gaga_core.io.cameras.colmap import read_colmap
+from gaga_core.io.cameras.phones import is_recording, look_at_r3d
 from gaga_core.io.cameras.poses import find_poses
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.folder.scene_folder import (
@@ -464,6 +465,9 @@ def _photos_of(outside: Path | None, scene: Path) -> PhotoFind | None:
         n, is_round = expected_frames(source)
         n_views = len(VIEWS) if is_round else 1
         return PhotoFind(outside, scene, n, _VIDEO_SIZE, is_video=True, n_views=n_views)
+    if is_recording(source):
+        seen = look_at_r3d(source)
+        return PhotoFind(outside, scene, len(seen.frames), seen.size, poses=f"{seen.told}.")
     files = list_photos(source) if source.is_dir() else ()
     if not files:
         unread = unread_kinds(source) if source.is_dir() else ()
@@ -507,7 +511,7 @@ def source_of(path: Path) -> tuple[Path | None, Path]:
     Photos are None for a scene folder, or one to be that holds its photos or its video, and for a
     folder whose pictures are part of something else: the textures of a SOG.
     """
-    if is_video(path):
+    if is_video(path) or is_recording(path):
         return path, scene_of(path)
     if not path.is_dir() or is_scene_folder(path) or meant_in(path) is not None:
         return None, path

@@ -12,7 +12,7 @@ from PIL import ExifTags
 from gaga_core.arrays import AnyArray, DoubleArray
 from gaga_core.camera import MOST_PIXELS, is_usable
 from gaga_core.errors import GagaError
-from gaga_core.io.depth_maps import DepthMap, is_map
+from gaga_core.io.depth_maps import DepthMap, is_map, why_unread
 from gaga_core.io.images import image_header, pictures_in
 from gaga_core.io.json_file import read_bytes
 
@@ -235,6 +235,10 @@ def checked(given: GivenPoses, photos: Photos) -> GivenPoses:
             + (f" ({listed})." if listed else ".")
         )
     found = replace(given, poses=tuple(poses[name] for name in sorted(poses)))
+    why = next((w for p in found.poses if p.depth and (w := why_unread(p.depth.path))), "")
+    if why:
+        without = tuple(replace(pose, depth=None) for pose in found.poses)
+        found = replace(found, poses=without, notes=(*found.notes, why))
     return _near_origin(replace(found, missing=(*given.missing, *photos.missing)))
 
 

@@ -201,8 +201,8 @@ def test_given_masks_and_depth_come_into_the_scene_as_its_pictures_lie(tmp_path:
     plane = (3 + rays[:, 0] - 0.5 * rays[:, 1]).reshape(size[::-1])
     mask = np.zeros((240, 320), np.uint8)
     mask[:, 100:] = 255
-    for folder in ("depth", "masks"):
-        (shots / folder).mkdir()
+    for name in ("depth", "masks"):
+        (shots / name).mkdir()
     file = shots / "transforms.json"
     images = {camera.name: shots / "images" / camera.name for camera in truth}
     write_transforms_json(file, truth, images)

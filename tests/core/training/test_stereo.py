@@ -173,4 +173,4 @@ def test_measured_depth_takes_the_place_of_matching(
     first = first_splats_stage(
         known, np.full((len(known), 3), 128, np.uint8), measured, config, CPU
     )
-    assert _off(run_stage(first).means[len(known) :]).max() < 1e-5
+    assert _off(run_stage(first).means[len(known) :].astype(np.float64)).max() < 1e-5
