@@ -26,6 +26,7 @@ from gaga_core.io.depth_maps import read_depth, write_scene_depth
 from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
 from gaga_core.io.folder.scene_folder import World, read_report_entry, with_entry, write_world
 from gaga_core.io.folder.splits import carry_split
+from gaga_core.io.images import read_rgb
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.checks import Verdict
 from gaga_core.placing.diagnosis import MatchFacts, chain_breaks
@@ -58,7 +59,7 @@ from gaga_core.placing.photos import (
     read_photo_set,
     unread_kinds,
 )
-from gaga_core.placing.sfm import option, run_matching, run_step
+from gaga_core.placing.sfm import MATCH_SIDE, option, pictures_of, run_matching, run_step
 from gaga_core.placing.undistort import ORIGINALS, require_room, undistort_into
 from gaga_core.placing.video import (
     extract_frames,
@@ -67,6 +68,8 @@ from gaga_core.placing.video import (
     shows_all_directions,
 )
 from gaga_core.progress import Progress, Stage, say
+from gaga_core.segmentation.models.catalogue import MATCHER
+from gaga_core.segmentation.models.weights import find_model
 
 # --- The photos of a reconstruction, in its workspace: from a folder, or frames of a film.
 
@@ -400,7 +403,7 @@ def _placed(
     found: PhotoSet, posed: Posed | None, workspace: Path, config: ReconstructConfig
 ) -> Stage[Ladder]:
     """Place by the given poses; where that fails and they may change, as without any."""
-    sfm = config.sfm()
+    sfm, model = config.sfm(), find_model(MATCHER)
     if posed is not None and config.poses in ("keep", "refine"):
         refine = config.poses == "refine"
         try:
@@ -410,16 +413,70 @@ def _placed(
         except GagaError as error:
             if not refine or isinstance(error, CancelledError):
                 raise
-    return (
-        yield from place_stage(
-            found,
-            workspace,
-            sfm,
-            priors={p.name: p.focal for p in found.photos if p.focal is not None},
-            ladder=config.ladder(),
-            scene=config.scene,
+    try:
+        return (
+            yield from place_stage(
+                found,
+                workspace,
+                sfm,
+                priors={p.name: p.focal for p in found.photos if p.focal is not None},
+                ladder=config.ladder(),
+                scene=config.scene,
+                learned=None if model is None else partial(_match_learned, model),
+            )
         )
+    except GagaError as error:
+        if isinstance(error, CancelledError) or not (advice := _advice()):
+            raise
+        raise GagaError(" ".join((str(error), *advice))) from error
+
+
+_MATCHES = "Match photos"
+
+
+def _advice(made: Ladder | None = None) -> tuple[str, ...]:
+    """The model that would help, for those who do not have it, where photos are not placed."""
+    is_placed = made is not None and made.best.is_right and made.best.share == 1
+    if is_placed or find_model(MATCHER) is not None:
+        return ()
+    return (
+        f"Matches by a learned model may help: gaga models get {MATCHER.name} (Models in the "
+        f"window), {MATCHER.megabytes} MB, {MATCHER.licence}.",
     )
+
+
+def _match_learned(model: Path, _: PhotoSet, workspace: Path, seconds: float) -> Stage[None]:
+    """Match the photos of workspace/pairs.txt by a learned model: writes learned.npz.
+
+    names (Q, 2), counts (Q,) of matches, places (M, 2, 2) xy over width and height, scores (M,).
+    """
+    # Loaded when it is its turn: torch takes seconds.
+    from gaga_core.segmentation.matches import load_matcher
+
+    yield Progress(_MATCHES, 0, 0, "load the model")
+    matcher, end = load_matcher(model, MATCH_SIDE), time.monotonic() + seconds
+    pairs = [line.split() for line in (workspace / "pairs.txt").read_text().splitlines()]
+    pictures = pictures_of(workspace)
+    counts, places, scores = list[int](), [np.zeros((0, 2, 2))], [np.zeros(0, np.float32)]
+    for i, (a, b) in enumerate(pairs):
+        yield Progress(_MATCHES, i, len(pairs), f"{a}, {b}")
+        if time.monotonic() > end:
+            break
+        first, second = (read_rgb(pictures / name) for name in (a, b))
+        found = matcher.match(first, second)
+        shares = [found.first / first.shape[1::-1], found.second / second.shape[1::-1]]
+        counts.append(len(found.scores))
+        places.append(np.stack(shares, axis=1))
+        scores.append(found.scores)
+    names = np.array(pairs[: len(counts)], np.str_).reshape(-1, 2)
+    with atomic_write(workspace / "learned.npz") as temporary, temporary.open("wb") as file:
+        np.savez(
+            file,
+            names=names,
+            counts=np.array(counts, np.int64),
+            places=np.concatenate(places),
+            scores=np.concatenate(scores),
+        )
 
 
 def _is_by_poses(made: Ladder, workspace: Path) -> bool:
@@ -487,7 +544,7 @@ def _fingerprint(source: Path, config: ReconstructConfig, given: GivenPoses | No
     settings = asdict(replace(config.sfm(), threads=0))
     masks = None if config.foreground is None else str(Path(config.foreground).absolute())
     poses = [config.poses, *([] if given is None else map(_words_of, given.poses))]
-    task = [stats, settings, config.focal, config.video_fps, masks, poses]
+    task = [stats, settings, config.focal, config.video_fps, masks, poses, str(find_model(MATCHER))]
     return hashlib.sha256(json.dumps(task).encode()).hexdigest()
 
 
@@ -506,7 +563,7 @@ def _require(made: Ladder, config: ReconstructConfig) -> None:
             "Leave --scene out, or give a smaller number."
         )
     late = f"The time for placing was used up; {option('--place-minutes')} gives more."
-    why = (*made.reasons(), *((late,) if made.out_of_time else ()))
+    why = (*made.reasons(), *((late,) if made.out_of_time else ()), *_advice(made))
     refuse(best.verdicts, "The model of these photos is not to be trusted.", config, why)
 
 

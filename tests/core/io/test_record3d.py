@@ -30,7 +30,8 @@ def write_r3d(folder: Path, n: int, *, still: int = 0) -> tuple[Path, tuple[Came
     and the cameras of those photos."""
     lzfse = pytest.importorskip("lzfse", reason="the extra depth is not installed")
     cameras = write_photos(folder / "shots", n)
-    poses, path = [], folder / "scan.r3d"
+    poses: list[list[float]] = []
+    path = folder / "scan.r3d"
     with zipfile.ZipFile(path, "w") as archive:
         for camera in cameras:
             photo = (folder / "shots" / camera.name).read_bytes()
