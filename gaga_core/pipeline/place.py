@@ -20,7 +20,6 @@ import numpy as np
 
 from gaga_core.errors import CancelledError, GagaError
 from gaga_core.io.cameras.given import GivenPose, GivenPoses
-from gaga_core.io.cameras.phones import is_recording, unpack_r3d_stage
 from gaga_core.io.cameras.poses import find_poses, read_poses
 from gaga_core.io.depth_maps import read_depth, write_scene_depth
 from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
@@ -59,6 +58,7 @@ from gaga_core.placing.photos import (
     read_photo_set,
     unread_kinds,
 )
+from gaga_core.placing.recordings import is_recording, unpack_stage
 from gaga_core.placing.sfm import MATCH_SIDE, option, pictures_of, run_matching, run_step
 from gaga_core.placing.undistort import ORIGINALS, require_room, undistort_into
 from gaga_core.placing.video import (
@@ -319,7 +319,7 @@ def place_photos(
         raise GagaError(f"There are no photos in {scene}. Put them into {scene / 'images'}.")
     start, existed = time.perf_counter(), scene.exists()
     if is_recording(source):
-        yield from unpack_r3d_stage(source, scene / ORIGINALS)
+        yield from unpack_stage(source, scene / ORIGINALS)
         source = scene / ORIGINALS
     workspace = scene / WORKSPACE
     try:

@@ -22,7 +22,6 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras.cameras_json import write_cameras_json
 from gaga_core.io.cameras.colmap import read_colmap
-from gaga_core.io.cameras.phones import is_recording, look_at_r3d
 from gaga_core.io.cameras.poses import find_poses
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.folder.scene_folder import (
@@ -55,6 +54,7 @@ from gaga_core.placing.photos import (
     list_photos,
     unread_kinds,
 )
+from gaga_core.placing.recordings import is_recording, look_at_recording
 from gaga_core.placing.undistort import ORIGINALS
 from gaga_core.placing.video import expected_frames
 from gaga_core.progress import Progress, Stage
@@ -466,7 +466,7 @@ def _photos_of(outside: Path | None, scene: Path) -> PhotoFind | None:
         n_views = len(VIEWS) if is_round else 1
         return PhotoFind(outside, scene, n, _VIDEO_SIZE, is_video=True, n_views=n_views)
     if is_recording(source):
-        seen = look_at_r3d(source)
+        seen = look_at_recording(source)
         return PhotoFind(outside, scene, len(seen.frames), seen.size, poses=f"{seen.told}.")
     files = list_photos(source) if source.is_dir() else ()
     if not files:

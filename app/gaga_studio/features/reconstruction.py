@@ -63,8 +63,8 @@ def why_no_settings(session: Session) -> str:
 
 def open_photos(session: Session, path: Path) -> None:
     """Open a video, a recording of a phone, or the folder of a photo."""
-    from gaga_core.io.cameras.phones import is_recording
     from gaga_core.placing.photos import is_video
+    from gaga_core.placing.recordings import is_recording
 
     is_whole = is_video(path) or is_recording(path) or path.is_dir()
     session.open(path if is_whole else path.parent)

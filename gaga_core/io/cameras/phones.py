@@ -1,15 +1,8 @@
-"""Poses of phones (ARKit, ARCore): Polycam's raw data, Record3D, 3D Scanner App.
+"""Poses of phones (ARKit, ARCore): Polycam's raw data, Record3D, 3D Scanner App, Stray Scanner.
 
 All are in metres, with y up and cameras that look along -z, as ARKit has them.
 """
 
-import re
-import shutil
-import zipfile
-import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -24,13 +17,14 @@ from gaga_core.io.cameras.given import (
     GivenPoses,
     Photos,
     brown_lens,
+    cam_from,
     cam_from_opengl,
     checked,
+    numbers,
     rigid,
 )
 from gaga_core.io.depth_maps import DepthMap
-from gaga_core.io.json_file import decode_json, read_foreign_json
-from gaga_core.progress import Progress, Stage
+from gaga_core.io.json_file import read_bytes, read_foreign_json
 
 _Number = Annotated[float, msgspec.Meta(ge=-1e18, le=1e18)]
 _Side = Annotated[float, msgspec.Meta(gt=0, le=65_536)]
@@ -71,7 +65,7 @@ class _Frame(msgspec.Struct, frozen=True):
     intrinsics: list[_Number]  # (9,) by rows
 
 
-class _Record(msgspec.Struct, frozen=True):
+class Record(msgspec.Struct, frozen=True):
     """The metadata of Record3D."""
 
     w: _Side
@@ -135,7 +129,7 @@ def read_scanner_app(folder: Path, photos: Photos) -> GivenPoses:
 def read_record3d(file: Path, photos: Photos) -> GivenPoses:
     """Poses of Record3D's metadata; photo N is that of pose N. Raises ``GagaError`` when there are
     more photos than poses."""
-    record = read_foreign_json(file, _Record, most_bytes=MOST_BYTES)
+    record = read_foreign_json(file, Record, most_bytes=MOST_BYTES)
     if len(record.K) != 9 or any(len(pose) != 7 for pose in record.poses):
         raise GagaError(f"{file}: K or poses have a wrong length. Export it again.")
     numbered = {int(stem): name for stem, name in photos.stems().items() if stem.isdigit()}
@@ -162,93 +156,36 @@ def read_record3d(file: Path, photos: Photos) -> GivenPoses:
     return checked(GivenPoses("Record3D", file, tuple(poses), is_metric=True, up=_ARKIT_UP), photos)
 
 
-# --- Recordings of Record3D (.r3d): an archive with the metadata and rgbd/N.jpg, N.depth, N.conf.
+def read_stray(file: Path, photos: Photos) -> GivenPoses:
+    """Poses of Stray Scanner's odometry.csv, next to camera_matrix.csv; photo N is frame N.
 
-
-R3D = ".r3d"
-_MEMBER = re.compile(r"rgbd/(\d+)\.(jpg|depth|conf)")
-_MOST_OF_MEMBER = 1 << 26  # bytes of a file in it
-_STEP, _TURN = 0.1, np.radians(5.0)  # metres, radians: from one frame that is taken to the next
-_MOST_FRAMES = 300  # of a recording: it has thousands
-# What zipfile raises on wrong bytes.
-_BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, ValueError, KeyError, OSError)
-
-
-@dataclass(frozen=True)
-class Recording:
-    """What is taken of a recording."""
-
-    frames: tuple[int, ...]
-    size: tuple[int, int]  # width, height of the photos
-    told: str
-
-
-def is_recording(path: Path) -> bool:
-    """Whether ``path`` is a recording of Record3D."""
-    return path.suffix.lower() == R3D and path.is_file()
-
-
-def look_at_r3d(path: Path) -> Recording:
-    """The frames of a recording that are far enough from each other.
-
-    Raises ``GagaError`` when it is damaged.
+    Its cameras look along z, with y down. Raises ``GagaError`` when a file is damaged.
     """
-    with _opened(path) as archive:
-        record = decode_json(_member(archive, "metadata"), _Record, f"{path}", "Export it again.")
-        names = (_MEMBER.fullmatch(name) for name in archive.namelist())
-        numbers = sorted(int(m[1]) for m in names if m is not None and m[2] == "jpg")
-    poses = np.array([p for p in record.poses if len(p) == 7], np.float64).reshape(-1, 7)
-    there = np.array([n for n in numbers if n < len(poses)], np.int64)
-    if len(there) == 0 or len(poses) < len(record.poses):
-        raise GagaError(f"{path} has no photos with poses. Export it again.")
-    turns, places = poses[there, :4], poses[there, 4:]
-    turned = 2 * np.arccos(np.clip(np.abs((turns[1:] * turns[:-1]).sum(axis=1)), 0, 1))
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=1) / _STEP + turned / _TURN
-    way = np.r_[0.0, np.cumsum(steps)]
-    at = np.linspace(0, way[-1], min(int(way[-1]) + 1, _MOST_FRAMES))
-    frames = tuple(there[np.unique(np.searchsorted(way, at))].tolist())
-    told = f"Record3D: {len(frames)} of {len(there)} frames of {path.name}, with metres and depth"
-    return Recording(frames, (round(record.w), round(record.h)), told)
+    rows = stray_poses(file)
+    path = file.with_name("camera_matrix.csv")
+    text = read_bytes(path, "Export it again.", MOST_BYTES).decode(errors="replace")
+    K = np.array(numbers(text, 9, str(path))).reshape(3, 3)
+    poses = []
+    for stem, name in photos.stems().items():
+        if not stem.isdigit() or int(stem) not in rows:
+            continue
+        x, y, z, *turn = rows[int(stem)]
+        pose = cam_from(
+            rigid(quats_to_matrices(np.array([[turn[3], *turn[:3]]]))[0], np.array([x, y, z]))
+        )
+        lens = brown_lens(photos.size(name), (K[0, 0], K[1, 1]), (K[0, 2], K[1, 2]))
+        depth = _depth_of(file.parent / "depth" / f"{int(stem):06d}.png")
+        poses.append(GivenPose(name, lens, pose, None, depth))
+    found = GivenPoses("Stray Scanner", file, tuple(poses), is_metric=True, up=_ARKIT_UP)
+    return checked(found, photos)
 
 
-def unpack_r3d_stage(path: Path, target: Path) -> Stage[None]:
-    """Unpack the frames that are taken, and the metadata, as Record3D's folders have them.
-
-    ``target`` appears at the end; one that holds this recording is kept. Raises ``GagaError`` when
-    the recording is damaged, or other files are there.
-    """
-    recording = look_at_r3d(path)
-    with _opened(path) as archive:
-        metadata = _member(archive, "metadata")
-        mark = target / "metadata"
-        if mark.is_file() and mark.read_bytes() == metadata:
-            return
-        if target.exists():
-            raise GagaError(f"{target} holds other photos. Choose another scene folder.")
-        part = target.with_name(f".{target.name}.part")
-        shutil.rmtree(part, ignore_errors=True)
-        part.mkdir(parents=True)
-        (part / "metadata").write_bytes(metadata)
-        known = set(archive.namelist())
-        for i, frame in enumerate(recording.frames):
-            yield Progress("Read frames", i, len(recording.frames))
-            for kind in ("jpg", "depth", "conf"):
-                name = f"rgbd/{frame}.{kind}"
-                if name in known:
-                    (part / f"{frame}.{kind}").write_bytes(_member(archive, name))
-        part.rename(target)
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            yield archive
-    except _BROKEN as error:
-        raise GagaError(f"{path} is damaged ({error}). Export it again.") from error
-
-
-def _member(archive: zipfile.ZipFile, name: str) -> bytes:
-    if archive.getinfo(name).file_size > _MOST_OF_MEMBER:
-        raise ValueError(f"{name} is too large")
-    return archive.read(name)
+def stray_poses(file: Path) -> dict[int, list[float]]:
+    """x, y, z, qx, qy, qz, qw of each frame of an odometry.csv, world_from_cam."""
+    lines = read_bytes(file, "Export it again.", MOST_BYTES).decode(errors="replace").splitlines()
+    rows = [
+        numbers(",".join(line.split(",")[:9]), 9, f"{file}, line {i}")
+        for i, line in enumerate(lines[1:], start=2)
+        if line
+    ]
+    return {int(row[1]): row[2:] for row in rows}

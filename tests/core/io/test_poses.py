@@ -225,14 +225,21 @@ def test_real_files_are_found(tmp_path: Path) -> None:
     assert fox.poses[0].lens.model == "OPENCV"
 
 
-@pytest.mark.parametrize("program", ["nerfstudio", "Polycam", "3D Scanner App", "Record3D"])
+@pytest.mark.parametrize(
+    "program", ["nerfstudio", "Polycam", "3D Scanner App", "Record3D", "Stray Scanner"]
+)
 def test_depth_and_confidence_lie_where_the_program_puts_them(tmp_path: Path, program: str) -> None:
     """And are no photos, wherever the folder of photos begins."""
     folder = photos(tmp_path / "images")
     file = FORMS[program][0](tmp_path, cameras())
     names = {"nerfstudio": "depth/{:05d}.png", "3D Scanner App": "images/depth_{:05d}.png"}
     names |= {"Polycam": "depth/{:05d}.png", "Record3D": "depth/{:05d}.exr"}
-    sure = {"Polycam": "confidence/{:05d}.png", "3D Scanner App": "images/conf_{:05d}.png"}
+    names |= {"Stray Scanner": "depth/{:06d}.png"}
+    sure = {
+        "Stray Scanner": "confidence/{:06d}.png",
+        "Polycam": "confidence/{:05d}.png",
+        "3D Scanner App": "images/conf_{:05d}.png",
+    }
     for pattern in (names[program], sure.get(program, "x_{}")):
         for i in range(10):
             path = tmp_path / pattern.format(i)
