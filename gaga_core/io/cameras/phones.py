@@ -169,10 +169,9 @@ def read_stray(file: Path, photos: Photos) -> GivenPoses:
     for stem, name in photos.stems().items():
         if not stem.isdigit() or int(stem) not in rows:
             continue
-        x, y, z, *turn = rows[int(stem)]
-        pose = cam_from(
-            rigid(quats_to_matrices(np.array([[turn[3], *turn[:3]]]))[0], np.array([x, y, z]))
-        )
+        place, (x, y, z, w) = rows[int(stem)][:3], rows[int(stem)][3:]
+        turn = quats_to_matrices(np.array([[w, x, y, z]]))[0]
+        pose = cam_from(rigid(turn, np.array(place)))
         lens = brown_lens(photos.size(name), (K[0, 0], K[1, 1]), (K[0, 2], K[1, 2]))
         depth = _depth_of(file.parent / "depth" / f"{int(stem):06d}.png")
         poses.append(GivenPose(name, lens, pose, None, depth))
@@ -181,8 +180,12 @@ def read_stray(file: Path, photos: Photos) -> GivenPoses:
 
 
 def stray_poses(file: Path) -> dict[int, list[float]]:
-    """x, y, z, qx, qy, qz, qw of each frame of an odometry.csv, world_from_cam."""
-    lines = read_bytes(file, "Export it again.", MOST_BYTES).decode(errors="replace").splitlines()
+    """x, y, z, qx, qy, qz, qw of each frame of an odometry.csv, world_from_cam.
+
+    A last line without an end may be cut off and is left out.
+    """
+    text = read_bytes(file, "Export it again.", MOST_BYTES).decode(errors="replace")
+    lines = text.rpartition("\n")[0].splitlines()
     rows = [
         numbers(",".join(line.split(",")[:9]), 9, f"{file}, line {i}")
         for i, line in enumerate(lines[1:], start=2)

@@ -145,6 +145,6 @@ def test_a_folder_of_stray_scanner_gives_its_frames(tmp_path: Path) -> None:
         shots = [read_rgb(tmp_path / "shots" / c.name) for c in cameras]
         assert np.argmin([np.abs(picture - shot).mean() for shot in shots]) == i
     lines = (scan / "odometry.csv").read_text().splitlines()
-    (scan / "odometry.csv").write_text("\n".join([*lines, "1, 2, 3"]))
+    (scan / "odometry.csv").write_text("\n".join([*lines, "1, 2, 3", ""]))
     with pytest.raises(GagaError, match=r"odometry\.csv, line 14"):
         look_at_recording(scan)
