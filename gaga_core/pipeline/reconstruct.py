@@ -178,7 +178,7 @@ def train_scene(
     """
     # Loaded when there is something to train: the kernels take a good part of the launch time.
     from gaga_core.training.distributed import joined_team
-    from gaga_core.training.start import first_splats_stage, random_points
+    from gaga_core.training.start import first_splats_stage, random_points, with_sure_depth
     from gaga_core.training.train import Cost, report_of, train_stage
     from gaga_core.training.views import load_views_stage
 
@@ -200,6 +200,7 @@ def train_scene(
     views = yield from load_views_stage(
         cameras, folder.image_paths, test, settings.longest_side, folder.foreground, folder.depth
     )
+    views = with_sure_depth(views, points)
     initial = yield from first_splats_stage(points, colors, views.train, settings, engine)
     workspace = root / WORKSPACE
     with _tidied(workspace), joined_team() as team:

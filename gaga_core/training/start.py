@@ -17,7 +17,7 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.training.optimizer import concatenate
 from gaga_core.training.settings import TrainConfig, fewness
 from gaga_core.training.stereo import stereo_points_stage
-from gaga_core.training.views import TrainView
+from gaga_core.training.views import TrainView, TrainViews
 
 # --- The first Gaussians of a training: one for each point that structure from motion found.
 
@@ -261,19 +261,22 @@ _FEWEST_COMPARED = 10  # points of a view that its depth is compared with
 _STEEPEST_STEP = 0.05  # relative, to the next pixel: what lies between two surfaces is nowhere
 
 
-def depth_points(
-    points: DoubleArray,  # (P, 3) world
-    views: Sequence[TrainView],
-    n: int,
-    seed: int,
-) -> tuple[DoubleArray, UInt8Array]:
-    """At most ``n`` points (M, 3) of the measured depth of ``views`` with their colors (M, 3).
+def with_sure_depth(views: TrainViews, points: DoubleArray) -> TrainViews:
+    """``views`` without depth that contradicts ``points`` (P, 3) world."""
 
-    Depth of views that contradicts ``points`` is not used; none in the end where no view has any.
-    """
+    def sure(view: TrainView) -> TrainView:
+        is_sure = view.depth is not None and _agrees(view.depth, view.camera, points)
+        return view if is_sure else replace(view, depth=None)
+
+    return replace(views, train=tuple(map(sure, views.train)))
+
+
+def depth_points(views: Sequence[TrainView], n: int, seed: int) -> tuple[DoubleArray, UInt8Array]:
+    """At most ``n`` points (M, 3) of the measured depth of ``views`` with their colors (M, 3); none
+    where no view has any."""
     places, colors = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)]
     for view in views:
-        if view.depth is None or not _agrees(view.depth, view.camera, points):
+        if view.depth is None:
             continue
         depth = view.depth
         step = maximum_filter(depth, 3) - minimum_filter(depth, 3)  # holes are steps, too
@@ -330,7 +333,7 @@ def first_splats_stage(
     most_points = most - min(config.cover + n_shell, most // _COVER_PART)
     n_more = min(config.stereo, most_points) - len(points)
     if n_more > 0:
-        more, more_colors = depth_points(points, views, n_more, config.seed)
+        more, more_colors = depth_points(views, n_more, config.seed)
         if len(more) == 0:
             more, more_colors = yield from stereo_points_stage(points, views, n_more, config.seed)
         points = np.concatenate([points, more])
