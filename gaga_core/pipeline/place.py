@@ -23,7 +23,13 @@ from gaga_core.io.cameras.given import GivenPose, GivenPoses
 from gaga_core.io.cameras.poses import find_poses, read_poses
 from gaga_core.io.depth_maps import read_depth, write_scene_depth
 from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
-from gaga_core.io.folder.scene_folder import World, read_report_entry, with_entry, write_world
+from gaga_core.io.folder.scene_folder import (
+    SceneFolder,
+    World,
+    read_report_entry,
+    with_entry,
+    write_world,
+)
 from gaga_core.io.folder.splits import carry_split
 from gaga_core.io.images import read_rgb
 from gaga_core.pipeline.settings import ReconstructConfig
@@ -211,6 +217,7 @@ class PlacementReport:
     names: tuple[str, ...]  # (A,) every photo, by name
     left_out: Mapping[str, str]  # names of those without a place, and why
     links: tuple[tuple[int, int, int], ...]  # photo, photo, verified matches
+    cut_out: tuple[Path, Path] | None = None  # a photo whose background is left out, and its mask
 
     @property
     def n_placed(self) -> int:
@@ -218,8 +225,13 @@ class PlacementReport:
         return len(self.names) - len(self.left_out)
 
 
-def placement_of(entry: Mapping[str, object]) -> PlacementReport | None:
-    """The placement in the entry "reconstruct" of a report; None where there is none in it."""
+def placement_of(
+    entry: Mapping[str, object], folder: SceneFolder | None = None
+) -> PlacementReport | None:
+    """The placement in the entry "reconstruct" of a report; None where there is none in it.
+
+    Its example of a photo without background is of ``folder``.
+    """
     try:
         sfm = msgspec.convert(entry.get("sfm"), _Placement)
     except ValueError:  # none, of an older version, or damaged
@@ -227,7 +239,10 @@ def placement_of(entry: Mapping[str, object]) -> PlacementReport | None:
     known = set(sfm.names)
     out = {name: why for name, why in sfm.why_out.items() if name in known}
     inside = [link for link in sfm.links if max(link[:2]) < len(sfm.names)]
-    return PlacementReport(tuple(sfm.names), out, tuple(inside))
+    images, masks = ({}, {}) if folder is None else (folder.image_paths, folder.foreground)
+    both = [(images[name], mask) for name, mask in masks.items() if name in images]
+    example = both[len(both) // 2] if both else None
+    return PlacementReport(tuple(sfm.names), out, tuple(inside), example)
 
 
 def sfm_entry(

@@ -309,7 +309,7 @@ def _stage(
             return _Refused(error.finding)
         notes = placed.notes
     folder = open_scene_folder(plan.scene)
-    placement = placement_of(read_entry(plan.scene))
+    placement = placement_of(read_entry(plan.scene), folder)
     points = _points(plan.scene)
     seen = TrainingUpdate(folder.cameras, notes, gaussians=points, placement=placement)
     train = reconstruct_scene(None, plan.scene, replace(config, only="all"), again=True)

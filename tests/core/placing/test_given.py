@@ -231,3 +231,11 @@ def test_given_masks_and_depth_come_into_the_scene_as_its_pictures_lie(tmp_path:
         inside = read_rgb(folder.foreground[camera.name])[..., 0] > 127
         assert inside[:, 110:].all()
         assert inside[:, :80].all() == (camera.name == truth[0].name)
+    report = placement_of(read_entry(tmp_path / "scene"), folder)
+    assert report is not None
+    assert report.cut_out is not None
+    photo, its_mask = report.cut_out
+    assert folder.foreground[photo.name] == its_mask  # one picture shows what is left out
+    without = placement_of(read_entry(tmp_path / "scene"))
+    assert without is not None
+    assert without.cut_out is None
