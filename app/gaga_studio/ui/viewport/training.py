@@ -42,7 +42,7 @@ _POSES = (
 )
 NAMES = 10.5  # width of the names of fields, ems
 _NAMED = 6  # photos without a place that are listed
-_CUT_OUT = 9.0  # em: width of the example without its background
+_CUT_OUT = 5.0  # em: width of the example without its background
 _FAINT, _STRONG = 0.10, 0.75  # opacity of a weak and of a strong link
 _MANY = 150.0  # matches of a strong link
 
@@ -121,9 +121,10 @@ def draw_placement(session: Session, placement: "PlacementReport") -> None:
     widgets.number(f"{placement.n_placed} of {len(placement.names)} photos")
     _ring(placement)
     if placement.cut_out is not None:
-        widgets.dim("The dark background is left out:", wrap=True)
         texture = textures.cut_out(session, *placement.cut_out)
         textures.place(texture, em(_CUT_OUT), 4 / 3 if texture is None else texture[1] / texture[2])
+        imgui.same_line()
+        widgets.dim("The dark background is left out", wrap=True)
     for name, why in list(placement.left_out.items())[:_NAMED]:
         widgets.dim(f"{name}: {why}", wrap=True)
     more = len(placement.left_out) - _NAMED
