@@ -33,7 +33,8 @@ class RunCommand:
     """From photos to objects: splats, masks, groups, encodings, pictures; all that are missing."""
 
     scenes: Positional[tuple[Path, ...]]
-    """Scene folder, folder of photos or video; with --executor several, or a folder of many."""
+    """Scene folder, folder of photos, video, or recording of a phone (.r3d, Stray Scanner); with
+    --executor several, or a folder of many."""
     reconstruct: Annotated[
         ReconstructConfig,
         options(ReconstructConfig, "quality", "iterations", "max_side", *_PLACING),
@@ -142,7 +143,7 @@ class ReconstructCommand:
     """Make a scene folder of a folder of photos or of a video: place the photos, train splats."""
 
     photos: Positional[Path]
-    """Folder of photos, or a video file."""
+    """Folder of photos, video file, or recording of a phone (.r3d, folder of Stray Scanner)."""
     scene: Positional[Path]
     """Scene folder to make or to complete; what is there already is not made again."""
     config: Annotated[

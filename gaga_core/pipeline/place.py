@@ -9,7 +9,7 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,9 +21,17 @@ import numpy as np
 from gaga_core.errors import CancelledError, GagaError
 from gaga_core.io.cameras.given import GivenPose, GivenPoses
 from gaga_core.io.cameras.poses import find_poses, read_poses
+from gaga_core.io.depth_maps import read_depth, write_scene_depth
 from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
-from gaga_core.io.folder.scene_folder import World, read_report_entry, with_entry, write_world
+from gaga_core.io.folder.scene_folder import (
+    SceneFolder,
+    World,
+    read_report_entry,
+    with_entry,
+    write_world,
+)
 from gaga_core.io.folder.splits import carry_split
+from gaga_core.io.images import read_rgb
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.checks import Verdict
 from gaga_core.placing.diagnosis import MatchFacts, chain_breaks
@@ -31,6 +39,7 @@ from gaga_core.placing.foreground import (
     Backdrop,
     backdrop_stage,
     masks_from_folder,
+    write_masks,
 )
 from gaga_core.placing.given import (
     Posed,
@@ -44,6 +53,7 @@ from gaga_core.placing.given import (
 from gaga_core.placing.ladder import Ladder, place_stage
 from gaga_core.placing.metrics import SfmFacts
 from gaga_core.placing.photos import (
+    DEPTH_MAPS,
     MASKS,
     PhotoSet,
     check_prepared,
@@ -54,7 +64,8 @@ from gaga_core.placing.photos import (
     read_photo_set,
     unread_kinds,
 )
-from gaga_core.placing.sfm import option, run_matching, run_step
+from gaga_core.placing.recordings import is_recording, unpack_stage
+from gaga_core.placing.sfm import MATCH_SIDE, option, pictures_of, run_matching, run_step
 from gaga_core.placing.undistort import ORIGINALS, require_room, undistort_into
 from gaga_core.placing.video import (
     extract_frames,
@@ -62,7 +73,9 @@ from gaga_core.placing.video import (
     extract_moving_frames,
     shows_all_directions,
 )
-from gaga_core.progress import Stage, say
+from gaga_core.progress import Progress, Stage, say
+from gaga_core.segmentation.models.catalogue import MATCHER
+from gaga_core.segmentation.models.weights import find_model
 
 # --- The photos of a reconstruction, in its workspace: from a folder, or frames of a film.
 
@@ -71,8 +84,10 @@ _PREPARED_SIDE = 3200  # pixels: larger photos bring nothing to the matching
 _ROUNDS = 2  # times that more frames are taken where the chain breaks
 
 
-def photo_set_stage(source: Path, workspace: Path, config: ReconstructConfig) -> Stage[PhotoSet]:
-    """The photos of ``source``, a folder or a film, ready in workspace/photos.
+def photo_set_stage(
+    source: Path, workspace: Path, config: ReconstructConfig, given: GivenPoses | None = None
+) -> Stage[PhotoSet]:
+    """The photos of ``source``, a folder or a film, ready in workspace/photos, with their masks.
 
     What was made ready before is read. Raises ``GagaError`` when there are too few.
     """
@@ -89,9 +104,21 @@ def photo_set_stage(source: Path, workspace: Path, config: ReconstructConfig) ->
     shutil.rmtree(workspace / "frames", ignore_errors=True)
     if config.foreground is not None:
         yield from masks_from_folder(found, Path(config.foreground), workspace / MASKS)
+    elif given is not None and given.has_masks:
+        masks = {n: (p.mask, p.turns) for n, p in _by_photo(found, given, source) if p.mask}
+        yield from write_masks(found, masks, workspace / MASKS)
     with atomic_write(file) as temporary:
         temporary.write_text(json.dumps(found.to_json()), encoding="utf-8")
     return found
+
+
+def _by_photo(photos: PhotoSet, given: GivenPoses, source: Path) -> Iterator[tuple[str, GivenPose]]:
+    """The prepared photos, but for views of panoramas, with what is given of them."""
+    poses = {(source / pose.name).resolve(): pose for pose in given.poses}
+    for photo in photos.photos:
+        pose = poses.get(Path(photo.source).resolve())
+        if pose is not None and photo.view is None:
+            yield photo.name, pose
 
 
 def _prepared(
@@ -190,6 +217,7 @@ class PlacementReport:
     names: tuple[str, ...]  # (A,) every photo, by name
     left_out: Mapping[str, str]  # names of those without a place, and why
     links: tuple[tuple[int, int, int], ...]  # photo, photo, verified matches
+    cut_out: tuple[Path, Path] | None = None  # a photo whose background is left out, and its mask
 
     @property
     def n_placed(self) -> int:
@@ -197,8 +225,13 @@ class PlacementReport:
         return len(self.names) - len(self.left_out)
 
 
-def placement_of(entry: Mapping[str, object]) -> PlacementReport | None:
-    """The placement in the entry "reconstruct" of a report; None where there is none in it."""
+def placement_of(
+    entry: Mapping[str, object], folder: SceneFolder | None = None
+) -> PlacementReport | None:
+    """The placement in the entry "reconstruct" of a report; None where there is none in it.
+
+    Its example of a photo without background is of ``folder``.
+    """
     try:
         sfm = msgspec.convert(entry.get("sfm"), _Placement)
     except ValueError:  # none, of an older version, or damaged
@@ -206,7 +239,10 @@ def placement_of(entry: Mapping[str, object]) -> PlacementReport | None:
     known = set(sfm.names)
     out = {name: why for name, why in sfm.why_out.items() if name in known}
     inside = [link for link in sfm.links if max(link[:2]) < len(sfm.names)]
-    return PlacementReport(tuple(sfm.names), out, tuple(inside))
+    images, masks = ({}, {}) if folder is None else (folder.image_paths, folder.foreground)
+    both = [(images[name], mask) for name, mask in masks.items() if name in images]
+    example = both[len(both) // 2] if both else None
+    return PlacementReport(tuple(sfm.names), out, tuple(inside), example)
 
 
 def sfm_entry(
@@ -297,14 +333,18 @@ def place_photos(
     if source is None:
         raise GagaError(f"There are no photos in {scene}. Put them into {scene / 'images'}.")
     start, existed = time.perf_counter(), scene.exists()
+    if is_recording(source):
+        yield from unpack_stage(source, scene / ORIGINALS)
+        source = scene / ORIGINALS
     workspace = scene / WORKSPACE
     try:
         given = _given_poses(source, config)
         _claim(workspace, _fingerprint(source, config, given))
         require_room(scene, source, workspace)
-        if config.foreground is None:  # found by a run that was stopped: features need none
+        has_masks = config.foreground is not None or (given is not None and given.has_masks)
+        if not has_masks:  # found by a run that was stopped: features need none
             shutil.rmtree(workspace / MASKS, ignore_errors=True)
-        found = yield from photo_set_stage(source, workspace, config)
+        found = yield from photo_set_stage(source, workspace, config, given)
         posed = None if given is None else posed_photos(found, given, source, config.sfm())
         made = yield from _placed(found, posed, workspace, config)
         _require(made, config)
@@ -315,7 +355,7 @@ def place_photos(
             write_given(workspace, posed.names, posed.poses, refine=False)
             yield from run_step("to_given", found, workspace, config.sfm())
         backdrop = None
-        if config.foreground is None:
+        if not has_masks:
             is_static = config.turntable or made.diagnosis.still
             backdrop = yield from backdrop_stage(
                 found,
@@ -324,6 +364,8 @@ def place_photos(
                 workspace / MASKS,
                 is_static=is_static,
             )
+        if given is not None and given.is_metric:
+            yield from _depth_stage(found, given, source, workspace / DEPTH_MAPS)
         side = max(_PICTURE_SIDE, config.max_side or 0)
         yield from undistort_into(
             scene, found, workspace, config.sfm(), longest_side=side, replaces=source
@@ -343,6 +385,17 @@ def place_photos(
     write_entry(scene, {"sfm": entry | {"seconds": round(time.perf_counter() - start, 1)}})
     shutil.rmtree(workspace, ignore_errors=True)
     return notes_of(entry)
+
+
+def _depth_stage(photos: PhotoSet, given: GivenPoses, source: Path, target: Path) -> Stage[None]:
+    """Write the given depth of the photos, upright: NAME.jpg.png in the form of a scene's depth."""
+    target.mkdir(exist_ok=True)
+    found = [(name, pose) for name, pose in _by_photo(photos, given, source) if pose.depth]
+    for i, (name, pose) in enumerate(found):
+        yield Progress("Read depth", i, len(found), name)
+        assert pose.depth is not None
+        depth = np.rot90(read_depth(pose.depth), -pose.turns)
+        write_scene_depth(target / f"{name}.png", depth)
 
 
 def _given_poses(source: Path, config: ReconstructConfig) -> GivenPoses | None:
@@ -365,7 +418,7 @@ def _placed(
     found: PhotoSet, posed: Posed | None, workspace: Path, config: ReconstructConfig
 ) -> Stage[Ladder]:
     """Place by the given poses; where that fails and they may change, as without any."""
-    sfm = config.sfm()
+    sfm, model = config.sfm(), find_model(MATCHER)
     if posed is not None and config.poses in ("keep", "refine"):
         refine = config.poses == "refine"
         try:
@@ -375,16 +428,70 @@ def _placed(
         except GagaError as error:
             if not refine or isinstance(error, CancelledError):
                 raise
-    return (
-        yield from place_stage(
-            found,
-            workspace,
-            sfm,
-            priors={p.name: p.focal for p in found.photos if p.focal is not None},
-            ladder=config.ladder(),
-            scene=config.scene,
+    try:
+        return (
+            yield from place_stage(
+                found,
+                workspace,
+                sfm,
+                priors={p.name: p.focal for p in found.photos if p.focal is not None},
+                ladder=config.ladder(),
+                scene=config.scene,
+                learned=None if model is None else partial(_match_learned, model),
+            )
         )
+    except GagaError as error:
+        if isinstance(error, CancelledError) or not (advice := _advice()):
+            raise
+        raise GagaError(" ".join((str(error), *advice))) from error
+
+
+_MATCHES = "Match photos"
+
+
+def _advice(made: Ladder | None = None) -> tuple[str, ...]:
+    """The model that would help, for those who do not have it, where photos are not placed."""
+    is_placed = made is not None and made.best.is_right and made.best.share == 1
+    if is_placed or find_model(MATCHER) is not None:
+        return ()
+    return (
+        f"Matches by a learned model may help: gaga models get {MATCHER.name} (Models in the "
+        f"window), {MATCHER.megabytes} MB, {MATCHER.licence}.",
     )
+
+
+def _match_learned(model: Path, _: PhotoSet, workspace: Path, seconds: float) -> Stage[None]:
+    """Match the photos of workspace/pairs.txt by a learned model: writes learned.npz.
+
+    names (Q, 2), counts (Q,) of matches, places (M, 2, 2) xy over width and height, scores (M,).
+    """
+    # Loaded when it is its turn: torch takes seconds.
+    from gaga_core.segmentation.matches import load_matcher
+
+    yield Progress(_MATCHES, 0, 0, "load the model")
+    matcher, end = load_matcher(model, MATCH_SIDE), time.monotonic() + seconds
+    pairs = [line.split() for line in (workspace / "pairs.txt").read_text().splitlines()]
+    pictures = pictures_of(workspace)
+    counts, places, scores = list[int](), [np.zeros((0, 2, 2))], [np.zeros(0, np.float32)]
+    for i, (a, b) in enumerate(pairs):
+        yield Progress(_MATCHES, i, len(pairs), f"{a}, {b}")
+        if time.monotonic() > end:
+            break
+        first, second = (read_rgb(pictures / name) for name in (a, b))
+        found = matcher.match(first, second)
+        shares = [found.first / first.shape[1::-1], found.second / second.shape[1::-1]]
+        counts.append(len(found.scores))
+        places.append(np.stack(shares, axis=1))
+        scores.append(found.scores)
+    names = np.array(pairs[: len(counts)], np.str_).reshape(-1, 2)
+    with atomic_write(workspace / "learned.npz") as temporary, temporary.open("wb") as file:
+        np.savez(
+            file,
+            names=names,
+            counts=np.array(counts, np.int64),
+            places=np.concatenate(places),
+            scores=np.concatenate(scores),
+        )
 
 
 def _is_by_poses(made: Ladder, workspace: Path) -> bool:
@@ -452,12 +559,12 @@ def _fingerprint(source: Path, config: ReconstructConfig, given: GivenPoses | No
     settings = asdict(replace(config.sfm(), threads=0))
     masks = None if config.foreground is None else str(Path(config.foreground).absolute())
     poses = [config.poses, *([] if given is None else map(_words_of, given.poses))]
-    task = [stats, settings, config.focal, config.video_fps, masks, poses]
+    task = [stats, settings, config.focal, config.video_fps, masks, poses, str(find_model(MATCHER))]
     return hashlib.sha256(json.dumps(task).encode()).hexdigest()
 
 
 def _words_of(pose: GivenPose) -> str:
-    return f"{pose.name} {pose.lens} {pose.cam_from_world.tolist()}"
+    return f"{pose.name} {pose.lens} {pose.cam_from_world.tolist()} {pose.mask} {pose.depth}"
 
 
 def _require(made: Ladder, config: ReconstructConfig) -> None:
@@ -471,7 +578,7 @@ def _require(made: Ladder, config: ReconstructConfig) -> None:
             "Leave --scene out, or give a smaller number."
         )
     late = f"The time for placing was used up; {option('--place-minutes')} gives more."
-    why = (*made.reasons(), *((late,) if made.out_of_time else ()))
+    why = (*made.reasons(), *((late,) if made.out_of_time else ()), *_advice(made))
     refuse(best.verdicts, "The model of these photos is not to be trusted.", config, why)
 
 

@@ -54,6 +54,7 @@ from gaga_core.placing.photos import (
     list_photos,
     unread_kinds,
 )
+from gaga_core.placing.recordings import is_recording, look_at_recording
 from gaga_core.placing.undistort import ORIGINALS
 from gaga_core.placing.video import expected_frames
 from gaga_core.progress import Progress, Stage
@@ -177,7 +178,7 @@ def train_scene(
     """
     # Loaded when there is something to train: the kernels take a good part of the launch time.
     from gaga_core.training.distributed import joined_team
-    from gaga_core.training.start import first_splats_stage, random_points
+    from gaga_core.training.start import first_splats_stage, random_points, with_sure_depth
     from gaga_core.training.train import Cost, report_of, train_stage
     from gaga_core.training.views import load_views_stage
 
@@ -197,8 +198,9 @@ def train_scene(
         colors = np.full((len(points), 3), 128, np.uint8)
     engine = rasterizer or choose()
     views = yield from load_views_stage(
-        cameras, folder.image_paths, test, settings.longest_side, folder.foreground
+        cameras, folder.image_paths, test, settings.longest_side, folder.foreground, folder.depth
     )
+    views = with_sure_depth(views, points)
     initial = yield from first_splats_stage(points, colors, views.train, settings, engine)
     workspace = root / WORKSPACE
     with _tidied(workspace), joined_team() as team:
@@ -464,6 +466,9 @@ def _photos_of(outside: Path | None, scene: Path) -> PhotoFind | None:
         n, is_round = expected_frames(source)
         n_views = len(VIEWS) if is_round else 1
         return PhotoFind(outside, scene, n, _VIDEO_SIZE, is_video=True, n_views=n_views)
+    if is_recording(source):
+        seen = look_at_recording(source)
+        return PhotoFind(outside, scene, len(seen.frames), seen.size, poses=f"{seen.told}.")
     files = list_photos(source) if source.is_dir() else ()
     if not files:
         unread = unread_kinds(source) if source.is_dir() else ()
@@ -507,7 +512,7 @@ def source_of(path: Path) -> tuple[Path | None, Path]:
     Photos are None for a scene folder, or one to be that holds its photos or its video, and for a
     folder whose pictures are part of something else: the textures of a SOG.
     """
-    if is_video(path):
+    if is_video(path) or is_recording(path):
         return path, scene_of(path)
     if not path.is_dir() or is_scene_folder(path) or meant_in(path) is not None:
         return None, path

@@ -5,6 +5,7 @@ photos are placed: the room behind a turntable, or a plain one. What lies outsid
 trained to be transparent; the photos are not changed.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -59,26 +60,44 @@ def masks_from_folder(photos: PhotoSet, folder: Path, target: Path) -> Stage[Non
     Raises ``GagaError`` when a photo has none, or one without any object.
     """
     files = {path.name.lower(): path for path in folder.glob("*") if path.is_file()}
+    found = {photo.name: _mask_of(photo, files) for photo in photos.photos}
+    missing = [Path(p.source).name for p in photos.photos if found[p.name] is None]
+    if missing:
+        raise GagaError(
+            f"{len(missing)} of {len(photos.photos)} photos have no mask in {folder}: "
+            f"{_listed(missing)}. Add NAME.png for each photo, black where the background is."
+        )
+    yield from write_masks(photos, {n: (p, 0) for n, p in found.items() if p is not None}, target)
+
+
+def write_masks(
+    photos: PhotoSet,
+    masks: Mapping[str, tuple[Path, int]],  # by prepared photo; right angles that turn it upright
+    target: Path,
+) -> Stage[None]:
+    """Write ``masks`` (not black = object) for COLMAP; a photo without one is all object.
+
+    Raises ``GagaError`` when one is all black.
+    """
     target.mkdir(parents=True, exist_ok=True)
-    missing, empty = list[str](), list[str]()
+    empty = []
     for i, photo in enumerate(photos.photos):
         yield Progress("Read masks", i, len(photos.photos), photo.name)
-        path = _mask_of(photo, files)
-        if path is None:
-            missing.append(Path(photo.source).name)
-            continue
-        mask = read_rgb(path).max(axis=2) > 0
-        if not mask.any():
-            empty.append(path.name)
+        path, turns = masks.get(photo.name, (None, 0))
+        mask = np.ones((1, 1), bool)
+        if path is not None:
+            mask = np.rot90(read_rgb(path).max(axis=2) > 0, -turns)
+            empty += [] if mask.any() else [path]
         _write(target, photo, mask)
-    if missing or empty:
-        what = "no mask" if missing else "a black mask"
-        names = missing or empty
-        listed = ", ".join(names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
+    if empty:
         raise GagaError(
-            f"{len(names)} of {len(photos.photos)} photos have {what} in {folder}: {listed}. "
-            "Add NAME.png for each photo, black where the background is."
+            f"{len(empty)} of {len(photos.photos)} photos have a black mask in {empty[0].parent}: "
+            f"{_listed([path.name for path in empty])}. Black is the background only."
         )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
 
 
 @dataclass(frozen=True)

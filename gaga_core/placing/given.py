@@ -190,10 +190,10 @@ def told(given: GivenPoses, mode: PosesMode, report: GivenReport | None) -> list
     if given.missing:
         listed = ", ".join(given.missing[:3])
         notes.append(f"{len(given.missing)} photos in {given.file.name} are not here: {listed}.")
-    named = [
-        (sum(getattr(p, kind) is not None for p in given.poses), kind) for kind in ("mask", "depth")
-    ]
-    notes += [f"Its {kind}s of {n} photos are not used." for n, kind in named if n]
+    if given.has_masks:
+        notes.append("Its masks leave the background out; --foreground replaces them.")
+    if any(pose.depth is not None for pose in given.poses):
+        notes.append("Splats begin at its depth.")
     if report is None:
         return notes
     unit = "m" if given.is_metric else "units"

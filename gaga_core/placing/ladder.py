@@ -91,6 +91,7 @@ _MOST_SIDE, _MOST_FEATURES = 3200, 16_384  # pixels and features of the most tho
 _EXHAUSTIVE_PHOTOS = 250  # photos whose pairs are all tried when the likely ones did not do
 _HALF_PLACED = 0.5  # share of the photos: a placement of more promises that attempts gain
 _UNPROMISING = 0.25  # x the time for all attempts: after that the refusal comes, 5 min at draft
+_OF_THE_TIME = 0.5  # share of what is left that a learned model may take
 _FAILED = "No attempt placed the photos."
 _FAINT_CONTRAST = 0.002  # least contrast of the last attempt
 _MAPPERS = {"": "map", "relaxed": "map_relaxed"}
@@ -111,6 +112,7 @@ class Rung:
     title: str
     config: SfmConfig
     reuses: bool = False  # the features of the attempt before, and its matches
+    is_learned: bool = False  # by a model that the person has
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,12 @@ class Ladder:
         return self.diagnosis.reasons(self.best.placed) if self.best.share < 1 else ()
 
 
-def rungs(photos: PhotoSet, config: SfmConfig) -> tuple[Rung, ...]:
+# Matches the pairs of photos in folder/pairs.txt for so many seconds at most: writes
+# folder/learned.npz, which `worker._learned` adds to the database.
+LearnedMatching = Callable[[PhotoSet, Path, float], Stage[None]]
+
+
+def rungs(photos: PhotoSet, config: SfmConfig, *, has_learned: bool = False) -> tuple[Rung, ...]:
     """The attempts for ``photos``, from cheap to thorough; the first is ``config`` itself."""
     n = len(photos.photos)
     few = n <= config.exhaustive_up_to and not photos.ordered
@@ -173,9 +180,11 @@ def rungs(photos: PhotoSet, config: SfmConfig) -> tuple[Rung, ...]:
     )
     faint = replace(fine, least_contrast=_FAINT_CONTRAST, guided=True)
     wider = () if is_all else (Rung("more pairs of photos", more, reuses=True),)
+    learned = (Rung("matches by a learned model", more, reuses=True, is_learned=True),)
     return (
         Rung("first attempt", config),
         *wider,
+        *(learned if has_learned else ()),
         Rung("twice the pixels and features, seen from wider apart", fine),
         Rung("fainter details, matched along epipolar lines", faint),
     )
@@ -189,6 +198,7 @@ def place_stage(
     priors: Mapping[str, float] | None = None,  # focal lengths in pixels, where known
     ladder: LadderConfig | None = None,
     scene: int = 1,  # which of several scenes is wanted, by size
+    learned: LearnedMatching | None = None,
 ) -> Stage[Ladder]:
     """Place ``photos``, which lie in workspace/photos, in as many attempts as it takes.
 
@@ -196,8 +206,9 @@ def place_stage(
     finds a model; its text says what keeps the photos from being placed.
     """
     ladder = ladder or LadderConfig()
-    steps = rungs(photos, config)
+    steps = rungs(photos, config, has_learned=learned is not None)
     state = _State(photos, ladder, scene, priors or {})
+    state.learned = learned
     for i, rung in enumerate(steps):
         folder = workspace if i == 0 else workspace / f"attempt-{i + 1}"
         if i > 0:
@@ -231,6 +242,7 @@ class _State:
         self.attempts: list[dict[str, object]] = []
         self.failure = ""
         self.looked_closely = False  # whether photos seen from wide apart were matched too
+        self.learned: LearnedMatching | None = None
         self._start = time.monotonic()
 
     @property
@@ -312,7 +324,7 @@ def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None
     """Match as the rung says, then map in one way after another until that is enough."""
     began, n = time.monotonic(), len(state.photos.photos)
     before = state.best
-    yield from _until(state, run_matching(state.photos, folder, rung.config))
+    yield from _until(state, _matching(state, folder, rung))
     if not (folder / "match.finished").is_file():
         return
     state.diagnosis = diagnose(state.photos, MatchFacts.load(folder / "matches.npz"))
@@ -325,7 +337,7 @@ def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None
         if not (folder / "verify.finished").is_file():
             return
         state.diagnosis = diagnose(state.photos, MatchFacts.load(folder / "matches.npz"))
-    state.looked_closely = rung.config.affine
+    state.looked_closely = rung.config.affine or rung.is_learned
     placed: list[Placement] = []
     try:
         require_overlap(folder, n)
@@ -357,6 +369,19 @@ def _attempt(state: _State, folder: Path, rung: Rung, reason: str) -> Stage[None
             "seconds": round(time.monotonic() - began, 1),
         }
     )
+
+
+def _matching(state: _State, folder: Path, rung: Rung) -> Stage[None]:
+    """Match the photos as the rung says; writes match.finished."""
+    finished = folder / "match.finished"
+    if not rung.is_learned or state.learned is None:
+        yield from run_matching(state.photos, folder, rung.config)
+    elif not finished.is_file():
+        yield from run_step("likely_pairs", state.photos, folder, rung.config)
+        left = 60 * state.minutes - state.seconds
+        yield from state.learned(state.photos, folder, _OF_THE_TIME * left)
+        yield from run_step("learned", state.photos, folder, rung.config)
+        finished.touch()
 
 
 def _until(state: _State, stage: Stage[None]) -> Stage[None]:

@@ -17,6 +17,7 @@ from PIL import ExifTags, Image
 
 from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array
 from gaga_core.errors import GagaError
+from gaga_core.io.depth_maps import is_map
 from gaga_core.io.images import (
     HEIF_SUFFIXES,
     IMAGE_SUFFIXES,
@@ -110,6 +111,7 @@ _WITH_EXTRAS = (*HEIF_SUFFIXES, *RAW_SUFFIXES)
 UNREAD_SUFFIXES = (".jxl", *(s for s in _WITH_EXTRAS if s not in IMAGE_SUFFIXES))
 _SAVE_AS = "install gaga-studio[photos], or save as JPEG to use"
 MASKS = "photo_masks"  # folder next to the photos: NAME.jpg.png, black = background
+DEPTH_MAPS = "photo_depth"  # ... NAME.jpg.png, as in `depth_maps.DEPTH`
 _PREPARED = re.compile(r"[\w.\-]+\.(jpg|png)")  # names of photos that were made ready
 _PLAIN = ("JPEG", "PNG")  # formats of those
 _EXIF, _ORIENTATION = 0x8769, 0x0112  # tags
@@ -200,9 +202,9 @@ def list_photos(folder: Path) -> tuple[Path, ...]:
 
 
 def _files(folder: Path) -> list[Path]:
-    hidden = (p for p in folder.rglob("*") if p.is_file())
+    inside = ((p, p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
     return sorted(
-        p for p in hidden if not any(q.startswith(".") for q in p.relative_to(folder).parts)
+        p for p, q in inside if not (is_map(q) or any(part.startswith(".") for part in q.parts))
     )
 
 

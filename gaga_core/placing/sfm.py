@@ -50,12 +50,15 @@ _TITLES = {
     "map_relaxed": "Place photos",
     "given": "Place photos",
     "to_given": "Place photos",
+    "likely_pairs": "Match photos",
+    "learned": "Match photos",
     "export": "Match photos",
     "export_features": "Match photos",
     "undistort": "Undistort photos",
 }
 _BLOCK = re.compile(r"Processing (?:block|image) \[(\d+)/(\d+)(?:, (\d+)/(\d+))?\]")
 NO_MODEL = "no model"  # the worker's word for a mapping that found no pair to start from
+MATCH_SIDE = 640  # pixels: learned models look at photos at this size, as published
 FEW_PHOTOS = 12  # of one camera: a simple lens model holds where a rich one would run away
 
 

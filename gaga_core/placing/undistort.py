@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 from gaga_core.errors import GagaError
+from gaga_core.io.depth_maps import DEPTH
 from gaga_core.io.files import explain_os_error, refuse_links
 from gaga_core.io.folder.scene_folder import FOREGROUND
 from gaga_core.placing.photos import PhotoSet
@@ -39,10 +40,11 @@ def undistort_into(
             if (scene / "images").exists():
                 (scene / "images").replace(scene / ORIGINALS)
             shutil.move(out / "images", scene / "images")
-        if (out / FOREGROUND).is_dir():
-            refuse_links(scene / FOREGROUND, scene)
-            shutil.rmtree(scene / FOREGROUND, ignore_errors=True)
-            shutil.move(out / FOREGROUND, scene / FOREGROUND)
+        for name in (FOREGROUND, DEPTH):
+            if (out / name).is_dir():
+                refuse_links(scene / name, scene)
+                shutil.rmtree(scene / name, ignore_errors=True)
+                shutil.move(out / name, scene / name)
         refuse_links(scene / "sparse", scene)
         (scene / "sparse").mkdir(exist_ok=True)
         (out / "sparse" / "0").replace(scene / "sparse" / "0")

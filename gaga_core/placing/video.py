@@ -180,6 +180,7 @@ _MARKED = "metadata=add:key=gaga:value=1,metadata=print:key=gaga:file=-:direct=1
 _MARKS = ("frame:", "gaga=")
 _MOST_SAID, _LONGEST = 1000, 300  # lines of ffmpeg that are kept, and characters of each
 _MOST_READ = 50_000  # pictures written of one film: of five hours at three a second
+_WHOLE = 8192  # pixels: no frame has longer sides
 _MOST_FRAMES = 300  # frames kept of a long video
 _USUAL_FPS = 2.0  # frames that are kept of a second of an unhurried film
 _USUAL_RATE, _USUAL_SIZE = 30.0, (1920, 1080)  # of a film whose header does not say
@@ -226,6 +227,21 @@ def extract_moving_frames(video: Path, target: Path, *, longest_side: int) -> St
         raise _unreadable(video, "no frames")
     paths = yield from _extract(video, target, motion, chosen, longest_side)
     return FilmFrames(paths, chosen, motion)
+
+
+def extract_numbered_frames(video: Path, target: Path, numbers: Sequence[int]) -> Stage[None]:
+    """Write those frames of ``video``, counted from 0, as 000000.jpg ... by their numbers.
+
+    Raises ``GagaError`` when the file is no video that ffmpeg reads, or has fewer frames.
+    """
+    wanted = "+".join(f"eq(n\\,{i})" for i in numbers)
+    choose = f"select='{wanted}'"
+    yield from _write(video, target / "all_%06d.jpg", choose, _WHOLE, len(numbers))
+    found = sorted(target.glob("all_*.jpg"))
+    if len(found) != len(numbers):
+        raise _unreadable(video, f"it ends before frame {numbers[len(found)]}")
+    for path, i in zip(found, numbers, strict=True):
+        path.rename(target / f"{i:06d}.jpg")
 
 
 def extract_more_frames(
@@ -300,6 +316,11 @@ def _stalled(video: Path, seconds: float) -> GagaError:
 def shows_all_directions(video: Path) -> Stage[bool]:
     """Whether each frame of ``video`` is an equirectangular picture of all directions."""
     return (yield from _header(video)).is_panorama
+
+
+def frame_size(video: Path) -> tuple[int, int]:
+    """Width and height. Raises ``GagaError`` when the file is no video that ffmpeg reads."""
+    return run_stage(_header(video)).size
 
 
 def expected_frames(video: Path) -> tuple[int, bool]:

@@ -13,6 +13,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +21,17 @@ import pycolmap
 from scipy.cluster.vq import kmeans2
 from scipy.spatial.distance import cdist
 
-from gaga_core.arrays import AnyArray, DoubleArray, LongArray
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, LongArray
+from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.depth_maps import DEPTH, read_scene_depth, write_scene_depth
 from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.processes import end_with_parent
 from gaga_core.io.folder.scene_folder import FOREGROUND
+from gaga_core.io.images import read_rgb
 from gaga_core.io.json_file import read_json
 from gaga_core.placing.given import GivenFile, centres, moved_by, similarity_between
-from gaga_core.placing.photos import MASKS, prefix_of_view, turn_of_view
-from gaga_core.placing.sfm import FEW_PHOTOS, CameraGroup, StepSettings
+from gaga_core.placing.photos import DEPTH_MAPS, MASKS, prefix_of_view, turn_of_view
+from gaga_core.placing.sfm import FEW_PHOTOS, MATCH_SIDE, CameraGroup, StepSettings
 
 # --- What the checks read of a model: plain arrays that the worker writes.
 
@@ -473,7 +477,7 @@ def _match(settings: StepSettings, workspace: Path) -> None:
         pycolmap.match_sequential(database, matching, sequential, verification, device)
     elif settings.config.pairs in ("similar", "listed"):
         if settings.config.pairs == "similar":
-            _write_similar(settings, workspace)
+            _write_similar(settings, workspace, settings.config.neighbours)
         listed = pycolmap.ImportedPairingOptions()
         listed.match_list_path = str(workspace / "pairs.txt")
         listed.block_size = _PAIR_BLOCK
@@ -506,15 +510,118 @@ def _verify(settings: StepSettings, workspace: Path) -> None:
     write_match_facts(workspace / "matches.npz", database)
 
 
-def _write_similar(settings: StepSettings, workspace: Path) -> None:
+def _write_similar(settings: StepSettings, workspace: Path, neighbours: int) -> None:
     """Write the pairs of photos that look alike to pairs.txt."""
     database = pycolmap.Database.open(workspace / "database.db")
     images = sorted(database.read_all_images(), key=lambda image: str(image.name))
     descriptors = [np.asarray(database.read_descriptors(i.image_id).data) for i in images]
     database.close()
-    pairs = similar_pairs(descriptors, settings.config.neighbours, settings.config.seed)
+    pairs = similar_pairs(descriptors, neighbours, settings.config.seed)
     lines = [f"{images[i].name} {images[j].name}\n" for i, j in pairs]
     (workspace / "pairs.txt").write_text("".join(lines), encoding="utf-8")
+
+
+# --- Matches of a learned model that has no detector: each pair has places of its own. Tracks over
+# many photos need shared features: in each cell of a photo the place that most matches mean, as
+# hloc joins them (Sarlin 2019).
+
+
+_ALL_PAIRS = 16  # photos up to which all pairs are matched by a learned model: 120 pairs
+_LIKELY = 8  # photos that each of more is matched with
+_CELL, _NEAR = 8.0, 1.5  # pixels at `MATCH_SIDE`: coarse cells of EfficientLoFTR; of one feature
+
+
+def _likely_pairs(settings: StepSettings, workspace: Path) -> None:
+    """Write pairs.txt for a learned model, in any order: time may end before all are matched."""
+    n, file = _n_photos(settings), workspace / "pairs.txt"
+    _write_similar(settings, workspace, n if n <= _ALL_PAIRS else _LIKELY)
+    lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
+    order = np.random.default_rng(settings.config.seed).permutation(len(lines))
+    file.write_text("".join(lines[i] for i in order), encoding="utf-8")
+
+
+def _learned(settings: StepSettings, workspace: Path) -> None:
+    """Add the matches of learned.npz to those in the database, and verify all of them."""
+    arrays = read_arrays(workspace / "learned.npz", "Remove it and run again.")
+    found = _Matching.read(workspace / "database.db")
+    index = {str(name): i for i, name in enumerate(found.names)}
+    views = np.array([index[str(name)] for name in arrays["names"].ravel()]).reshape(-1, 2)
+    views = np.repeat(views, arrays["counts"], axis=0)  # (M, 2)
+    places, scores = arrays["places"], arrays["scores"]  # (M, 2, 2) xy over width and height
+    features = np.full((len(views), 2), -1, np.int64)
+    masks = Path(settings.pictures).with_name(MASKS)
+    database = pycolmap.Database.open(workspace / "database.db")
+    for i, (image, camera) in enumerate(zip(found.images, found.cameras, strict=True)):
+        rows, sides = np.nonzero(views == i)
+        size = np.array([camera.width, camera.height], np.float64)
+        pixels = places[rows, sides] * size
+        inside = _in_mask(masks / f"{image.name}.png", pixels)
+        rows, sides, pixels = rows[inside], sides[inside], pixels[inside]
+        times = max(size.max() / MATCH_SIDE, 1.0)
+        shared, which = shared_features(pixels, scores[rows], _CELL * times, _NEAR * times)
+        known = np.asarray(database.read_keypoints(image.image_id))
+        rest = {6: (1, 0, 0, 1), 4: (1, 0)}.get(known.shape[1], ())  # round, as large as a pixel
+        more = np.c_[shared, np.tile(rest, (len(shared), 1))].astype(np.float32)
+        database.update_keypoints(image.image_id, np.concatenate([known, more]))
+        features[rows, sides] = np.where(which < 0, -1, which + len(known))
+    starts = np.cumsum([0, *arrays["counts"]])
+    for start, end in pairwise(starts.tolist()):
+        if start < end:
+            a, b = (found.images[k].image_id for k in views[start])
+            before = np.asarray(database.read_matches(a, b)).reshape(-1, 2)
+            new = one_to_one(features[start:end], scores[start:end])
+            if len(before):
+                database.delete_matches(a, b)
+            database.write_matches(a, b, np.concatenate([before, new]).astype(np.uint32))
+    database.close()
+    _verify(settings, workspace)
+
+
+def _in_mask(mask: Path, pixels: DoubleArray) -> BoolArray:
+    """Which pixels (M, 2) are on the object; all without a mask."""
+    if not mask.is_file():
+        return np.ones(len(pixels), bool)
+    shown = read_rgb(mask)[..., 0] > 0
+    x, y = np.clip(pixels.astype(np.int64), 0, np.array(shown.shape[::-1]) - 1).T
+    return np.asarray(shown[y, x])
+
+
+def shared_features(
+    places: DoubleArray,  # (M, 2) pixels of one photo, of all its matches
+    scores: AnyArray,  # (M,)
+    cell: float,  # pixels, at most one feature in each
+    near: float,  # pixels
+) -> tuple[DoubleArray, LongArray]:
+    """Features (K, 2) that matches share, and which one (M,) each match means, -1 = none.
+
+    A feature is where the matches of its cell have the greatest sum of scores within ``near``.
+    """
+    if len(places) == 0:
+        return np.zeros((0, 2)), np.zeros(0, np.int64)
+    of_cell = np.unique(np.floor(places / cell), axis=0, return_inverse=True)[1].ravel()
+    bins = np.unique(
+        np.c_[of_cell, np.floor(places / near)], axis=0, return_index=True, return_inverse=True
+    )
+    of_bin = bins[2].ravel()
+    sums = np.bincount(of_bin, scores)
+    best = np.full(of_cell.max() + 1, -1, np.int64)
+    order = np.argsort(sums, kind="stable")
+    best[of_cell[bins[1][order]]] = order  # the last one stays
+    chosen = best[of_cell] == of_bin
+    weights = np.bincount(of_cell[chosen], scores[chosen])
+    sums_of = [np.bincount(of_cell[chosen], scores[chosen] * axis) for axis in places[chosen].T]
+    features: DoubleArray = np.stack(sums_of, axis=1) / weights[:, None]
+    apart = np.linalg.norm(places - features[of_cell], axis=1)
+    return features, np.where(apart <= near, of_cell, -1).astype(np.int64)
+
+
+def one_to_one(features: LongArray, scores: AnyArray) -> LongArray:
+    """Of matches (M, 2) the surest of each feature on either side; none with -1."""
+    rows = np.argsort(-scores, kind="stable")
+    rows = rows[(features[rows] >= 0).all(axis=1)]
+    for side in (0, 1):
+        rows = rows[np.sort(np.unique(features[rows, side], return_index=True)[1])]
+    return features[rows]
 
 
 def _map(settings: StepSettings, workspace: Path) -> None:
@@ -690,8 +797,11 @@ def _undistort(settings: StepSettings, workspace: Path) -> None:
     masks = Path(settings.pictures).with_name(MASKS)
     if masks.is_dir():
         _undistort_masks(masks, workspace, out, options)
+    depths = masks.with_name(DEPTH_MAPS)
+    if depths.is_dir():
+        _undistort_depth(depths, workspace, out)
     for entry in out.iterdir():
-        if entry.name not in ("images", "sparse", FOREGROUND):
+        if entry.name not in ("images", "sparse", FOREGROUND, DEPTH):
             shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
     (out / "sparse" / "0").mkdir()
     for file in (out / "sparse").iterdir():
@@ -710,6 +820,30 @@ def _undistort_masks(
         if image.has_pose and mask is not None:
             flat, _ = pycolmap.undistort_image(options, mask, image.camera)
             flat.write(out / FOREGROUND / f"{Path(str(image.name)).stem}.png")
+
+
+def _undistort_depth(depths: Path, workspace: Path, out: Path) -> None:
+    """Depth maps like the pictures, at their own size, by the nearest pixel."""
+    (out / DEPTH).mkdir()
+    model, flat = (pycolmap.Reconstruction(f) for f in (workspace / "model", out / "sparse"))
+    targets = {str(image.name): image for image in flat.images.values()}
+    for image in model.images.values():
+        file = depths / f"{image.name}.png"
+        target = targets.get(str(image.name))
+        if target is None or not file.is_file():
+            continue
+        depth = read_scene_depth(file)
+        size = np.array(depth.shape[::-1])
+        v, u = np.mgrid[0 : size[1], 0 : size[0]].reshape(2, -1) + 0.5
+        pinhole, lens = (np.array([i.camera.width, i.camera.height]) for i in (target, image))
+        rays = np.asarray(target.camera.cam_from_img(np.c_[u, v] / size * pinhole))
+        bent = image.camera.img_from_cam(np.c_[rays, np.ones(len(rays))], check_cheirality=False)
+        x, y = np.floor(np.nan_to_num(bent, nan=-1.0) / lens * size).astype(np.int64).T
+        inside = (x >= 0) & (x < size[0]) & (y >= 0) & (y < size[1])
+        flattened = np.zeros(depth.size, np.float32)
+        flattened[inside] = depth[y[inside], x[inside]]
+        stem = Path(str(image.name)).stem
+        write_scene_depth(out / DEPTH / f"{stem}.png", flattened.reshape(depth.shape))
 
 
 def _export(settings: StepSettings, workspace: Path) -> None:
@@ -963,6 +1097,8 @@ STEPS: dict[str, Callable[[StepSettings, Path], None]] = {
     "features": _features,
     "match": _match,
     "verify": _verify,
+    "likely_pairs": _likely_pairs,
+    "learned": _learned,
     "map": _map,
     "map_relaxed": _map_relaxed,
     "given": _given,

@@ -52,13 +52,16 @@ def choose_device(wanted: Device = "auto") -> torch.device:
     return torch.device(wanted)
 
 
-ModelKind = Literal["mask_generation", "universal", "text_image", "text_boxes", "video_masks"]
+ModelKind = Literal[
+    "mask_generation", "universal", "text_image", "text_boxes", "video_masks", "keypoint_matches"
+]
 _AUTO: dict[ModelKind, str] = {
     "mask_generation": "AutoModelForMaskGeneration",
     "universal": "AutoModelForUniversalSegmentation",
     "text_image": "AutoModel",  # CLIP, SigLIP
     "text_boxes": "AutoModelForZeroShotObjectDetection",  # Grounding DINO, OWLv2
     "video_masks": "Sam2VideoModel",  # SAM 2 with its memory
+    "keypoint_matches": "AutoModelForKeypointMatching",  # EfficientLoFTR
 }
 
 

@@ -132,8 +132,8 @@ def digest_of(initial: Gaussians, views: TrainViews, config: TrainConfig, n_work
     for view in (*views.train, *views.test):
         camera = view.camera
         digest.update(camera.name.encode())
-        alpha = () if view.alpha is None else (view.alpha,)
-        for array in (camera.K, camera.cam_from_world, view.picture, *alpha):
+        more = [array for array in (view.alpha, view.depth) if array is not None]
+        for array in (camera.K, camera.cam_from_world, view.picture, *more):
             digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
 

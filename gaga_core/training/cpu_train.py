@@ -16,6 +16,7 @@ from gaga_core.training.densification import (
     reset_opacities,
     walk,
 )
+from gaga_core.training.depth_loss import depth_gradients
 from gaga_core.training.engine import (
     Setting,
     is_due_for_control,
@@ -102,9 +103,15 @@ class CpuEngine:
 
         def walk_back(gradients: Gradients) -> None:
             drawn.walk_back(gradients)
+            if by_depth is not None:
+                by_depth.add_to(gradients)
             if sink is not None:
                 sink(gradients)
 
+        moment = i / config.iterations
+        by_depth = depth_gradients(
+            state.splats.values, view, self._rasterizer, config.depth_at(moment)
+        )
         compare = state.exposures.loss_of(index, loss, by_exposure) if config.exposure else loss
         behind = self._setting.behind(view, i)
         step = self._rasterizer.train_step(

@@ -12,6 +12,7 @@ QUALITIES = ("draft", "standard", "full")
 STRATEGIES = ("gradient", "mcmc")
 DISSIMILARITY = 0.2  # share of 1 - SSIM in the loss (Kerbl, equation 7)
 _FEW_PHOTOS = 25
+_DEPTH_END = 0.05  # share of the weight of measured depth at the end
 STEREO_VIEWS = 20  # whose surfaces are matched, evenly among all: more bring more of the same
 STEREO_SIDE = 160  # pixels of the longest side of the pictures in which they are matched
 
@@ -75,6 +76,9 @@ class TrainConfig:
     sh_degree: int = 3  # of view-dependent color (Kerbl)
     sh_every: float = 1 / 30  # moments from one degree to the next: 1,000 of 30,000 (Kerbl)
     dissimilarity: float = DISSIMILARITY
+    depth: float = (
+        0.4  # weight of the relative error in depth, where it was measured; see `depth_at`
+    )
     initial_opacity: float = 0.1  # (Kerbl)
     initial_scale: float = 1.0  # x distance to the three nearest points (Kerbl)
     stereo: int = 0  # fewer points are brought up to so many by matching surfaces between photos
@@ -180,6 +184,11 @@ class TrainConfig:
         """Share of the splats that is left out of the step at a moment: 0 at first, `dropout` at
         the end; less with more than 25 photos and nothing from 50 on, where it costs detail."""
         return self.dropout * moment * fewness(n_views)
+
+    def depth_at(self, moment: float) -> float:
+        """Weight of measured depth at a moment: it places surfaces early, and photos, which are
+        sharper, decide at the end (Kerbl 2024 lets it fall likewise)."""
+        return self.depth * _DEPTH_END**moment
 
     def shell_of(self, n_views: int) -> int:
         """Splats of the far shell, if it were whole: none from 50 photos on, which leave hardly a

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial import cKDTree
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, UInt8Array, check_shape
@@ -16,7 +17,7 @@ from gaga_core.raster.base import Rasterizer
 from gaga_core.training.optimizer import concatenate
 from gaga_core.training.settings import TrainConfig, fewness
 from gaga_core.training.stereo import stereo_points_stage
-from gaga_core.training.views import TrainView
+from gaga_core.training.views import TrainView, TrainViews
 
 # --- The first Gaussians of a training: one for each point that structure from motion found.
 
@@ -251,6 +252,61 @@ def even_directions(n: int) -> DoubleArray:
     return np.stack([width * np.cos(turn), width * np.sin(turn), height], axis=1)
 
 
+# --- Points of depth that a phone measured.
+
+
+_DEPTH_APART = 0.1  # relative, from a point of structure from motion ...
+_AGREEING = 0.3  # ... and the share of those in a view that must be as near: others are hidden
+_FEWEST_COMPARED = 10  # points of a view that its depth is compared with
+_STEEPEST_STEP = 0.05  # relative, to the next pixel: what lies between two surfaces is nowhere
+
+
+def with_sure_depth(views: TrainViews, points: DoubleArray) -> TrainViews:
+    """``views`` without depth that contradicts ``points`` (P, 3) world."""
+
+    def sure(view: TrainView) -> TrainView:
+        is_sure = view.depth is not None and _agrees(view.depth, view.camera, points)
+        return view if is_sure else replace(view, depth=None)
+
+    return replace(views, train=tuple(map(sure, views.train)))
+
+
+def depth_points(views: Sequence[TrainView], n: int, seed: int) -> tuple[DoubleArray, UInt8Array]:
+    """At most ``n`` points (M, 3) of the measured depth of ``views`` with their colors (M, 3); none
+    where no view has any."""
+    places, colors = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)]
+    for view in views:
+        if view.depth is None:
+            continue
+        depth = view.depth
+        step = maximum_filter(depth, 3) - minimum_filter(depth, 3)  # holes are steps, too
+        v, u = np.nonzero((depth > 0) & (step < _STEEPEST_STEP * depth))
+        at = (np.stack([u, v], axis=1) + 0.5) / depth.shape[::-1]
+        size = np.array([view.camera.width, view.camera.height])
+        x, y = (at * size).astype(np.int64).T
+        camera = view.camera
+        places.append(camera.position + camera.rays(at * size) * depth[v, u, None])
+        colors.append(view.picture[y, x])
+    found, rgb = np.concatenate(places), np.concatenate(colors)
+    chosen = np.random.default_rng(seed).permutation(len(found))[:n]
+    return found[chosen], rgb[chosen]
+
+
+def _agrees(depth: FloatArray, camera: Camera, points: DoubleArray) -> bool:
+    """Whether points that a view shows are about as far as its depth says, so that it is of this
+    photo and in the unit of the scene."""
+    height, width = depth.shape
+    small = camera.resized(width, height)
+    pixels, far = small.project(points)
+    shown = small.shows(pixels, far)
+    u, v = pixels[shown].astype(np.int64).T
+    measured, far = depth[v, u], far[shown]
+    known = measured > 0
+    if known.sum() < _FEWEST_COMPARED:
+        return False
+    return bool((np.abs(measured / far - 1)[known] < _DEPTH_APART).mean() > _AGREEING)
+
+
 _LARGEST_SHARE = 0.05  # standard deviation, x the distance to the nearest camera
 _INSIDE = 0.7  # share of the views in which a point is on the object: masks have faults
 _COVER_PART = 4  # points leave one part in so many of the cap to what covers holes
@@ -266,7 +322,8 @@ def first_splats_stage(
 ) -> Stage[Gaussians]:
     """What a training of ``config`` starts from: splats for points, then for holes, then a shell.
 
-    Fewer points than `TrainConfig.stereo` are joined by those of `stereo.stereo_points_stage`. More
+    Fewer points than `TrainConfig.stereo` are joined by `depth_points`, or without measured depth
+    by those of `stereo.stereo_points_stage`. More
     than the cap on splats admits next to the cover and the shell are thinned at random, from the
     seed.
     """
@@ -276,7 +333,9 @@ def first_splats_stage(
     most_points = most - min(config.cover + n_shell, most // _COVER_PART)
     n_more = min(config.stereo, most_points) - len(points)
     if n_more > 0:
-        more, more_colors = yield from stereo_points_stage(points, views, n_more, config.seed)
+        more, more_colors = depth_points(views, n_more, config.seed)
+        if len(more) == 0:
+            more, more_colors = yield from stereo_points_stage(points, views, n_more, config.seed)
         points = np.concatenate([points, more])
         colors = np.concatenate([colors, more_colors])
     inside = in_foreground(points, views)

@@ -11,6 +11,7 @@ from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.depth_maps import read_scene_depth
 from gaga_core.io.images import read_rgb
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
@@ -29,6 +30,7 @@ class TrainView:
     camera: Camera
     picture: UInt8Array  # (H, W, 3)
     alpha: UInt8Array | None = None  # (H, W) 0 = background that is left out, 255 = object
+    depth: FloatArray | None = None  # (H', W') measured, scene units, 0 = not known; of any size
 
     def __post_init__(self) -> None:
         shape = (self.camera.height, self.camera.width)
@@ -52,7 +54,7 @@ class TrainView:
         height = max(1, round(self.camera.height * times))
         alpha = None if self.alpha is None else shrunk(self.alpha, width, height)
         picture = shrunk(self.picture, width, height)
-        return TrainView(self.camera.resized(width, height), picture, alpha)
+        return TrainView(self.camera.resized(width, height), picture, alpha, self.depth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +83,7 @@ def load_views_stage(
     test: Sequence[str],  # names of the held-out views
     longest_side: int,  # pixels
     foreground: Mapping[str, Path] | None = None,  # masks of the object, by view name
+    depth: Mapping[str, Path] | None = None,  # of the scene folder, by view name
 ) -> Stage[TrainViews]:
     """Read the photos of ``cameras`` that are on disk, shrunk to ``longest_side``.
 
@@ -93,6 +96,8 @@ def load_views_stage(
         yield Progress(READ_STAGE, i, len(present), camera.name)
         mask = (foreground or {}).get(camera.name)
         view = read_view(camera, image_paths[camera.name], longest_side, mask)
+        if depth is not None and camera.name in depth:
+            view = replace(view, depth=read_scene_depth(depth[camera.name]))
         parts[camera.name in held_out].append(view)
     return TrainViews(tuple(parts[False]), tuple(parts[True]))
 

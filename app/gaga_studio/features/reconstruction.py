@@ -63,10 +63,12 @@ def why_no_settings(session: Session) -> str:
 
 
 def open_photos(session: Session, path: Path) -> None:
-    """Open a video, or the folder of a photo."""
+    """Open a video, a recording of a phone, or the folder of a photo."""
     from gaga_core.placing.photos import is_video
+    from gaga_core.placing.recordings import is_recording
 
-    session.open(path if is_video(path) or path.is_dir() else path.parent)
+    is_whole = is_video(path) or is_recording(path) or path.is_dir()
+    session.open(path if is_whole else path.parent)
 
 
 def too_few(found: "PhotoFind") -> str:
@@ -339,7 +341,7 @@ def _stage(
             return _Refused(error.finding)
         notes = placed.notes
     folder = open_scene_folder(plan.scene)
-    placement = placement_of(read_entry(plan.scene))
+    placement = placement_of(read_entry(plan.scene), folder)
     if former is None:
         gaussians = _begun(plan.scene) if plan.config == found.going_on else None
         gaussians = gaussians or _points(plan.scene)

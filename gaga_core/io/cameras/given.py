@@ -1,6 +1,6 @@
 """Poses of photos that another program has found: the one typed result of all their readers."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -12,6 +12,7 @@ from PIL import ExifTags
 from gaga_core.arrays import AnyArray, DoubleArray
 from gaga_core.camera import MOST_PIXELS, is_usable
 from gaga_core.errors import GagaError
+from gaga_core.io.depth_maps import DepthMap, is_map, why_unread
 from gaga_core.io.images import image_header, pictures_in
 from gaga_core.io.json_file import read_bytes
 
@@ -94,8 +95,9 @@ class GivenPose:
     name: str  # of the photo, from the folder of photos on
     lens: Lens | None  # for the photo as it is; None where the program does not say
     cam_from_world: DoubleArray  # (4, 4) rigid, OpenCV axes
-    mask: Path | None = None  # black = background
-    depth: Path | None = None  # along the viewing direction
+    mask: Path | None = None  # black = background; like depth it lies as the photo is stored
+    depth: DepthMap | None = None
+    turns: int = 0  # right angles clockwise by which photo, mask and depth stand upright
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +113,19 @@ class GivenPoses:
     notes: tuple[str, ...] = ()  # what could not be taken over
 
     @property
+    def has_masks(self) -> bool:
+        """Whether a photo has one."""
+        return any(pose.mask is not None for pose in self.poses)
+
+    @property
     def told(self) -> str:
         """One line: whose poses these are, of how many photos, and what is known of the world."""
         known = [*(["metres"] if self.is_metric else []), *(["the vertical"] if self.up else [])]
-        of = f", with {' and '.join(known)}" if known else ""
+        for kind, what in (("mask", "masks"), ("depth", "depth maps")):
+            n = sum(getattr(pose, kind) is not None for pose in self.poses)
+            known += [f"{n} {what}"] if n else []
+        listed = " and ".join([*([", ".join(known[:-1])] if known[:-1] else []), *known[-1:]])
+        of = f", with {listed}" if known else ""
         return f"{self.program}: poses of {len(self.poses)} photos in {self.file.name}{of}"
 
 
@@ -123,7 +134,8 @@ class Photos:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.paths: Mapping[str, Path] = pictures_in(folder, "**/*")
+        found = pictures_in(folder, "**/*")
+        self.paths = {name: p for name, p in found.items() if not is_map(PurePosixPath(name))}
         self.missing: list[str] = []
 
     @cached_property
@@ -223,6 +235,10 @@ def checked(given: GivenPoses, photos: Photos) -> GivenPoses:
             + (f" ({listed})." if listed else ".")
         )
     found = replace(given, poses=tuple(poses[name] for name in sorted(poses)))
+    why = next((w for p in found.poses if p.depth and (w := why_unread(p.depth.path))), "")
+    if why:
+        without = tuple(replace(pose, depth=None) for pose in found.poses)
+        found = replace(found, poses=without, notes=(*found.notes, why))
     return _near_origin(replace(found, missing=(*given.missing, *photos.missing)))
 
 
@@ -251,7 +267,7 @@ def _for_photo(pose: GivenPose, photos: Photos, file: Path) -> GivenPose:
     for _ in range(turns):
         cam_from_world = _CLOCKWISE @ cam_from_world
         lens = None if lens is None else lens.turned()
-    return replace(pose, lens=lens, cam_from_world=cam_from_world)
+    return replace(pose, lens=lens, cam_from_world=cam_from_world, turns=turns)
 
 
 def _is_shape(lens: Lens, size: tuple[int, int]) -> bool:

@@ -19,7 +19,7 @@ from gaga_core.io.cameras.given import (
     checked,
     rigid,
 )
-from gaga_core.io.cameras.phones import read_polycam, read_record3d, read_scanner_app
+from gaga_core.io.cameras.phones import read_polycam, read_record3d, read_scanner_app, read_stray
 from gaga_core.io.cameras.photogrammetry import (
     read_bundler,
     read_metashape,
@@ -110,6 +110,18 @@ def _holds(pattern: str, *words: bytes) -> Callable[[Path, bytes], bool]:
     return is_it
 
 
+def _is_stray(_: Path, head: bytes) -> bool:
+    words = [word.strip() for word in head.split(b"\n", 1)[0].split(b",")]
+    return words[:2] == [b"timestamp", b"frame"] and b"qw" in words
+
+
+def _is_record3d(path: Path, head: bytes) -> bool:
+    """Its keys come in any order, with thousands of numbers between them."""
+    words = (b'"K"', b'"poses"', b'"perFrameIntrinsicCoeffs"')
+    found = [word in head for word in words]
+    return all(found[:2]) or (path.stem == "metadata" and any(found))
+
+
 FORMATS = (
     PoseFormat("transforms.json", _has(b'"frames"', b'"transform_matrix"'), read_transforms_json),
     PoseFormat("COLMAP", lambda path, head: not head and has_colmap(path), read_colmap_poses),
@@ -122,7 +134,8 @@ FORMATS = (
     PoseFormat("OPF", _has(b"application/opf-project+json"), read_opf),
     PoseFormat("Polycam", _holds("*.json", b'"t_00"', b'"fx"'), read_polycam),
     PoseFormat("3D Scanner App", _holds("frame_*.json", b"cameraPoseARFrame"), read_scanner_app),
-    PoseFormat("Record3D", _has(b'"poses"', b'"K"'), read_record3d),
+    PoseFormat("Stray Scanner", _is_stray, read_stray),
+    PoseFormat("Record3D", _is_record3d, read_record3d),
     PoseFormat("3DGS", _has(b'"rotation"', b'"position"', b'"fx"'), read_cameras_of_3dgs),
     PoseFormat("LLFF", lambda p, head: head[:6] == b"\x93NUMPY" and "poses" in p.stem, read_llff),
 )

@@ -23,6 +23,7 @@ from gaga_core.io.cameras.given import (
     checked,
     file_near,
 )
+from gaga_core.io.depth_maps import MILLIMETRES, DepthMap
 from gaga_core.io.files import write_text
 from gaga_core.io.json_file import PathText, read_foreign_json
 
@@ -115,13 +116,16 @@ def read_transforms_json(path: Path, photos: Photos) -> GivenPoses:
     for file in files:
         whole = read_foreign_json(file, _File, most_bytes=MOST_BYTES)
         undo = _undone(whole, file)
+        unit = whole.integer_depth_scale or MILLIMETRES
         for frame in whole.frames:
             name = photos.find(frame.file_path)
             if name is not None:
                 pose = _pose_of(frame, undo, file)
                 lens = _lens_of(frame, whole, photos.size(name), file, notes)
+                mask = file_near(file, frame.mask_path)
                 depth = file_near(file, frame.depth_file_path or frame.depth_path)
-                poses.append(GivenPose(name, lens, pose, file_near(file, frame.mask_path), depth))
+                known = None if depth is None else DepthMap(depth, unit)
+                poses.append(GivenPose(name, lens, pose, mask, known))
     is_blender = path.name in _BLENDER
     has_depth = any(f.depth_file_path or f.depth_path for f in whole.frames)
     up = _up(whole, is_known=is_blender or has_depth)

@@ -6,6 +6,7 @@ SCENE/cameras.json                cameras of a 3DGS training, where there is no 
 SCENE/point_cloud.ply             or point_cloud/iteration_*/point_cloud.ply (newest)
 SCENE/masks/<provider>/<stem>.png label map per view; <folder>/<stem>.png for images/<folder>/
 SCENE/foreground/<stem>.png       optional, of each photo: black = background that is left out
+SCENE/sensor_depth/<stem>.png     optional, of each photo: 16 bit, thousandths of the scene unit
 SCENE/split.json                  optional {"train": [names], "test": [names]}; see `splits`
 SCENE/gaga/                       all that we write
 """
@@ -25,6 +26,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras.cameras_json import read_cameras_json
 from gaga_core.io.cameras.colmap import ColmapReading, has_colmap
+from gaga_core.io.depth_maps import DEPTH
 from gaga_core.io.files import write_text
 from gaga_core.io.folder.splits import split_views
 from gaga_core.io.folder.staging import finish_publishing
@@ -62,7 +64,15 @@ class SceneFolder:
     @property
     def foreground(self) -> dict[str, Path]:
         """Masks of the object by view name; empty where no background is left out."""
-        root = self.root / FOREGROUND
+        return self._maps(FOREGROUND)
+
+    @property
+    def depth(self) -> dict[str, Path]:
+        """Measured depth (`depth_maps.read_scene_depth`) by view name; empty in most scenes."""
+        return self._maps(DEPTH)
+
+    def _maps(self, folder: str) -> dict[str, Path]:
+        root = self.root / folder
         paths = {camera.name: root / f"{view_key(camera.name)}.png" for camera in self.cameras}
         return {name: path for name, path in paths.items() if path.is_file()}
 

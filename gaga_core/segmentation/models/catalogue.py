@@ -5,7 +5,8 @@ from typing import Literal
 
 from gaga_core.errors import GagaError
 
-Purpose = Literal["masks", "words", "boxes"]  # what `gaga masks`, --index-with, --detector take
+# What `gaga masks`, --index-with, --detector take, and what places photos.
+Purpose = Literal["masks", "words", "boxes", "matches"]
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,11 @@ KNOWN_DETECTORS = (
     KnownModel("owlv2-base", "OWLv2 B/16", "google/owlv2-base-patch16-ensemble", 620,
                "Apache-2.0", purpose="boxes"),
 )
+# Matches between photos that are hard to place (`gaga run`, `gaga reconstruct`).
+MATCHER = KnownModel("efficientloftr", "EfficientLoFTR", "zju-community/efficientloftr", 64,
+                     "Apache-2.0", "wide angles and shine", purpose="matches")
 # fmt: on
-CATALOGUE = (*KNOWN, *KNOWN_EMBEDDERS, *KNOWN_DETECTORS)
+CATALOGUE = (*KNOWN, *KNOWN_EMBEDDERS, *KNOWN_DETECTORS, MATCHER)
 
 
 def known_model(name: str) -> KnownModel:

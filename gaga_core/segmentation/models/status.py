@@ -100,6 +100,7 @@ _PURPOSES = {
     "masks": "masks of photos (gaga masks)",
     "words": "objects by words (gaga query --index-with)",
     "boxes": "phrases in one view (gaga query --detector)",
+    "matches": "placing photos that SIFT does not match (gaga run)",
 }
 
 

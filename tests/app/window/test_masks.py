@@ -9,6 +9,7 @@ from threading import Event
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from gaga_core import kernels as kernels_of_numba
 from gaga_core.arrays import FloatArray
@@ -250,6 +251,11 @@ def test_photos_become_splats_before_the_eyes(
 ) -> None:
     scene = tmp_path / "room"
     shutil.copytree(placed_photos, scene)
+    (scene / "foreground").mkdir()
+    for photo in (scene / "images").iterdir():  # the upper edge is background
+        mask = Image.new("L", (320, 240), 255)
+        mask.paste(0, (0, 0, 320, 60))
+        mask.save(scene / "foreground" / f"{photo.stem}.png")
 
     def walk(d: Driver) -> None:
         session = d.session
@@ -286,6 +292,10 @@ def test_photos_become_splats_before_the_eyes(
         eye = session.rig.eye
         d.drag_picture((300, 250), (60, 10))
         assert (session.rig.eye != eye).any(), "the camera moves while they train"
+        d.until(
+            lambda: any("cut out" in key and t for key, t in images._textures.items()),
+            "what is left out is seen",
+        )
         _capture(d, "training")
         for size, scale in (((800, 500), 2.0), ((1000, 640), 1.0)):
             large = replace(session.settings, ui_scale=scale)

@@ -309,6 +309,18 @@ def _record3d(root: Path, views: Sequence[Camera]) -> Path:
     return _text(root / "metadata", json.dumps(whole))
 
 
+def stray(root: Path, views: Sequence[Camera]) -> Path:
+    """Views by their order, with poses in OpenCV's axes."""
+    lines = ["timestamp, frame, x, y, z, qx, qy, qz, qw"]
+    for i, camera in enumerate(views):
+        c2w = np.linalg.inv(camera.cam_from_world)
+        values = (*c2w[:3, 3], *pycolmap.Rotation3d(c2w[:3, :3]).quat)
+        lines.append(", ".join([f"{i / 60}", f"{i:06d}", *(repr(float(v)) for v in values)]))
+    rows = [", ".join(repr(float(v)) for v in row) for row in views[0].K]
+    _text(root / "camera_matrix.csv", "\n".join(rows) + "\n")
+    return _text(root / "odometry.csv", "\n".join(lines) + "\n")
+
+
 def _cameras_json(root: Path, views: Sequence[Camera]) -> Path:
     write_cameras_json(root / "cameras.json", views)
     return root / "cameras.json"
@@ -348,6 +360,7 @@ FORMS: dict[str, Form] = {  # writer, metres known, up, principal point written
     "Polycam": (_polycam, True, (0, 1, 0), True),
     "3D Scanner App": (_scanner_app, True, (0, 1, 0), True),
     "Record3D": (_record3d, True, (0, 1, 0), True),
+    "Stray Scanner": (stray, True, (0, 1, 0), True),
     "3DGS": (_cameras_json, False, None, False),
     "LLFF": (_llff, False, None, False),
 }

@@ -10,6 +10,7 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras.given import Lens
 from gaga_core.io.cameras.poses import find_poses, format_of, read_poses
+from gaga_core.placing.photos import list_photos
 from tests.conftest import real_scene
 from tests.core.io.pose_forms import FORMS, cameras, photos, rig_views
 
@@ -222,3 +223,36 @@ def test_real_files_are_found(tmp_path: Path) -> None:
     assert fox is not None
     assert fox.poses[0].lens is not None
     assert fox.poses[0].lens.model == "OPENCV"
+
+
+@pytest.mark.parametrize(
+    "program", ["nerfstudio", "Polycam", "3D Scanner App", "Record3D", "Stray Scanner"]
+)
+def test_depth_and_confidence_lie_where_the_program_puts_them(tmp_path: Path, program: str) -> None:
+    """And are no photos, wherever the folder of photos begins."""
+    folder = photos(tmp_path / "images")
+    file = FORMS[program][0](tmp_path, cameras())
+    names = {"nerfstudio": "depth/{:05d}.png", "3D Scanner App": "images/depth_{:05d}.png"}
+    names |= {"Polycam": "depth/{:05d}.png", "Record3D": "depth/{:05d}.exr"}
+    names |= {"Stray Scanner": "depth/{:06d}.png"}
+    sure = {
+        "Stray Scanner": "confidence/{:06d}.png",
+        "Polycam": "confidence/{:05d}.png",
+        "3D Scanner App": "images/conf_{:05d}.png",
+    }
+    for pattern in (names[program], sure.get(program, "x_{}")):
+        for i in range(10):
+            path = tmp_path / pattern.format(i)
+            path.parent.mkdir(exist_ok=True)
+            Image.new("I;16", (8, 6), i).save(path, format="PNG")
+    for root in (folder, tmp_path):
+        found = read_poses(file, root)
+        for i, pose in enumerate(found.poses):
+            assert pose.depth is not None
+            assert pose.depth.path == tmp_path / names[program].format(i)
+            has_one = program in sure
+            assert pose.depth.confidence == (
+                tmp_path / sure[program].format(i) if has_one else None
+            )
+        assert "10 depth maps" in found.told
+        assert len(list_photos(root)) == 10

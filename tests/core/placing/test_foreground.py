@@ -14,6 +14,7 @@ from gaga_core.placing.foreground import (
     exposure_gains,
     masks_from_folder,
     object_mask,
+    write_masks,
 )
 from gaga_core.placing.photos import Photo, PhotoSet
 from gaga_core.progress import run_stage
@@ -62,3 +63,18 @@ def test_masks_are_found_by_the_names_of_the_photos(tmp_path: Path) -> None:
     assert mask.shape == (120, 160)
     assert mask[42:78, 62:98].all()
     assert (mask > 0).mean() < 0.12
+
+
+def test_given_masks_turn_with_their_photos(tmp_path: Path) -> None:
+    photos = PhotoSet(tuple(Photo(f"{i}.png", f"/in/{i}.jpg", 60, 80) for i in range(2)))
+    mask = np.zeros((60, 80), np.uint8)
+    mask[:20] = 1  # the upper edge, which is the right one when turned clockwise
+    Image.fromarray(mask).save(tmp_path / "m.png")
+    run_stage(write_masks(photos, {"0.png": (tmp_path / "m.png", 1)}, tmp_path / "masks"))
+    turned, whole = (np.asarray(Image.open(tmp_path / "masks" / f"{i}.png.png")) for i in (0, 1))
+    assert turned[:, 42:].all()
+    assert not turned[:, :38].any()
+    assert whole.all()
+    Image.fromarray(mask * 0).save(tmp_path / "m.png")
+    with pytest.raises(GagaError, match="black mask"):
+        run_stage(write_masks(photos, {"1.png": (tmp_path / "m.png", 0)}, tmp_path / "masks"))

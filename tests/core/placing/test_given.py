@@ -1,3 +1,4 @@
+import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -5,13 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 import pytest
+from PIL import Image
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras.transforms_json import write_transforms_json
+from gaga_core.io.depth_maps import read_scene_depth
 from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.images import read_rgb
 from gaga_core.pipeline.place import place_photos, placement_of, read_entry
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.given import moved_by, pairs_by_pose, similarity_between
@@ -182,3 +187,55 @@ def test_pairs_are_those_that_look_the_same_way_from_near() -> None:
     pairs = pairs_by_pose(poses, 2)
     assert (0, 1) in pairs
     assert all((i < 4) == (j < 4) for i, j in pairs)
+
+
+def test_given_masks_and_depth_come_into_the_scene_as_its_pictures_lie(tmp_path: Path) -> None:
+    """Depth that is a plane for the rays of the bent lens is that plane for the scene's cameras."""
+    shots, size = tmp_path / "shots", (64, 48)
+    truth = write_photos(shots / "images", N)
+    lens = pycolmap.Camera(
+        model="OPENCV", width=320, height=240, params=[FOCAL, FOCAL, 160, 120, -0.2, 0, 0, 0]
+    )
+    v, u = np.mgrid[0 : size[1], 0 : size[0]].reshape(2, -1) + 0.5
+    rays = np.asarray(lens.cam_from_img(np.c_[u, v] * 5))
+    plane = (3 + rays[:, 0] - 0.5 * rays[:, 1]).reshape(size[::-1])
+    mask = np.zeros((240, 320), np.uint8)
+    mask[:, 100:] = 255
+    for name in ("depth", "masks"):
+        (shots / name).mkdir()
+    file = shots / "transforms.json"
+    images = {camera.name: shots / "images" / camera.name for camera in truth}
+    write_transforms_json(file, truth, images)
+    whole = json.loads(file.read_text()) | {"camera_model": "OPENCV", "k1": -0.2}
+    for i, frame in enumerate(whole["frames"]):
+        frame["depth_file_path"] = f"depth/{i}.png"
+        Image.fromarray(np.round(plane * 1000).astype(np.uint16)).save(shots / f"depth/{i}.png")
+        if i > 0:
+            frame["mask_path"] = f"masks/{i}.png"
+            Image.fromarray(mask).save(shots / f"masks/{i}.png")
+    file.write_text(json.dumps(whole))
+    config = ReconstructConfig(poses="keep", threads=1, accept_wrong=True)
+    run_stage(place_photos(shots / "images", tmp_path / "scene", config))
+    folder = open_scene_folder(tmp_path / "scene")
+    entry = read_entry(tmp_path / "scene")["sfm"]
+    assert isinstance(entry, dict)
+    assert f"{N - 1} masks and {N} depth maps" in entry["notes"][0]
+    assert set(folder.depth) == {camera.name for camera in folder.cameras} == set(folder.foreground)
+    for camera in folder.cameras:
+        found = read_scene_depth(folder.depth[camera.name])
+        small = camera.resized(found.shape[1], found.shape[0])
+        v, u = np.nonzero(found)
+        assert len(v) > 0.8 * found.size
+        x, y = ((np.c_[u, v] + 0.5 - small.K[:2, 2]) / np.diag(small.K)[:2]).T
+        assert np.abs(found[v, u] - (3 + x - 0.5 * y)).max() < 0.016  # half a pixel is 0.012
+        inside = read_rgb(folder.foreground[camera.name])[..., 0] > 127
+        assert inside[:, 110:].all()
+        assert inside[:, :80].all() == (camera.name == truth[0].name)
+    report = placement_of(read_entry(tmp_path / "scene"), folder)
+    assert report is not None
+    assert report.cut_out is not None
+    photo, its_mask = report.cut_out
+    assert folder.foreground[photo.name] == its_mask  # one picture shows what is left out
+    without = placement_of(read_entry(tmp_path / "scene"))
+    assert without is not None
+    assert without.cut_out is None

@@ -65,7 +65,8 @@ def test_attempts_follow_each_other_and_are_not_made_twice(
 ) -> None:
     """A share that cannot be reached asks for all of them; the first one was made before."""
 
-    def cheap(photos: PhotoSet, config: SfmConfig) -> tuple[Rung, ...]:
+    def cheap(photos: PhotoSet, config: SfmConfig, *, has_learned: bool) -> tuple[Rung, ...]:
+        assert not has_learned
         return Rung("first attempt", config), Rung("again", config, reuses=True)
 
     monkeypatch.setattr(ladder, "rungs", cheap)

@@ -200,6 +200,24 @@ def _eomt() -> Module:
     return model
 
 
+def _efficientloftr() -> Module:
+    """Takes every match, however unsure."""
+    config = T.EfficientLoFTRConfig(
+        stage_num_blocks=[1, 1, 1, 1],
+        out_features=[16, 16, 24, 32],
+        hidden_size=32,
+        num_attention_layers=1,
+        num_attention_heads=8,
+        coarse_matching_threshold=0.0,
+        coarse_matching_border_removal=0,
+    )
+    model: Module = T.EfficientLoFTRForKeypointMatching(config)
+    for module in model.modules():
+        if isinstance(module, torch.nn.BatchNorm2d):
+            torch.nn.init.ones_(module.weight)  # or nothing of the picture is left
+    return model
+
+
 _VISION = {
     "hidden_size": 32,
     "num_hidden_layers": 2,
@@ -224,4 +242,5 @@ _MAKERS = {
     "mask2former": _mask2former,
     "maskformer": _maskformer,
     "eomt": _eomt,
+    "efficientloftr": _efficientloftr,
 }

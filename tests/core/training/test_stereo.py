@@ -1,15 +1,25 @@
 """Multi-view stereo: points lie on the surfaces that photos show, and only there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from gaga_core.arrays import DoubleArray, UInt8Array
+from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array
 from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
 from gaga_core.progress import run_stage
-from gaga_core.training.start import first_splats_stage
+from gaga_core.training.depth_loss import depth_gradients
+from gaga_core.training.start import (
+    depth_points,
+    first_splats_stage,
+    round_gaussians,
+    with_sure_depth,
+)
 from gaga_core.training.stereo import stereo_points_stage
 from gaga_core.training.stereo_kernels import count_agreeing
-from gaga_core.training.views import TrainView
+from gaga_core.training.train import train
+from gaga_core.training.views import TrainView, TrainViews
 from tests.core.training.train_scenes import CPU, short
 from tests.scenes import orbit_cameras
 
@@ -41,7 +51,8 @@ def _photo(camera: Camera) -> TrainView:
     seen = np.isfinite(depth)
     color = np.zeros((*depth.shape, 3))
     color[seen] = _texture(eye + rays[seen] * depth[seen, None])
-    return TrainView(camera, (color * 255).astype(np.uint8))
+    measured = np.where(seen, depth, 0).astype(np.float32)
+    return TrainView(camera, (color * 255).astype(np.uint8), None, measured)
 
 
 def _off(points: DoubleArray) -> DoubleArray:
@@ -54,7 +65,7 @@ def _off(points: DoubleArray) -> DoubleArray:
 @pytest.fixture(scope="module")
 def views() -> tuple[TrainView, ...]:
     cameras = orbit_cameras(14, width=96, height=72, radius=2.0)
-    return tuple(_photo(camera) for camera in cameras)
+    return tuple(replace(_photo(camera), depth=None) for camera in cameras)
 
 
 @pytest.fixture(scope="module")
@@ -143,3 +154,91 @@ def test_a_training_starts_from_them(known: DoubleArray, views: tuple[TrainView,
     assert first(300, 1000) == 300
     assert first(300, 200) == 200
     assert first(30, 1000) == len(known)
+
+
+def test_measured_depth_takes_the_place_of_matching(
+    known: DoubleArray, views: tuple[TrainView, ...]
+) -> None:
+    """Its points lie on the surfaces in their colors; in another unit it is not used."""
+    measured = TrainViews(tuple(_photo(view.camera) for view in views), ())
+    sure = with_sure_depth(measured, known).train
+    points, colors = depth_points(sure, 3000, 0)
+    assert len(points) == 3000
+    assert _off(points).max() < 1e-5
+    assert np.abs(colors / 255 - _texture(points)).max() < 0.01
+    assert np.ptp(points, axis=0).min() > 0.8  # of all views, the whole ball
+    coarse = [_with_depth(v, np.ascontiguousarray(_depth(v)[1::3, 1::3])) for v in sure]
+    assert _off(depth_points(coarse, 500, 0)[0]).max() < 1e-5
+    for factor in (0.5, 1000):
+        wrong = tuple(_with_depth(v, _depth(v) * np.float32(factor)) for v in sure)
+        assert len(depth_points(with_sure_depth(TrainViews(wrong, ()), known).train, 9, 0)[0]) == 0
+    config = short(5, stereo=300, cover=0).with_cap(1000)
+    first = first_splats_stage(known, np.full((len(known), 3), 128, np.uint8), sure, config, CPU)
+    assert _off(run_stage(first).means[len(known) :].astype(np.float64)).max() < 1e-5
+
+
+def _depth(view: TrainView) -> FloatArray:
+    assert view.depth is not None
+    return view.depth
+
+
+def _with_depth(view: TrainView, depth: FloatArray) -> TrainView:
+    return replace(view, depth=depth)
+
+
+def test_gradients_of_depth_are_those_of_its_error(views: tuple[TrainView, ...]) -> None:
+    """By differences, for every parameter that moves what is drawn; of any size of map."""
+    rng = np.random.default_rng(0)
+    means = rng.normal(0, 0.3, (12, 3))
+    splats = round_gaussians(
+        means, rng.uniform(0.1, 0.3, 12), rng.random((12, 3)).astype(np.float32), 0.6
+    )
+    splats = replace(splats, quats=rng.normal(size=(12, 4)).astype(np.float32))
+    splats.log_scales[:] += rng.normal(0, 0.3, (12, 3)).astype(np.float32)
+    small = views[0].camera.resized(48, 36)
+    seen = CPU.render(splats, small).alpha > 0.2
+    nearer = np.where(seen, np.float32(1.3), 0).astype(np.float32)  # than any splat
+    view = replace(views[0], depth=nearer)
+
+    def error(changed: Gaussians) -> float:
+        drawn = CPU.render(changed, small).expected_depth[seen] / 1.3
+        return float(np.abs(drawn - 1).mean())
+
+    found = depth_gradients(splats, view, CPU, 1.0)
+    assert found is not None
+    for name in ("means", "log_scales", "logit_opacities", "quats"):
+        column, gradient = getattr(splats, name), getattr(found, name)
+        way = rng.normal(size=column.shape).astype(np.float32)
+        if name == "quats":  # their length changes nothing
+            way -= (way * column).sum(1, keepdims=True) * column / (column**2).sum(1, keepdims=True)
+        ends = [
+            error(replace(splats, **{name: column + np.float32(side * 2e-3) * way}))
+            for side in (-1, 1)
+        ]
+        expected = (ends[1] - ends[0]) / 4e-3
+        assert float((gradient * way).sum()) == pytest.approx(expected, rel=0.1, abs=2e-3)
+    assert depth_gradients(splats, views[0], CPU, 1.0) is None
+    large = replace(view, depth=nearer.repeat(7, axis=0).repeat(7, axis=1))  # every third pixel
+    same = depth_gradients(splats, large, CPU, 1.0)
+    assert same is not None
+    assert np.abs(same.means - found.means).max() < 0.1 * np.abs(found.means).max()
+
+
+def test_a_training_with_depth_has_its_surfaces_nearer(
+    known: DoubleArray, views: tuple[TrainView, ...]
+) -> None:
+    measured = tuple(_photo(view.camera) for view in views[:6])
+    colors = np.full((len(known), 3), 128, np.uint8)
+
+    def off(weight: float) -> float:
+        config = short(100, cover=0, depth=weight)
+        first = run_stage(first_splats_stage(known, colors, measured, config, CPU))
+        splats = train(first, TrainViews(measured, ()), config, CPU).gaussians
+        found = []
+        for view in measured:
+            frame = CPU.render(splats, view.camera)
+            both = (frame.alpha > 0.5) & (_depth(view) > 0)
+            found.append(np.median(np.abs(frame.expected_depth / _depth(view) - 1)[both]))
+        return float(np.mean(found))
+
+    assert off(0.4) < 0.6 * off(0.0)

@@ -20,6 +20,7 @@ from gaga_core.io.files import safe_name
 from gaga_core.io.images import IMAGE_SUFFIXES
 from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.placing.photos import VIDEO_SUFFIXES
+from gaga_core.placing.recordings import R3D
 from gaga_studio.features import add_scene, camera, files, fill, reconstruction
 from gaga_studio.features.find import masks
 from gaga_studio.session.notices import Request
@@ -437,14 +438,14 @@ _ASKED = {
         "Open a splat file, a project or a video",
         PathKind.OPEN_FILE,
         Session.open,
-        (*READ_SUFFIXES, ".json", *VIDEO_SUFFIXES),
+        (*READ_SUFFIXES, ".json", *VIDEO_SUFFIXES, R3D),
         needs_scene=False,
     ),
     Request.OPEN_PHOTOS: _Asked(
         "Choose a film, or any photo of the folder",
         PathKind.OPEN_FILE,
         reconstruction.open_photos,
-        (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES),
+        (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES, R3D),
         needs_scene=False,
         takes_folder=True,
     ),

@@ -16,7 +16,12 @@ from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
 SHEET = "Models"
-_PURPOSES = {"masks": "Masks", "words": "Search by words", "boxes": "Find in a view"}
+_PURPOSES = {
+    "masks": "Masks",
+    "words": "Search by words",
+    "boxes": "Find in a view",
+    "matches": "Placing photos",
+}
 _TABLE = 26.0  # em, while something is asked below it
 _COLUMNS = (  # title, and width in em: below 0 a share of the room that is left
     ("Model", -0.47),

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
+from PIL import Image
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray, UInt8Array
 from gaga_core.color import group_palette
@@ -30,6 +31,7 @@ LARGE = 640
 Colors = Mapping[int, tuple[float, float, float]]
 
 _EDGE = np.array([255, 255, 255], np.uint8)
+_DARK = 0.25  # brightness of a background that is left out
 _REST = 0.35  # brightness of the masks that are not meant
 _TINT = 0.55  # share of the group's color over the photo
 
@@ -70,6 +72,14 @@ def highlight_mask(
     picture = mixed.astype(np.uint8)
     picture[_edge(inside)] = _EDGE
     return picture
+
+
+def without_background(path: Path, mask: Path, side: int) -> UInt8Array:
+    """The photo, darker where its mask of the object is black."""
+    picture = read_rgb(path, side)
+    size = (picture.shape[1], picture.shape[0])
+    alpha = np.asarray(Image.fromarray(read_rgb(mask)[..., 0]).resize(size), np.float32) / 255
+    return (picture * (_DARK + (1 - _DARK) * alpha[..., None])).astype(np.uint8)
 
 
 def _fitting(load: Loader, picture: UInt8Array) -> IntArray:
@@ -114,6 +124,12 @@ def photo(session: Session, view: str, side: int = THUMBNAIL) -> Texture:
 def photo_file(session: Session, path: Path, side: int = THUMBNAIL) -> Texture:
     """The photo in a file; None while it loads."""
     return _texture(session, f"photo {path} {side}", partial(read_rgb, path, side))
+
+
+def cut_out(session: Session, path: Path, mask: Path, side: int = THUMBNAIL) -> Texture:
+    """The photo in a file, darker where its background is left out; None while it loads."""
+    load = partial(without_background, path, mask, side)
+    return _texture(session, f"cut out {path} {mask} {side}", load)
 
 
 def photo_with_masks(

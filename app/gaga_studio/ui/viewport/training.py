@@ -42,6 +42,7 @@ _POSES = (
 )
 NAMES = 10.5  # width of the names of fields, ems
 _NAMED = 6  # photos without a place that are listed
+_CUT_OUT = 5.0  # em: width of the example without its background
 _FAINT, _STRONG = 0.10, 0.75  # opacity of a weak and of a strong link
 _MANY = 150.0  # matches of a strong link
 
@@ -112,12 +113,18 @@ def draw_setting(
     return reconstruction.plan_with(plan, name, value) if changed else plan
 
 
-def draw_placement(placement: "PlacementReport") -> None:
-    """Draw how many photos have a place, the links between photos as a ring, and who is out."""
+def draw_placement(session: Session, placement: "PlacementReport") -> None:
+    """Draw how many photos have a place, the links between photos as a ring, who is out, and an
+    example of what is left out of the photos."""
     widgets.dim("Placed")
     imgui.same_line()
     widgets.number(f"{placement.n_placed} of {len(placement.names)} photos")
     _ring(placement)
+    if placement.cut_out is not None:
+        texture = textures.cut_out(session, *placement.cut_out)
+        textures.place(texture, em(_CUT_OUT), 4 / 3 if texture is None else texture[1] / texture[2])
+        imgui.same_line()
+        widgets.dim("The dark background is left out", wrap=True)
     for name, why in list(placement.left_out.items())[:_NAMED]:
         widgets.dim(f"{name}: {why}", wrap=True)
     more = len(placement.left_out) - _NAMED
@@ -243,7 +250,7 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     if update is None:
         widgets.dim(job.message if job is not None else "", wrap=True)
     if training.placement is not None and not small:
-        draw_placement(training.placement)
+        draw_placement(session, training.placement)
     if update is None:
         if training.is_stopped:
             _what_now(session)

@@ -52,6 +52,6 @@ def test_known_models_have_one_name_each_and_say_what_a_person_must_know() -> No
     for field in ("name", "hub"):
         assert len({getattr(model, field) for model in CATALOGUE}) == len(CATALOGUE)
     assert all(known_model(model.hub) is known_model(model.name) is model for model in CATALOGUE)
-    assert {model.purpose for model in CATALOGUE} == {"masks", "words", "boxes"}
+    assert {model.purpose for model in CATALOGUE} == {"masks", "words", "boxes", "matches"}
     assert all(m.megabytes > 0 and m.licence for m in CATALOGUE)
     assert all(m.page.startswith("https://") for m in CATALOGUE)
