@@ -17,7 +17,7 @@
 # make test-browsers  web pages in Chromium and, on demand, in Firefox
 # make soak MINUTES=10 COMMANDS=20000  random commands of the session, then random events in a window; nothing may be lost
 # make app     a folder dist/gaga-studio that starts on a Linux without Python (a few minutes)
-# make app-models  torch and what reads models, as the folder dist/models to put into it
+# make app-models  torch and what reads models and makes bodies, as the folder dist/models to put into it
 # make test-app    starts that folder in a bare Debian root (as root, with debootstrap and Xvfb)
 PYTHON ?= python3
 VENV := .venv
@@ -148,7 +148,7 @@ app: setup
 
 app-models: setup
 	@rm -rf dist/models
-	@$(BIN)/python -m pip install --quiet -c constraints.txt --target dist/models torch transformers huggingface_hub httpx2 usd-core
+	@$(BIN)/python -m pip install --quiet -c constraints.txt --target dist/models torch transformers huggingface_hub httpx2 usd-core coacd manifold3d mujoco-core
 	@rm -rf dist/models/numpy dist/models/numpy.libs dist/models/numpy-*  # the program has all of it
 	@du -sh dist/models
 

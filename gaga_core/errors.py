@@ -11,7 +11,7 @@ from typing import Any
 LONGEST_SENTENCE = 400  # characters; a notice of the window has room for them
 LONGEST_LINE = 10_000  # characters of a line of output or of the log: 50 lines of 200 columns
 _LONGEST_WORD = 80  # what a long sentence keeps of a path or a name
-_OF_MODELS = ("models", "usd")  # extras that the folder of `make app-models` has
+_OF_MODELS = ("models", "simulation", "usd")  # extras that the folder of `make app-models` has
 _JOINERS = "\u200c\u200d"  # format characters that scripts and emoji are written with
 
 
