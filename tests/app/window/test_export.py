@@ -306,5 +306,13 @@ def test_labelled_data_takes_what_the_sheet_says_by_the_last_run_here(
         d.session.feature(KnownRates).keep({"Labelled data": 5.0})
         assert made(d) == 5.0, "some were there"
         assert len(list(out.glob("images/*/*.jpg"))) > n_made
+        asked(d, 400)
+        d.click("**/###Choose a folder…")
+        d.answer_path(out)
+        d.until(lambda: len(list(out.glob("images/*/*.jpg"))) > 8, "some more are there")
+        d.on_main(d.session.jobs.cancel)
+        d.settle()
+        n = len(list((out / "records").iterdir()))
+        assert d.session.notices[-1].text.startswith(f"{n} pictures stay in ")
 
     drive(walk, path=grouped_copy, size=(1000, 800))
