@@ -80,16 +80,13 @@ def test_the_next_scene_is_shown_in_its_colors(
         d.keys(KEY.p)
         d.click_picture(d.size[0] * 0.3, d.size[1] * 0.5)
         view = d.session.view
-        assert view.mode is Mode.GROUPS
-        assert view.compare is PhotoCompareMode.SWIPE
-        assert view.pivot is not None
-        assert view.outline is not None
+        assert (view.mode, view.compare) == (Mode.GROUPS, PhotoCompareMode.SWIPE)
+        assert None not in (view.pivot, view.outline)
         d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.o)
         d.answer_path(tmp_path / "ball.ply")
         d.settle()
         assert not d.session.need().scene.labels.any()
-        assert view.mode is Mode.COLOR
-        assert view.compare is PhotoCompareMode.OFF
+        assert (view.mode, view.compare) == (Mode.COLOR, PhotoCompareMode.OFF)
         assert (view.pivot, view.outline) == (None, None)
 
     drive(walk, path=grouped_scene)
