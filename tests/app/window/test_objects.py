@@ -468,6 +468,22 @@ def test_the_slider_of_detail_is_one_edit(display: str, grouped_copy: Path) -> N
     drive(walk, path=grouped_copy, size=(1280, 720))
 
 
+def test_what_was_selected_when_saved_has_its_masks_when_reopened(
+    display: str, grouped_copy: Path
+) -> None:
+    def save(d: Driver) -> None:
+        d.select(int(d.session.objects().ids[1]))
+        d.keys(KEY.mod_ctrl, KEY.s)
+        d.settle()
+
+    def reopened(d: Driver) -> None:
+        (group,) = d.session.selected_groups()
+        assert memory_bank.group_of_panel(d.session) == group, "the panel has its masks"
+
+    drive(save, path=grouped_copy)
+    drive(reopened, path=grouped_copy)
+
+
 def test_a_click_on_the_handles_moves_nothing(display: str, grouped_scene: Path) -> None:
     def walk(d: Driver) -> None:
         d.select(int(d.session.objects().ids[1]))
