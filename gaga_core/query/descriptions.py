@@ -104,7 +104,8 @@ _WHITE = 0.27  # of the grey: so much white, and the grey is its shade
 _MOSTLY = 0.5  # share of both from which on an object is called white
 _BESIDES_GREY = 0.32  # of both: so much of a hue tells more, as on a can with a label
 _SIDE = 0.3  # share of the objects at each end that are left, right, behind, in front
-_STILL_SIDE = 0.5  # the same for words that were given before
+_TOLD_SIDE = 0.5  # the same to tell apart what would be called the same
+_STILL_SIDE = 0.6  # for words that were given before: others move, come and go
 _FEWEST_PLACED = 4  # objects in the view from which on there are sides
 _NOUNS: dict[Shape, str] = {"box": "box", "round": "round object", "flat": "flat object",
                             "long": "long object", "tall": "tall object", "": "object"}  # fmt: skip
@@ -167,7 +168,8 @@ def _told_apart(one: _Said, alike: Sequence[_Said], used: set[str]) -> str:
     out; without such a place, with the one where it is."""
     if len(alike) == 1 or not one.sides:
         return one.what
-    first = [s for s in one.sides if all(one.sides[s] <= o.sides.get(s, 1.0) for o in alike)]
+    sides = [s for s, rank in one.sides.items() if rank < _TOLD_SIDE]
+    first = [s for s in sides if all(one.sides[s] <= o.sides.get(s, 1.0) for o in alike)]
     places = [one.place] * bool(one.place) + sorted(first, key=one.sides.__getitem__)
     free = (text for text in map(one.at, places) if text not in used)
     return next(free, one.at(one.place) if one.place else one.what)

@@ -44,6 +44,7 @@ from gaga_studio.session.session import Session
 if TYPE_CHECKING:
     from gaga_core.scene.cleanup import CleanPreview
 
+TITLE = "Clean up"
 _CLEANUP_CHANGED = "The scene changed while the object was cleaned. Try again."
 _AS_IS = ExportOptions()
 Build = Callable[[Scene, Sequence[int], IntArray, str], Edit | None]
@@ -77,7 +78,7 @@ def start(session: Session) -> None:
         elif is_same():
             tint = cleanup.cleaning_tint(document.settled().scene, found)
             if tint is not None:
-                document.show(tint, is_tint=True)
+                document.show(tint, waits_as=TITLE, is_tint=True)
                 document.feature(Cleaning).take(found, tint)
 
     session.jobs.start(f"Clean {document.name_of(group)}", stage, on_done=done)
@@ -91,7 +92,8 @@ def apply(session: Session) -> bool:
     if found is None:
         return False
     title = f"Clean {document.name_of(found.group)}"
-    return document.do(cleanup.cleaned_edit(document.settled().scene, found, title))
+    session.cancel_preview()  # which has colors of its own
+    return document.do(cleanup.cleaned_edit(document.scene, found, title))
 
 
 def cancel(session: Session) -> bool:
@@ -331,7 +333,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("edit.delete", "Delete", delete_selected, "Delete", ("Backspace",), enabled=_not_ready),
     ask("edit.reduce", "Reduce splats…", Request.REDUCE, enabled=no_scene),
     Command("object.isolate", "Isolate", isolate_selected, "/", enabled=_not_ready),
-    Command("object.clean", "Clean up", start, enabled=first_of(not_one_object, busy)),
+    Command("object.clean", TITLE, start, enabled=first_of(not_one_object, busy)),
     Command("object.clean_apply", "Apply the cleaning", apply, enabled=_no_cleaning),
     setting("object.clean_first", "Always clean first", "clean_first"),
 )

@@ -106,6 +106,7 @@ class Document:
         self._tint: Edit | None = None  # a preview that is no edit to keep
         self._held: tuple[str, Edit] | None = None  # name and edit of a preview that waits
         self._features: dict[type, object] = {}
+        self._keep_focus()  # on what was selected when it was saved
 
     def feature(self, kind: type[T]) -> T:
         """Return the state of a feature in this document, made when first asked for."""

@@ -46,6 +46,8 @@ from gaga_studio.session.notices import (
 from gaga_studio.session.settings import Settings, load_settings, save_settings
 from gaga_studio.session.view import (
     ImageSource,
+    Mode,
+    PhotoCompareMode,
     RenderRequests,
     ToolName,
     TrainingPreview,
@@ -498,7 +500,16 @@ class Session:
         self.notices = tuple(stays)
         self.document = self.live = self.active_view = self.photos = self.training = None
         self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
+        self._forget_places()
         self.hovering.away()
+
+    def _forget_places(self) -> None:
+        """Show the next scene in its colors: it may have neither groups nor photos."""
+        view = self.view
+        if view.mode in (Mode.GROUPS, Mode.MASK, Mode.CONFIDENCE, Mode.IDENTITY):
+            view.mode = Mode.COLOR
+        view.compare, view.version, view.holds_photo = PhotoCompareMode.OFF, -1, False
+        view.outline = view.pivot = view.pointed = None
 
     def edit(self, build: Callable[[Scene], Edit | None]) -> bool:
         """Apply the edit that ``build`` makes of the open scene."""

@@ -202,6 +202,11 @@ def test_clean_up_and_apply(display: str, tmp_path: Path) -> None:
         d.on_main(lambda: setattr(session.view, "mode", Mode.COLOR))
         np.testing.assert_array_equal(seen, d.pixels(), "it looks the same in every render mode")
         assert not d.exists("Inspector/###Hide")
+        d.click_picture(d.size[0] / 2, d.size[1] / 2)
+        d.keys(KEY.mod_ctrl, KEY.d)
+        assert cleanup.shown(session) is not None, "its seconds of work are not thrown away"
+        assert "waits" in session.notices[-1].text
+        assert session.selected_groups() == (GROUP,)
         d.keys(KEY.escape)
         assert not d.exists("Inspector/###Apply")
         assert snapshot(document.scene) == before

@@ -468,6 +468,40 @@ def test_the_slider_of_detail_is_one_edit(display: str, grouped_copy: Path) -> N
     drive(walk, path=grouped_copy, size=(1280, 720))
 
 
+def test_what_was_selected_when_saved_has_its_masks_when_reopened(
+    display: str, grouped_copy: Path
+) -> None:
+    def save(d: Driver) -> None:
+        d.select(int(d.session.objects().ids[1]))
+        d.keys(KEY.mod_ctrl, KEY.s)
+        d.settle()
+
+    def reopened(d: Driver) -> None:
+        (group,) = d.session.selected_groups()
+        assert memory_bank.group_of_panel(d.session) == group, "the panel has its masks"
+
+    drive(save, path=grouped_copy)
+    drive(reopened, path=grouped_copy)
+
+
+def test_a_click_on_the_handles_moves_nothing(display: str, grouped_scene: Path) -> None:
+    def walk(d: Driver) -> None:
+        d.select(int(d.session.objects().ids[1]))
+        d.keys(KEY._1)
+        handles, cursor = MoveTool().handles(d.session), d.history.cursor
+        assert handles is not None
+        u, v = d.project(handles[:3, 3])
+        for at in ((u, v), (u, v - 40)):  # the middle, and the arrow that points up
+            d.click_picture(*at)
+            d.frames(3)
+        assert d.history.cursor == cursor
+        assert not d.session.unsaved
+        d.drag_picture((u, v - 40), (0, -30))
+        assert d.history.cursor == cursor + 1
+
+    drive(walk, path=grouped_scene)
+
+
 def test_handles_and_size_are_of_the_object_without_its_floaters(
     display: str, tmp_path: Path
 ) -> None:

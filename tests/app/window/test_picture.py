@@ -67,6 +67,31 @@ def test_modes_look_background_and_a_motion(
     drive(walk, path=grouped_scene)
 
 
+def test_the_next_scene_is_shown_in_its_colors(
+    display: str, grouped_scene: Path, tmp_path: Path
+) -> None:
+    """A mode, a split view, a pivot and a polygon are about the scene that they were chosen for."""
+    write_splats(tmp_path / "ball.ply", random_gaussians(300, seed=4, extent=0.2))
+
+    def walk(d: Driver) -> None:
+        d.menu("View/Groups")
+        d.menu("Camera/Split: picture and groups")
+        d.menu("Tools/Set the pivot at the camera's focus")
+        d.keys(KEY.p)
+        d.click_picture(d.size[0] * 0.3, d.size[1] * 0.5)
+        view = d.session.view
+        assert (view.mode, view.compare) == (Mode.GROUPS, PhotoCompareMode.SWIPE)
+        assert None not in (view.pivot, view.outline)
+        d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.o)
+        d.answer_path(tmp_path / "ball.ply")
+        d.settle()
+        assert not d.session.need().scene.labels.any()
+        assert (view.mode, view.compare) == (Mode.COLOR, PhotoCompareMode.OFF)
+        assert (view.pivot, view.outline) == (None, None)
+
+    drive(walk, path=grouped_scene)
+
+
 # --- A right click in the picture: the menu of the object there, or of the scene.
 
 

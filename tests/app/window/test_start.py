@@ -70,6 +70,7 @@ def test_the_palette_finds_by_any_word() -> None:
         "object.show_all": ("show", "unhide"),
         "view.home": ("reset view",),
         "file.export_objects": ("export obj",),
+        "camera.split_groups": ("split view", "side by side"),
     }
     for id_, typed in wanted.items():
         assert all(id_ in [c.id for c in matching(text)[:4]] for text in typed), id_

@@ -107,6 +107,24 @@ def test_words_that_are_still_true_stay(table: Scene) -> None:
     assert {g: t for g, t in again.items() if g != 2} == {g: t for g, t in after.items() if g != 2}
 
 
+def test_words_stay_when_another_object_moves_past(table: Scene) -> None:
+    """And so are the same when the move is undone."""
+    ways = [-0.3, -0.6, -0.9, -1.2, -1.5, 0.3, 0.6, 0.9, 1.2]
+    red: Boxes = [((0, 0, 0), (0.2,) * 3, "c81414"), ((0.05, -2.1, 0), (0.2,) * 3, "c81414")]
+    others: Boxes = [
+        ((0.3 * (k % 2) - 0.15, y, 0), (0.2,) * 3, "1e50c8") for k, y in enumerate(ways)
+    ]
+    scene = boxes_scene([*red, *others], 100)
+    history, before = History(scene), described(scene)
+    assert before[1].endswith("behind")
+    shift = np.column_stack([np.eye(3), [0, 3.5, 0]])
+    history.do(edits.transform(scene, group_indices(scene, 3), shift))
+    after = described(scene, before)
+    assert after[1] == before[1]
+    history.undo()
+    assert described(scene, after)[1] == before[1]
+
+
 def test_the_list_shows_them_until_a_person_names_the_group(table: Scene) -> None:
     history = History(table)
     table.described = described(table)

@@ -9,6 +9,7 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
+from gaga_studio.tools.gestures import CLICK_PIXELS
 from gaga_studio.tools.move import MoveTool
 from gaga_studio.ui.kit import theme
 from gaga_studio.ui.kit.theme import em
@@ -53,6 +54,8 @@ class Gizmo:
         held = _guizmo.is_using()
         if held and not self._ignored:
             if not tool.is_dragging:
+                if not imgui.is_mouse_dragging(imgui.MouseButton_.left, CLICK_PIXELS):
+                    return True  # a click moves nothing
                 tool.begin(session)
             self._matrix = np.array(values.values, np.float64).reshape(4, 4).T
             tool.move_to(session, self._matrix)
