@@ -2,7 +2,8 @@
 
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -622,6 +623,32 @@ def test_a_low_window_with_large_text_is_used_by_hand(
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
 
 
+def test_a_low_window_with_large_text_shows_what_it_offers(
+    display: str, grouped_copy: Path
+) -> None:
+    def walk(d: Driver) -> None:
+        _sizes_of_a_film(d)
+
+    settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
+    drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
+
+
+def _sizes_of_a_film(d: Driver) -> None:
+    """The fourth was cut, the fifth out of reach."""
+    for _ in range(2):
+        d.on_main(partial(camera.add_keyframe, d.session))
+    d.on_main(partial(commands.run, "camera.film", d.session))
+    d.frames(4)
+    sheet = d.engine.window_info("//Save film/Choices").window
+    ref = sheet.name.replace("/", "\\/")
+    for size in ("1280 × 720", "3840 × 2160", "1080 × 1080", "1080 × 1920"):
+        button = d.engine.item_info(f"//{ref}/{size}").rect_full
+        assert button.max.x <= sheet.inner_clip_rect.max.x, size
+    d.click(f"{ref}/1080 × 1920")
+    assert d.studio.ui.film.height == 1920
+    d.keys(KEY.escape)
+
+
 def _edge(d: Driver, folder: Path) -> float:
     """Contrast of the left edge of the window, 0..255, where no sheet is."""
     d.capture(folder / "window.png")
@@ -652,14 +679,21 @@ def test_a_submenu_does_not_cover_its_menu(display: str, grouped_copy: Path) -> 
 
 def _said(d: Driver, command: str, words: str) -> bool:
     """Whether the sheet of a command says ``words``."""
+    with _texts() as shown:
+        d.on_main(partial(commands.run, command, d.session))
+        d.frames(4)
+    return any(words in text for text in shown)
+
+
+@contextmanager
+def _texts() -> Iterator[list[str]]:
+    """All that is drawn as text meanwhile."""
     shown: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
         for name in ("text_unformatted", "text_wrapped"):
             draw = getattr(imgui, name)
             patch.setattr(imgui, name, partial(_noting, shown, draw))
-        d.on_main(partial(commands.run, command, d.session))
-        d.frames(4)
-    return any(words in text for text in shown)
+        yield shown
 
 
 def _noting(shown: list[str], draw: Callable[[str], None], text: str) -> None:

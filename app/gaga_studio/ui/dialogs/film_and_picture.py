@@ -126,7 +126,8 @@ def _film(session: Session, choices: FilmChoices) -> bool:
     widgets.field_name("Quality", em(_NAMES))
     _, choices.quality = widgets.slider("##Quality", choices.quality, 1, 100, "%d")
     seconds, n = _length(session, choices)
-    widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
+    kinds = ".mp4 (H.264) or .webm (VP9)"
+    widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; {kinds}", wrap=True)
     took = export.film_seconds(session, n, choices.width * choices.height)
     widgets.dim(f"Writing takes {association.duration_text(took)} here")
     imgui.end_child()
@@ -208,10 +209,11 @@ def _size(choices: FilmChoices) -> None:
     if changed:
         choices.width, choices.height = (max(16, min(value, 16384)) for value in values)
     for position, (width, height) in enumerate(_SIZES):
+        name = f"{width} × {height}"
         if position:
-            imgui.same_line()
+            widgets.next_to(name)
         is_on = (choices.width, choices.height) == (width, height)
-        if widgets.toggle(f"{width} × {height}", is_on, hint="Take this size"):
+        if widgets.toggle(name, is_on, hint="Take this size"):
             choices.width, choices.height = width, height
 
 
