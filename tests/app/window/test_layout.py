@@ -628,6 +628,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
 ) -> None:
     def walk(d: Driver) -> None:
         _sizes_of_a_film(d)
+        _find_menu(d)
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
@@ -646,6 +647,17 @@ def _sizes_of_a_film(d: Driver) -> None:
         assert button.max.x <= sheet.inner_clip_rect.max.x, size
     d.click(f"{ref}/1080 × 1920")
     assert d.studio.ui.film.height == 1920
+    d.keys(KEY.escape)
+
+
+def _find_menu(d: Driver) -> None:
+    """A long title made it wider than the window: keys and scroll bar were outside."""
+    d.engine.set_ref("//##MainMenuBar")
+    d.engine.menu_action(imgui.test_engine.TestAction.hover, "Find/###Make masks…")
+    d.frames(2)
+    menu = d.engine.window_info("//$FOCUSED").window.rect()
+    assert 0 <= menu.min.x < menu.max.x <= 800
+    d.keys(KEY.escape)
     d.keys(KEY.escape)
 
 
