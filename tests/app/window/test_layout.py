@@ -629,6 +629,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
     def walk(d: Driver) -> None:
         _sizes_of_a_film(d)
         _find_menu(d)
+        _numbers_of_an_object(d)
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
@@ -659,6 +660,35 @@ def _find_menu(d: Driver) -> None:
     assert 0 <= menu.min.x < menu.max.x <= 800
     d.keys(KEY.escape)
     d.keys(KEY.escape)
+
+
+def _numbers_of_an_object(d: Driver) -> None:
+    """Three in a line read "0.0" each."""
+    d.select(2)
+    d.focus("Inspector")
+    d.frames(2)
+    whole = imgui.calc_text_size("-0.000").x + 2 * imgui.get_style().frame_padding.x
+    for name in ("Position X", "Position Z", "Rotation Y", "Scale Z"):
+        field = d.engine.item_info(f"//Inspector/Properties/##{name}").rect_full
+        assert field.get_width() >= whole, name
+    with _texts() as shown:
+        d.frames(2)
+    assert any(re.fullmatch("#[0-9A-F]{6}", text) for text in shown)
+    cut: list[str] = []
+
+    def header(draw: Callable[[str], bool], label: str) -> bool:
+        is_open = draw(label)
+        left = imgui.get_item_rect_min().x + imgui.get_font_size()
+        left += 3 * imgui.get_style().frame_padding.x  # as the toolkit sets it
+        edge = imgui.get_item_rect_max().x
+        if left + imgui.calc_text_size(label.partition("###")[0]).x > edge:
+            cut.append(label)
+        return is_open
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(imgui, "collapsing_header", partial(header, imgui.collapsing_header))
+        d.frames(2)
+    assert not cut
 
 
 def _edge(d: Driver, folder: Path) -> float:
