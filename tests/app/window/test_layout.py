@@ -630,6 +630,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _sizes_of_a_film(d)
         _find_menu(d)
         _numbers_of_an_object(d)
+        _names_in_the_memory_bank(d)
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
@@ -689,6 +690,17 @@ def _numbers_of_an_object(d: Driver) -> None:
         patch.setattr(imgui, "collapsing_header", partial(header, imgui.collapsing_header))
         d.frames(2)
     assert not cut
+
+
+def _names_in_the_memory_bank(d: Driver) -> None:
+    """Every photo was called "view_…"."""
+    d.focus("Memory bank")
+    decisions = [replace(one, view=f"a_long_name_{one.view}") for one in d.session.decisions(2)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(d.session, "decisions", lambda _: decisions)
+        with _texts() as shown:
+            d.frames(2)
+    assert {Path(one.view).stem[-3:] for one in decisions[:2]} <= {text[-3:] for text in shown}
 
 
 def _edge(d: Driver, folder: Path) -> float:
