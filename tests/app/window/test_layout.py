@@ -631,6 +631,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _find_menu(d)
         _numbers_of_an_object(d)
         _names_in_the_memory_bank(d)
+        _stacked_notices(d)
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
@@ -701,6 +702,23 @@ def _names_in_the_memory_bank(d: Driver) -> None:
         with _texts() as shown:
             d.frames(2)
     assert {Path(one.view).stem[-3:] for one in decisions[:2]} <= {text[-3:] for text in shown}
+
+
+def _stacked_notices(d: Driver) -> None:
+    """The lower one lay over the status bar, its button outside of the window."""
+    long = "Exported 9,017 splats to /home/someone/exports/white flat object, large.ply."
+    d.session.notify(Level.INFO, long, shows=Path("/home"))
+    d.session.notify(Level.INFO, "Saved to /home/someone/scenes/a room with a table/gaga.")
+    d.frames(6)
+    bottom = d.corner[1] + d.size[1]
+    cards = [d.engine.get_window_by_ref(f"//Notice {slot}") for slot in range(2)]
+    seen = [card for card in cards if card is not None and card.active]
+    assert seen
+    assert all(card.pos.y + card.size.y <= bottom for card in seen)
+    d.session.notices = d.session.notices[:-1]
+    d.frames(6)
+    assert d.exists("//Notice 0/**/###Show in folder"), "it waited for its turn"
+    d.session.notices = ()
 
 
 def _edge(d: Driver, folder: Path) -> float:
