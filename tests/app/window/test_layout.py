@@ -24,7 +24,7 @@ from gaga_studio.features.find import memory_bank
 from gaga_studio.features.reconstruction import KnownRates
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName, TrainingPreview
 from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.dialogs.files import FileDialog, PathKind
 from gaga_studio.ui.kit import theme
@@ -632,6 +632,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _numbers_of_an_object(d)
         _names_in_the_memory_bank(d)
         _stacked_notices(d)
+        _training(d)
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
@@ -719,6 +720,18 @@ def _stacked_notices(d: Driver) -> None:
     d.frames(6)
     assert d.exists("//Notice 0/**/###Show in folder"), "it waited for its turn"
     d.session.notices = ()
+
+
+def _training(d: Driver) -> None:
+    """Options of a tool that was taken before lay under the card of a training."""
+    d.session.tool = ToolName.LASSO
+    d.frames(4)
+    assert d.exists("//Viewport/**/###Visible surface")
+    d.session.training = TrainingPreview("photos", 100, scene=d.scene)
+    d.frames(4)
+    assert not d.exists("//Viewport/**/###Visible surface")
+    d.session.training = None
+    d.session.tool = ToolName.PICK
 
 
 def _edge(d: Driver, folder: Path) -> float:
