@@ -618,6 +618,11 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         d.settle()
         for button in ("Make splats", "Settings…", "Open another…"):
             is_whole(d, f"Viewport/{button}")
+        d.click("Viewport/Settings…")
+        d.frames(4)
+        assert d.engine.get_window_by_ref("//Make splats").scroll_max.y == 0, "the buttons stay"
+        is_whole(d, "Make splats/Start")
+        d.keys(KEY.escape)
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
@@ -628,6 +633,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
 ) -> None:
     def walk(d: Driver) -> None:
         _sizes_of_a_film(d)
+        _buttons_of_sheets(d)
         _find_menu(d)
         _numbers_of_an_object(d)
         _names_in_the_memory_bank(d)
@@ -652,6 +658,17 @@ def _sizes_of_a_film(d: Driver) -> None:
     d.click(f"{ref}/1080 × 1920")
     assert d.studio.ui.film.height == 1920
     d.keys(KEY.escape)
+
+
+def _buttons_of_sheets(d: Driver) -> None:
+    """They scrolled away with the fields."""
+    for command, name in (("file.dataset", "Labelled data"), ("file.export_masks", "Export masks")):
+        d.on_main(partial(commands.run, command, d.session))
+        d.frames(4)
+        sheet = d.engine.get_window_by_ref(f"//{name}")
+        assert sheet.active, name
+        assert sheet.scroll_max.y == 0, name
+        d.keys(KEY.escape)
 
 
 def _find_menu(d: Driver) -> None:
