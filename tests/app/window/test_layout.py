@@ -606,6 +606,7 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         d.frames(4)
         sheet = d.engine.get_window_by_ref("//Export")
         assert sheet.scroll_max.y == 0, "the choices scroll, the buttons stay"
+        d.until(lambda: imgui.get_current_context().dim_bg_ratio >= 1, "it has faded in")
         assert _edge(d, tmp_path) < 0.3 * contrast, "the window behind is dimmed"
         for form in ("PLY", "Web page", "USD"):
             d.click(f"Export/**/###{form}")
