@@ -1092,7 +1092,7 @@ def _numbers_of_sliders_are_free(d: Driver) -> None:
         patch.setattr(imgui, "text_unformatted", watched)
         d.frames(4)
     share = round(100 * d.studio.ui.dataset.config.moved)
-    slider = d.engine.item_info("//$FOCUSED/##Objects elsewhere").rect_full
+    slider = d.engine.item_info("//Labelled data/**/##Objects elsewhere").rect_full
     assert drawn[f"{share} %"] >= slider.max.x
     d.keys(KEY.escape)
 
