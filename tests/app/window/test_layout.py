@@ -2,7 +2,8 @@
 
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,7 +24,7 @@ from gaga_studio.features.find import memory_bank
 from gaga_studio.features.reconstruction import KnownRates
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view import Mode, ToolName
+from gaga_studio.session.view import Mode, ToolName, TrainingPreview
 from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.dialogs.files import FileDialog, PathKind
 from gaga_studio.ui.kit import theme
@@ -605,6 +606,7 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         d.frames(4)
         sheet = d.engine.get_window_by_ref("//Export")
         assert sheet.scroll_max.y == 0, "the choices scroll, the buttons stay"
+        d.until(lambda: imgui.get_current_context().dim_bg_ratio >= 1, "it has faded in")
         assert _edge(d, tmp_path) < 0.3 * contrast, "the window behind is dimmed"
         for form in ("PLY", "Web page", "USD"):
             d.click(f"Export/**/###{form}")
@@ -617,9 +619,137 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         d.settle()
         for button in ("Make splats", "Settings…", "Open another…"):
             is_whole(d, f"Viewport/{button}")
+        d.click("Viewport/Settings…")
+        d.frames(4)
+        assert d.engine.get_window_by_ref("//Make splats").scroll_max.y == 0, "the buttons stay"
+        is_whole(d, "Make splats/Start")
+        d.keys(KEY.escape)
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
+
+
+def test_a_low_window_with_large_text_shows_what_it_offers(
+    display: str, grouped_copy: Path
+) -> None:
+    def walk(d: Driver) -> None:
+        _sizes_of_a_film(d)
+        _buttons_of_sheets(d)
+        _find_menu(d)
+        _numbers_of_an_object(d)
+        _names_in_the_memory_bank(d)
+        _stacked_notices(d)
+        _training(d)
+
+    settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
+    drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
+
+
+def _sizes_of_a_film(d: Driver) -> None:
+    """The fourth was cut, the fifth out of reach."""
+    for _ in range(2):
+        d.on_main(partial(camera.add_keyframe, d.session))
+    d.on_main(partial(commands.run, "camera.film", d.session))
+    d.frames(4)
+    sheet = d.engine.window_info("//Save film/Choices").window
+    ref = sheet.name.replace("/", "\\/")
+    for size in ("1280 × 720", "3840 × 2160", "1080 × 1080", "1080 × 1920"):
+        button = d.engine.item_info(f"//{ref}/{size}").rect_full
+        assert button.max.x <= sheet.inner_clip_rect.max.x, size
+    d.click(f"{ref}/1080 × 1920")
+    assert d.studio.ui.film.height == 1920
+    d.keys(KEY.escape)
+
+
+def _buttons_of_sheets(d: Driver) -> None:
+    """They scrolled away with the fields."""
+    for command, name in (("file.dataset", "Labelled data"), ("file.export_masks", "Export masks")):
+        d.on_main(partial(commands.run, command, d.session))
+        d.frames(4)
+        sheet = d.engine.get_window_by_ref(f"//{name}")
+        assert sheet.active, name
+        assert sheet.scroll_max.y == 0, name
+        d.keys(KEY.escape)
+
+
+def _find_menu(d: Driver) -> None:
+    """A long title made it wider than the window: keys and scroll bar were outside."""
+    d.engine.set_ref("//##MainMenuBar")
+    d.engine.menu_action(imgui.test_engine.TestAction.hover, "Find/###Make masks…")
+    d.frames(2)
+    menu = d.engine.window_info("//$FOCUSED").window.rect()
+    assert 0 <= menu.min.x < menu.max.x <= 800
+    d.keys(KEY.escape)
+    d.keys(KEY.escape)
+
+
+def _numbers_of_an_object(d: Driver) -> None:
+    """Three in a line read "0.0" each."""
+    d.select(2)
+    d.focus("Inspector")
+    d.frames(2)
+    whole = imgui.calc_text_size("-0.000").x + 2 * imgui.get_style().frame_padding.x
+    for name in ("Position X", "Position Z", "Rotation Y", "Scale Z"):
+        field = d.engine.item_info(f"//Inspector/Properties/##{name}").rect_full
+        assert field.get_width() >= whole, name
+    with _texts() as shown:
+        d.frames(2)
+    assert any(re.fullmatch("#[0-9A-F]{6}", text) for text in shown)
+    cut: list[str] = []
+
+    def header(draw: Callable[[str], bool], label: str) -> bool:
+        is_open = draw(label)
+        left = imgui.get_item_rect_min().x + imgui.get_font_size()
+        left += 3 * imgui.get_style().frame_padding.x  # as the toolkit sets it
+        edge = imgui.get_item_rect_max().x
+        if left + imgui.calc_text_size(label.partition("###")[0]).x > edge:
+            cut.append(label)
+        return is_open
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(imgui, "collapsing_header", partial(header, imgui.collapsing_header))
+        d.frames(2)
+    assert not cut
+
+
+def _names_in_the_memory_bank(d: Driver) -> None:
+    """Every photo was called "view_…"."""
+    d.focus("Memory bank")
+    decisions = [replace(one, view=f"a_long_name_{one.view}") for one in d.session.decisions(2)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(d.session, "decisions", lambda _: decisions)
+        with _texts() as shown:
+            d.frames(2)
+    assert {Path(one.view).stem[-3:] for one in decisions[:2]} <= {text[-3:] for text in shown}
+
+
+def _stacked_notices(d: Driver) -> None:
+    """The lower one lay over the status bar, its button outside of the window."""
+    long = "Exported 9,017 splats to /home/someone/exports/white flat object, large.ply."
+    d.session.notify(Level.INFO, long, shows=Path("/home"))
+    d.session.notify(Level.INFO, "Saved to /home/someone/scenes/a room with a table/gaga.")
+    d.frames(6)
+    bottom = d.corner[1] + d.size[1]
+    cards = [d.engine.get_window_by_ref(f"//Notice {slot}") for slot in range(2)]
+    seen = [card for card in cards if card is not None and card.active]
+    assert seen
+    assert all(card.pos.y + card.size.y <= bottom for card in seen)
+    d.session.notices = d.session.notices[:-1]
+    d.frames(6)
+    assert d.exists("//Notice 0/**/###Show in folder"), "it waited for its turn"
+    d.session.notices = ()
+
+
+def _training(d: Driver) -> None:
+    """Options of a tool that was taken before lay under the card of a training."""
+    d.session.tool = ToolName.LASSO
+    d.frames(4)
+    assert d.exists("//Viewport/**/###Visible surface")
+    d.session.training = TrainingPreview("photos", 100, scene=d.scene)
+    d.frames(4)
+    assert not d.exists("//Viewport/**/###Visible surface")
+    d.session.training = None
+    d.session.tool = ToolName.PICK
 
 
 def _edge(d: Driver, folder: Path) -> float:
@@ -652,14 +782,21 @@ def test_a_submenu_does_not_cover_its_menu(display: str, grouped_copy: Path) -> 
 
 def _said(d: Driver, command: str, words: str) -> bool:
     """Whether the sheet of a command says ``words``."""
+    with _texts() as shown:
+        d.on_main(partial(commands.run, command, d.session))
+        d.frames(4)
+    return any(words in text for text in shown)
+
+
+@contextmanager
+def _texts() -> Iterator[list[str]]:
+    """All that is drawn as text meanwhile."""
     shown: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
         for name in ("text_unformatted", "text_wrapped"):
             draw = getattr(imgui, name)
             patch.setattr(imgui, name, partial(_noting, shown, draw))
-        d.on_main(partial(commands.run, command, d.session))
-        d.frames(4)
-    return any(words in text for text in shown)
+        yield shown
 
 
 def _noting(shown: list[str], draw: Callable[[str], None], text: str) -> None:
@@ -955,7 +1092,7 @@ def _numbers_of_sliders_are_free(d: Driver) -> None:
         patch.setattr(imgui, "text_unformatted", watched)
         d.frames(4)
     share = round(100 * d.studio.ui.dataset.config.moved)
-    slider = d.engine.item_info("//$FOCUSED/##Objects elsewhere").rect_full
+    slider = d.engine.item_info("//Labelled data/**/##Objects elsewhere").rect_full
     assert drawn[f"{share} %"] >= slider.max.x
     d.keys(KEY.escape)
 

@@ -238,7 +238,7 @@ def test_poses_next_to_photos_are_named_and_their_use_is_chosen(
         d.frames(4)
         assert d.studio.ui.plan.plan is not None
         assert d.studio.ui.plan.plan.config.foreground == str(tmp_path), "back in the sheet"
-        d.click("Make splats/###Choose masks")
+        d.click("Make splats/**/###Choose masks")
         assert d.studio.ui.files.dialog is not None
         d.keys(KEY.escape)
         assert d.exists("**/###Use as they are"), "also where no folder was chosen"

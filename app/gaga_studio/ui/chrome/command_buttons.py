@@ -7,8 +7,10 @@ from imgui_bundle import ImVec2, imgui
 from gaga_studio.features import camera, commands
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, widgets
+from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
+_AROUND_TITLE = 11.0  # em of a menu for icon, longest shortcut, check mark, scroll bar and edges
 ICONS = {
     "file.open_folder": icons.FOLDER,
     "file.open_file": icons.FILE,
@@ -212,12 +214,14 @@ def command_item(session: Session, command_id: str) -> None:
     command = commands.command(command_id)
     why_not = command.enabled(session)
     icon = ICONS.get(command_id, icons.BLANK)
-    label = f"{icon}  {command.title_now(session)}###{command.title}"
+    title = command.title_now(session)
+    shown = widgets.elided(title, imgui.get_main_viewport().size.x - em(_AROUND_TITLE))
+    label = f"{icon}  {shown}###{command.title}"
     is_on = command.is_on is not None and command.is_on(session)
     keys = commands.shortcut_of(command, session)
     if imgui.menu_item(label, keys, is_on, not why_not)[0]:
         commands.run(command_id, session)
-    widgets.tooltip(why_not)
+    widgets.tooltip(why_not or ("" if shown == title else title))
 
 
 def object_menu(session: Session) -> None:

@@ -18,7 +18,7 @@ from gaga_studio.ui.kit.widgets import Face
 
 _SECONDS = {Level.HINT: 4.0, Level.INFO: 4.0, Level.WARNING: 8.0, Level.ERROR: float("inf")}
 _OFFER_SECONDS = 30.0  # with a button: it must be read and found
-_MOST = 4  # on screen at once; older ones wait below
+_MOST = 4  # on screen at once, where there is room; older ones wait
 _SIGNS = {
     Level.HINT: (icons.INFO, theme.DIM),
     Level.INFO: (icons.SUCCESS, theme.GOOD),
@@ -33,6 +33,7 @@ class ToastState:
 
     closed: set[int] = field(default_factory=set)  # ids of notices
     are_passing: bool = False  # keep drawing
+    sizes: dict[int, ImVec2] = field(default_factory=dict)  # of cards as drawn last, by id
 
 
 def draw(session: Session, state: ToastState, area: PictureArea) -> None:
@@ -46,13 +47,20 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
         for notice in session.notices
         if id(notice) not in state.closed and now - notice.time < _seconds(notice)
     ]
-    state.closed &= {id(notice) for notice in session.notices}
+    known = {id(notice) for notice in session.notices}
+    state.closed &= known
+    state.sizes = {notice: size for notice, size in state.sizes.items() if notice in known}
     state.are_passing = any(_seconds(notice) < float("inf") for notice in fresh)
     right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
     at = ImVec2(right, max(area.top, area.chip_bottom, area.card_bottom) + em(0.7))
     width = max(min(em(24), at.x - area.left - em(0.7)), em(12))
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
-        at.y = _card(session, state, notice, slot, (at, width)) + em(0.4)
+        size = state.sizes.get(id(notice), ImVec2(0, 0))  # until it has been drawn
+        if slot and size.x == width and at.y + size.y > area.bottom:
+            break  # its buttons would be out of reach
+        bottom = _card(session, state, notice, slot, (at, width))
+        state.sizes[id(notice)] = ImVec2(width, bottom - at.y)
+        at.y = bottom + em(0.4)
 
 
 def _seconds(notice: Notice) -> float:

@@ -63,9 +63,10 @@ def draw_options(session: Session) -> None:
 def draw_card(session: Session, area: PictureArea, top: float) -> float:
     """The options over the upper left of the picture, from ``top``, pixels; what is free below.
 
-    Nothing where the bar shows them, nor over a preview, which is to be looked at.
+    Nothing where the bar shows them, nor over a preview or a training, which are to be looked at.
     """
-    if any(feature.shown(session) is not None for feature in (cleanup, fill, add_scene)):
+    previews = (cleanup, fill, add_scene)
+    if session.training is not None or any(one.shown(session) is not None for one in previews):
         return top
     if not area.has_options or session.tool not in _WITH_CARD:
         return top

@@ -12,7 +12,7 @@ from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs.files import FilePicker, new_folder, stem
 from gaga_studio.ui.kit import widgets
-from gaga_studio.ui.kit.modal import answer, begin_modal
+from gaga_studio.ui.kit.modal import answer, begin_modal, body
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -38,37 +38,38 @@ def draw(session: Session, plan: DatasetPlan, files: FilePicker) -> None:
     """The sheet, while it is open; ``files`` asks where the data set goes."""
     if not begin_modal(SHEET, em(32), is_possible=session.document is not None):
         return
-    widgets.dim(
-        "Pictures from where photos were taken and between, with masks, boxes, poses and depth "
-        "of every object. Names are classes.",
-        wrap=True,
-    )
-    for name in _NUMBERS:
-        _number(plan, name)
-    for name, hint in _SHARES.items():
-        widgets.field_name(setting_of(DatasetConfig, name).label, em(_NAMES))
-        value = getattr(plan.config, name)
-        low, high = setting_of(DatasetConfig, name).range
-        share, most = round(100 * value), round(100 * high)
-        label = f"##{setting_of(DatasetConfig, name).label}"
-        changed, share = widgets.slider(label, share, round(100 * low), most, "%d %%")
-        widgets.tooltip(hint)
-        if changed:
-            plan.put(name, share / 100)
-    hint = "Seconds for each object that is moved or removed, once"
-    title = setting_of(DatasetConfig, "fill").title
-    plan.put("fill", widgets.tick(title, plan.config.fill, hint, em(_NAMES)))
-    imgui.align_text_to_frame_padding()
-    widgets.dim("Formats")
-    imgui.same_line(imgui.get_style().window_padding.x + em(_NAMES))
-    for form, title, hint in _FORMS:
-        if widgets.toggle(title, form in plan.forms, hint=hint):
-            plan.switch(form)
-        imgui.same_line()
-    imgui.new_line()
-    widgets.dim(plan.says(), wrap=True)
-    took = association.duration_text(dataset.seconds_of(session, plan))
-    widgets.dim(f"All of them take {took} here.", wrap=True)
+    with body("Settings"):
+        widgets.dim(
+            "Pictures from where photos were taken and between, with masks, boxes, poses and depth "
+            "of every object. Names are classes.",
+            wrap=True,
+        )
+        for name in _NUMBERS:
+            _number(plan, name)
+        for name, hint in _SHARES.items():
+            widgets.field_name(setting_of(DatasetConfig, name).label, em(_NAMES))
+            value = getattr(plan.config, name)
+            low, high = setting_of(DatasetConfig, name).range
+            share, most = round(100 * value), round(100 * high)
+            label = f"##{setting_of(DatasetConfig, name).label}"
+            changed, share = widgets.slider(label, share, round(100 * low), most, "%d %%")
+            widgets.tooltip(hint)
+            if changed:
+                plan.put(name, share / 100)
+        hint = "Seconds for each object that is moved or removed, once"
+        title = setting_of(DatasetConfig, "fill").title
+        plan.put("fill", widgets.tick(title, plan.config.fill, hint, em(_NAMES)))
+        imgui.align_text_to_frame_padding()
+        widgets.dim("Formats")
+        imgui.same_line(em(_NAMES))
+        for form, title, hint in _FORMS:
+            if widgets.toggle(title, form in plan.forms, hint=hint):
+                plan.switch(form)
+            imgui.same_line()
+        imgui.new_line()
+        widgets.dim(plan.says(), wrap=True)
+        took = association.duration_text(dataset.seconds_of(session, plan))
+        widgets.dim(f"All of them take {took} here.", wrap=True)
     imgui.dummy(ImVec2(0, em(0.3)))
     if answer("Choose a folder…", Face(width=em(10), primary=True), why_not=plan.why_not):
         title, name = "Make labelled data in a folder", f"{stem(session)} data"

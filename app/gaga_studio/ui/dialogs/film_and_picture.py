@@ -19,7 +19,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view import Side
 from gaga_studio.ui.dialogs.files import FilePicker, stem, writing
 from gaga_studio.ui.kit import icons, widgets
-from gaga_studio.ui.kit.modal import answer, begin_modal, body_height
+from gaga_studio.ui.kit.modal import answer, begin_modal, body
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -111,25 +111,24 @@ def draw(session: Session, choices: FilmChoices, files: FilePicker) -> None:
 
 
 def _film(session: Session, choices: FilmChoices) -> bool:
-    imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, body_height(1e6)))
-    imgui.begin_child("Choices", ImVec2(0, 0), imgui.ChildFlags_.auto_resize_y)
-    _along(session, choices)
-    whats = [(what, icon, label, f"Film in {label.lower()}") for what, icon, label in _WHATS]
-    choices.what = widgets.segmented("What", whats, choices.what, why_not={}, wraps=True)
-    if choices.through_photos:
-        _photos(session, choices)
-    else:
-        _left(session, choices)
-    _size(choices)
-    widgets.field_name("Pictures a second", em(_NAMES))
-    _, choices.fps = widgets.slider("##Pictures a second", choices.fps, 5.0, 60.0, "%.0f")
-    widgets.field_name("Quality", em(_NAMES))
-    _, choices.quality = widgets.slider("##Quality", choices.quality, 1, 100, "%d")
-    seconds, n = _length(session, choices)
-    widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; .mp4 (H.264) or .webm (VP9)")
-    took = export.film_seconds(session, n, choices.width * choices.height)
-    widgets.dim(f"Writing takes {association.duration_text(took)} here")
-    imgui.end_child()
+    with body("Choices"):
+        _along(session, choices)
+        whats = [(what, icon, label, f"Film in {label.lower()}") for what, icon, label in _WHATS]
+        choices.what = widgets.segmented("What", whats, choices.what, why_not={}, wraps=True)
+        if choices.through_photos:
+            _photos(session, choices)
+        else:
+            _left(session, choices)
+        _size(choices)
+        widgets.field_name("Pictures a second", em(_NAMES))
+        _, choices.fps = widgets.slider("##Pictures a second", choices.fps, 5.0, 60.0, "%.0f")
+        widgets.field_name("Quality", em(_NAMES))
+        _, choices.quality = widgets.slider("##Quality", choices.quality, 1, 100, "%d")
+        seconds, n = _length(session, choices)
+        kinds = ".mp4 (H.264) or .webm (VP9)"
+        widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; {kinds}", wrap=True)
+        took = export.film_seconds(session, n, choices.width * choices.height)
+        widgets.dim(f"Writing takes {association.duration_text(took)} here")
     return _ends(FILM)
 
 
@@ -208,10 +207,11 @@ def _size(choices: FilmChoices) -> None:
     if changed:
         choices.width, choices.height = (max(16, min(value, 16384)) for value in values)
     for position, (width, height) in enumerate(_SIZES):
+        name = f"{width} × {height}"
         if position:
-            imgui.same_line()
+            widgets.next_to(name)
         is_on = (choices.width, choices.height) == (width, height)
-        if widgets.toggle(f"{width} × {height}", is_on, hint="Take this size"):
+        if widgets.toggle(name, is_on, hint="Take this size"):
             choices.width, choices.height = width, height
 
 

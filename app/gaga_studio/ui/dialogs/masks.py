@@ -36,7 +36,7 @@ from gaga_studio.ui.dialogs.files import (
     stem,
 )
 from gaga_studio.ui.kit import icons, textures, theme, widgets
-from gaga_studio.ui.kit.modal import begin_modal, body_height
+from gaga_studio.ui.kit.modal import begin_modal, body, body_height
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -356,14 +356,15 @@ def _duration(session: Session, dialog: MaskDialog, n: int) -> str:
 
 def _export(dialog: MaskDialog) -> bool:
     """The form of the export; whether to go on to the folder."""
-    widgets.dim("The objects as every view shows them, edits included.", wrap=True)
-    imgui.dummy(ImVec2(0, em(0.2)))
-    for form, title, text in _FORMS:
-        if widgets.radio_button(title, dialog.form == form):
-            dialog.form = form
-        imgui.indent(em(1.7))
-        widgets.dim(text, wrap=True)
-        imgui.unindent(em(1.7))
+    with body("Forms"):
+        widgets.dim("The objects as every view shows them, edits included.", wrap=True)
+        imgui.dummy(ImVec2(0, em(0.2)))
+        for form, title, text in _FORMS:
+            if widgets.radio_button(title, dialog.form == form):
+                dialog.form = form
+            imgui.indent(em(1.7))
+            widgets.dim(text, wrap=True)
+            imgui.unindent(em(1.7))
     imgui.dummy(ImVec2(0, em(0.3)))
     face = Face("Choose a folder…", icons.FOLDER, primary=True)
     goes = widgets.button("Choose a folder", face)

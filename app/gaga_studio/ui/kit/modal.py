@@ -1,5 +1,8 @@
 """A sheet in the middle of the window: its frame, its height and its last row."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.ui.kit import theme, widgets
@@ -52,6 +55,17 @@ def body_height(wanted: float) -> float:
     style = imgui.get_style()
     row = em(0.3) + imgui.get_frame_height() + 2 * style.item_spacing.y
     return max(min(wanted, highest() - imgui.get_cursor_pos_y() - row - em(0.9) - em(0.1)), em(4))
+
+
+@contextmanager
+def body(name: str) -> Iterator[None]:
+    """The part of a sheet that scrolls where it is too high; the row of buttons below it stays."""
+    imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, body_height(1e6)))
+    imgui.begin_child(name, ImVec2(0, 0), imgui.ChildFlags_.auto_resize_y)
+    try:
+        yield
+    finally:
+        imgui.end_child()
 
 
 def close_row() -> None:

@@ -258,8 +258,11 @@ def section(label: str, was_open: bool | None = None) -> bool:
     imgui.push_style_var(imgui.StyleVar_.frame_border_size, 0.0)
     if was_open is not None:
         imgui.set_next_item_open(was_open)
+    shown, mark, name = label.partition("###")
     with theme.face(strong=True, scale=0.93), theme.text_color(theme.DIM):
-        opened = imgui.collapsing_header(label)
+        arrow = imgui.get_font_size() + 3 * pad.x
+        shown = elided(shown, imgui.get_content_region_avail().x - arrow) if mark else shown
+        opened = imgui.collapsing_header(f"{shown}{mark}{name}")
     low = imgui.get_item_rect_min().y - imgui.get_window_pos().y
     if imgui.is_item_toggled_open() and low > _LOW * imgui.get_window_height():
         imgui.set_scroll_here_y(0.0)  # what was asked for is seen

@@ -158,11 +158,18 @@ def row(name: str, hint: str) -> None:
     widgets.tooltip(hint)
 
 
+def _next_field() -> None:
+    """Go to the next column of fields, in a narrow table to the next line."""
+    if imgui.table_get_column_index() == imgui.table_get_column_count() - 1:
+        imgui.table_next_column()  # below the name
+    imgui.table_next_column()
+
+
 def number(
     name: str, value: float, speed: float, form: str, limits: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[bool, float]:
     """A number in the next column: dragged or typed."""
-    imgui.table_next_column()
+    _next_field()
     imgui.set_next_item_width(-1)
     flags = imgui.SliderFlags_.always_clamp if limits[1] > 0 else imgui.SliderFlags_.none
     result = imgui.drag_float(f"##{name}", value, speed, *limits, form, flags)
@@ -519,7 +526,7 @@ def _color(session: Session, document: Document, state: InspectorState) -> None:
         imgui.set_scroll_here_y()
         imgui.open_popup("Color picker")
     widgets.tooltip("Recolor: shading and reflections stay")
-    imgui.table_next_column()
+    _next_field()
     imgui.align_text_to_frame_padding()
     red, green, blue = (round(255 * min(max(c, 0.0), 1.0)) for c in color)
     widgets.dim(f"#{red:02X}{green:02X}{blue:02X}")
@@ -566,14 +573,23 @@ def _weight(session: Session, group: int, state: InspectorState) -> None:
                 objects.set_weight(session, group, Weight(kind, typed) if typed > 0 else None)
 
 
+_NAME = 4.0  # width of the names of properties, ems
+_WIDEST = "-0.000"  # a number that has to be read in the narrowest field
+
+
 def _properties(session: Session, document: Document, state: InspectorState) -> None:
     """Color, position, rotation, scale and size."""
     imgui.dummy(ImVec2(0, theme.scaled(2)))
     box = document.selected_box()
-    if box is None or not imgui.begin_table("Properties", 4, imgui.TableFlags_.no_saved_settings):
+    style = imgui.get_style()
+    field = imgui.calc_text_size(_WIDEST).x + 2 * (style.frame_padding.x + style.cell_padding.x)
+    is_narrow = imgui.get_content_region_avail().x - em(_NAME) < 3 * field
+    letters = "x" if is_narrow else "xyz"  # narrow: a line for each number
+    flags = imgui.TableFlags_.no_saved_settings
+    if box is None or not imgui.begin_table("Properties", 1 + len(letters), flags):
         return
-    imgui.table_setup_column("what", imgui.TableColumnFlags_.width_fixed, em(4.0))
-    for letter in "xyz":
+    imgui.table_setup_column("what", imgui.TableColumnFlags_.width_fixed, em(_NAME))
+    for letter in letters:
         imgui.table_setup_column(letter, imgui.TableColumnFlags_.width_stretch)
     _color(session, document, state)
     draw_rows(session, document, state.placement)

@@ -4,6 +4,7 @@ While the association runs it shows the current view and the groups that its mas
 """
 
 from collections.abc import Sequence
+from pathlib import PurePath
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
@@ -215,7 +216,10 @@ def _row(
         mask_evidence.popup(session, document, state.menu, decision)
     imgui.same_line(0, 0)
     if by_view:
-        widgets.line(decision.view)
+        # Names of photos differ at their end.
+        room, name = imgui.get_content_region_avail().x, PurePath(decision.view).stem
+        fits = imgui.calc_text_size(decision.view).x <= room
+        widgets.line(decision.view if fits else widgets.elided(name[::-1], room)[::-1])
     else:
         widgets.line(document.name_of(decision.group) if decision.group else "none")
     imgui.table_set_column_index(1)

@@ -176,7 +176,9 @@ def _background_row(session: Session, n: int, high: float) -> None:
     )
     icon = icons.FOLDED if folds else icons.UNFOLDED
     text = f"{icon}  Background and supports ({n:,})"
-    row_kinds.last_row().text(em(0.1), (high - em(1)) / 2, theme.u32(theme.DIM), text)
+    row = row_kinds.last_row()
+    text = widgets.elided(text, row.high.x - row.low.x - em(0.2))
+    row.text(em(0.1), (high - em(1)) / 2, theme.u32(theme.DIM), text)
 
 
 def _highlight(session: Session, state: ObjectListState) -> None:

@@ -19,7 +19,7 @@ from gaga_studio.session.view import TrainingPreview, smoothed
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.chrome.status import duration
 from gaga_studio.ui.kit import icons, textures, theme, widgets
-from gaga_studio.ui.kit.modal import answer, begin_modal
+from gaga_studio.ui.kit.modal import answer, begin_modal, body
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -358,19 +358,23 @@ def sheet(session: Session, held: PlanSheet) -> None:
     masks = reconstruction.take_chosen_masks(session)
     if masks:
         held.plan = reconstruction.plan_with(held.plan, "foreground", masks)
-    with theme.face(strong=True, scale=1.2):
-        imgui.text_unformatted(theme.plain(reconstruction.title(session)))
-    widgets.dim(reconstruction.found_text(found), wrap=True)
-    _photo_row(session, found)
-    imgui.dummy(ImVec2(0, em(0.2)))
-    try:
-        plan = _fields(session, held, held.plan, found)
-    except GagaError as error:
-        session.notify(Level.WARNING, str(error))
-        plan = held.plan
-    held.plan = plan
-    imgui.dummy(ImVec2(0, em(0.3)))
-    _sheet_end(session, found, plan)
+    with body("Plan"):
+        with theme.face(strong=True, scale=1.2):
+            imgui.text_unformatted(theme.plain(reconstruction.title(session)))
+        widgets.dim(reconstruction.found_text(found), wrap=True)
+        _photo_row(session, found)
+        imgui.dummy(ImVec2(0, em(0.2)))
+        try:
+            plan = _fields(session, held, held.plan, found)
+        except GagaError as error:
+            session.notify(Level.WARNING, str(error))
+            plan = held.plan
+        held.plan = plan
+        imgui.dummy(ImVec2(0, em(0.3)))
+        _estimate(session, found, plan)
+    face = Face("Start", icons.RUN, width=em(8), primary=True)
+    if answer("Start", face, why_not=reconstruction.why_not(session)):
+        reconstruction.make(session, plan)
     imgui.end_popup()
 
 
@@ -421,8 +425,8 @@ def _fields(
     return plan
 
 
-def _sheet_end(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -> None:
-    """The estimate and the buttons."""
+def _estimate(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -> None:
+    """How long it takes."""
     is_other = found.going_on is not None and plan.config != found.going_on
     if is_other:
         widgets.dim("With other settings the training starts again.", wrap=True)
@@ -430,7 +434,4 @@ def _sheet_end(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -
     about = association.StageOffer(
         "", "", seconds=reconstruction.seconds_of(session, found, plan)
     ).duration
-    widgets.dim(f"It takes {about} on the processor here.")
-    face = Face("Start", icons.RUN, width=em(8), primary=True)
-    if answer("Start", face, why_not=reconstruction.why_not(session)):
-        reconstruction.make(session, plan)
+    widgets.dim(f"It takes {about} on the processor here.", wrap=True)

@@ -547,7 +547,7 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
         top = _badge(
             align_ground.ground_prompt(session), corner, align_ground.GROUND_HELP, size.x - em(8)
         )
-    elif session.view.mode is not Mode.COLOR and not bar:  # which names both sides
+    elif session.view.mode is not Mode.COLOR and not bar and session.training is None:
         badge = mode_badge(session)
         top = _badge(badge, corner) if badge else top
     area.head_bottom = toolbar.draw_card(session, area, top)
