@@ -135,6 +135,7 @@ def test_cancelling_the_look_forgets_the_clicks(session: Session) -> None:
     assert session.document is not None
     assert session.document.feature(ClickState).waiting == []
     assert not session.document.feature(ClickState).is_preparing
+    assert session.notices[-1].text == "The click that waited is dropped. Click again."
 
 
 def test_what_cannot_be_clicked_is_told(looked: Session) -> None:

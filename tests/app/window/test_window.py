@@ -94,7 +94,14 @@ def test_nothing_open_offers_four_ways(display: str, balls: Path, tmp_path: Path
         d.click("Viewport/###Recent 0")
         d.settle()
         assert d.session.title == "balls"
+        d.keys(KEY.mod_ctrl, KEY.o)
+        d.answer_path(photos / "no_splats.txt")
+        assert d.session.title == "balls", "no folder and nothing that opens"
+        d.answer_path(balls / "point_cloud.ply")  # a file that opens is opened
+        d.settle()
+        assert d.session.title == "point_cloud.ply"
 
+    (photos / "no_splats.txt").touch()
     drive(test)
 
 

@@ -22,7 +22,7 @@ from gaga_studio.features.base import Command, no_scene, no_selection
 from gaga_studio.features.find.association import FindState
 from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Request, notifies
+from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName, ViewportPoint
 
@@ -289,7 +289,11 @@ def prepare(session: Session) -> bool:
             ask_model(session)
 
     def end() -> None:
+        n = len(state.waiting) if session.document is up_to_date else 0
         state.is_preparing, state.waiting = False, []
+        if n:  # another job took the place
+            waited = "The click that waited is" if n == 1 else f"The {n} clicks that waited are"
+            session.notify(Level.HINT, f"{waited} dropped. Click again.")
 
     started = session.jobs.start(TITLE, stage(), on_done=done, on_end=end, gives_way=True)
     state.is_preparing = started

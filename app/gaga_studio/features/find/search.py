@@ -333,7 +333,7 @@ def _called(table: ObjectTable, text: str) -> list[int]:
 
 
 _LONGEST = 800  # longest side, pixels, of the picture for a detector
-EXAMPLES = "“red”, “the largest”, “yellow left of the bowl”"
+EXAMPLES = "“red”, “the largest”, “yellow left of the green one”"
 
 
 # --- every frame

@@ -57,7 +57,7 @@ class FileDialog:
     kind: PathKind
     folder: Path
     name: str = ""  # proposed file name
-    suffixes: tuple[str, ...] = ()  # (".ply",); empty = any file
+    suffixes: tuple[str, ...] = ()  # (".ply",); empty = any file, for a folder none
     use_native: bool = False
     action: str = "Open"  # text of the button
     takes_folder: bool = False  # of a file: nothing named means the folder that holds such files
@@ -358,7 +358,7 @@ def _accept(dialog: FileDialog) -> None:
             _finish(dialog, path)
         else:
             _enter(dialog, path)
-    elif dialog.kind in _FOLDERS and not path.is_dir():
+    elif dialog.kind in _FOLDERS and path.is_file() and path.suffix.lower() not in dialog.suffixes:
         dialog.message = f"{path.name} is a file, not a folder."
     else:
         _finish(dialog, path)
@@ -430,15 +430,16 @@ class _Asked:
     back: str = ""  # sheet that comes back when nothing was chosen
 
 
+_OPENED = (*READ_SUFFIXES, ".json", *VIDEO_SUFFIXES, R3D)
 _ASKED = {
     Request.OPEN_FOLDER: _Asked(
-        "Open a scene folder", PathKind.OPEN_FOLDER, Session.open, needs_scene=False
+        "Open a scene folder", PathKind.OPEN_FOLDER, Session.open, _OPENED, needs_scene=False
     ),
     Request.OPEN_FILE: _Asked(
         "Open a splat file, a project or a video",
         PathKind.OPEN_FILE,
         Session.open,
-        (*READ_SUFFIXES, ".json", *VIDEO_SUFFIXES, R3D),
+        _OPENED,
         needs_scene=False,
     ),
     Request.OPEN_PHOTOS: _Asked(
