@@ -222,7 +222,7 @@ class Listing:
     folders: Folders
     kept: BoolArray | None  # (G,) by the filter; None: it is off
     behind: frozenset[int]  # groups that are background
-    folds_background: bool
+    folded: frozenset[int]  # of them, those without a line
     falls: bool  # sorted by name, the last first
     parts: Callable[[Part | int], Sequence[Part]] | None  # None: no levels
 
@@ -304,8 +304,9 @@ class _LineMaker:
         """Lines of the background and of what is in no group; how many are background."""
         if self._behind:
             self.lines.append(Line("background"))
-            for row in () if self._listing.folds_background else self._behind:
-                self._object(row, 0, "")
+            for row in self._behind:
+                if int(self._listing.table.ids[row]) not in self._listing.folded:
+                    self._object(row, 0, "")
         for row in self._rest:
             self._object(row, 0, "")
         return len(self._behind)
@@ -446,21 +447,23 @@ def lines(
 ) -> Lines:
     """Return the lines of ``table``, sorted; ``falls``: descending.
 
-    The group whose name is typed (``renamed``) is neither filtered out nor folded away.
+    The group whose name is typed (``renamed``) is neither filtered out nor folded away; what is
+    selected is not folded away.
     """
     document = session.need()
     view, found = document.feature(ObjectListView), document.feature(SearchState).described
     kept, quality = kept_rows(session, table), quality_column(session, table)
     behind = found.description.background if found is not None else frozenset()
-    if renamed is not None:
-        behind, kept = behind - {renamed}, None if kept is None else kept | (table.ids == renamed)
+    if renamed is not None and kept is not None:
+        kept = kept | (table.ids == renamed)  # a copy: it is shared
+    stays = {*table.ids[table.n_selected > 0].tolist(), renamed}
     listing = Listing(
         table=table,
         rows=document.read.listed(table, "", sort, falls, quality).tolist(),
         folders=document.scene.folders,
         kept=kept,
         behind=behind,
-        folds_background=session.settings.folds_background,
+        folded=behind - stays if session.settings.folds_background else frozenset(),
         falls=falls and sort == "name",
         parts=None if (index := part_index(session)) is None else index.parts,
     )
@@ -469,7 +472,7 @@ def lines(
         tuple(listing.rows),
         listing.folders,
         None if kept is None else kept.tobytes(),
-        (listing.behind, listing.folds_background, listing.falls),
+        (listing.behind, listing.folded, listing.falls),
         (view.closed, view.closed_groups, view.open_parts, index),
     )
     return document.read.once("lines", key, lambda: lines_of(listing, view))

@@ -303,7 +303,7 @@ def _listing(
 ) -> Listing:
     table = session.objects()
     rows, order = range(len(table)), scene_of(session).folders
-    return Listing(table, rows, order, kept, behind, True, False, None)
+    return Listing(table, rows, order, kept, behind, behind, False, None)
 
 
 def _groups(session: Session, bit: State) -> set[int]:

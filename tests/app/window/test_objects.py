@@ -198,8 +198,10 @@ def _background_folds(d: Driver) -> None:
     row = f"Objects/**/object {min(behind)}/##row"
     assert not d.exists(row)
     d.select(min(behind))
+    d.until(lambda: d.exists(row), "what is selected has its row")
     d.keys(KEY.f2)
-    d.until(lambda: d.exists(row), "a row whose name is typed is not folded away")
+    d.keys(KEY.escape)
+    assert d.exists(row)
     d.keys(KEY.escape)
     d.until(lambda: not d.exists(row), "it is folded again")
     d.click("Objects/**/##background")
