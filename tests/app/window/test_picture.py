@@ -17,6 +17,7 @@ from gaga_studio.features import camera, commands, export, selection
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.find.memory_bank import Timeline
+from gaga_studio.session.notices import Level
 from gaga_studio.session.view import CentreColors, Mode, PhotoCompareMode, Side, SplatLook
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
@@ -232,6 +233,10 @@ def _split(d: Driver, plain: np.ndarray) -> None:
     left = d.on_main(d.studio.left.read_pixels).astype(int)
     assert np.abs(left - plain).mean() < 2
     assert np.abs(d.pixels().astype(int) - plain).mean() > 0.5
+    d.on_main(lambda: d.session.notify(Level.WARNING, "A notice"))
+    d.frames(3)
+    close = d.engine.item_info("//**/###Close split view").rect_full
+    assert d.engine.get_window_by_ref("//Notice 0").pos.y >= close.max.y, "it covers no choice"
     d.click("**/###Close split view")
     assert d.studio.left is None
     d.on_main(lambda: run("edit.undo", d.session))

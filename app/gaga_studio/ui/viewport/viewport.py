@@ -552,7 +552,7 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
         top = _badge(badge, corner) if badge else top
     area.head_bottom = toolbar.draw_card(session, area, top)
     overlays.draw_card(session, state.measure, corner, size)
-    area.chip_bottom = _way_out_of_isolation(session, corner, size)
+    area.chip_bottom = max(_way_out_of_isolation(session, corner, size), corner.y)
     _draw_next_stage(session, state, area)
     area.live_bottom = training.draw_live(session, corner, size)
     mask_evidence.draw(session, state.evidence, area)
