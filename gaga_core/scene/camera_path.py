@@ -238,6 +238,7 @@ def turntable(
     return CameraPath(tuple(keys), is_closed=True)
 
 
+_ROUND = 0.5  # times its corners' distance: radius in a box from which the path is a circle there
 _NEAREST = 0.1  # of its distance: how near a turntable in a room may come to what it looks at
 
 
@@ -248,7 +249,8 @@ def _between(
 
     The box is that of the ``places`` (P, 3) from above, at any height. Where the shot is nearer to
     ``pivot`` than photos were, it reaches to the shot. One from behind all photos, and maybe behind
-    a wall, comes as near as the farthest corner of the box, at the height of photos.
+    a wall, comes to the largest circle in the box, or as near as its farthest corner where that is
+    far larger, at the height of photos.
     """
     low, high = places.min(axis=0), places.max(axis=0)
     # The first photo itself is often on the edge.
@@ -260,8 +262,10 @@ def _between(
         low, high = np.minimum(low, eye), np.maximum(high, eye)
     elif out > 0:
         way = eye - middle
-        reach = np.linalg.norm(np.maximum(np.abs(low - middle), np.abs(high - middle))[:2])
-        share = min(float(reach / np.linalg.norm(way[:2])), 1.0)
+        reach = float(np.linalg.norm(np.maximum(middle - low, high - middle)[:2]))
+        inner = float(np.minimum(middle - low, high - middle)[:2].min())
+        reach = inner if inner > _ROUND * reach else reach
+        share = min(reach / float(np.linalg.norm(way[:2])), 1.0)
         nearer = _three(basis.T @ (middle + share * way))
         shot = replace(shot, eye=nearer, distance=share * shot.distance)
         low[2], high[2] = min(low[2], middle[2]), max(high[2], middle[2])

@@ -268,10 +268,17 @@ def test_a_turntable_plays_round_and_round(session: Session) -> None:
     pivot, distance = session.rig.pivot, session.rig.pose.distance
     camera_path.make_turntable(session, 4.0)
     camera_path.toggle_playing(session)
+    farthest = max(float(np.linalg.norm(c.position - pivot)) for c in session.cameras)
+    turned, away = list[float](), list[float]()
     for _ in range(30):
         camera_path.tick(session, 0.3)
-        assert np.linalg.norm(session.rig.eye - pivot) == pytest.approx(distance, rel=1e-3)
+        x, y, _ = session.rig.eye - pivot
+        turned.append(float(np.arctan2(y, x)))
+        away.append(float(np.linalg.norm(session.rig.eye - pivot)))
         np.testing.assert_allclose(session.rig.pivot, pivot, atol=1e-2 * distance)
+    assert abs(np.unwrap(turned)[-1] - turned[0]) > 4 * np.pi
+    assert np.ptp(away) < 1e-3 * distance, "a circle"
+    assert max(away) < 1.01 * farthest < distance, "between the photos"
     assert session.view.playback.is_playing
 
 

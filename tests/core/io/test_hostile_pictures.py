@@ -80,10 +80,12 @@ def test_pictures_are_opened_in_one_place() -> None:
                 names = whole
             if isinstance(node, ast.Import | ast.ImportFrom):
                 imported += [
-                    n for n in names if f"{n}.".startswith(tuple(f"{r}." for r in readers))
+                    (path.relative_to(ROOT), n)
+                    for n in names
+                    if f"{n}.".startswith(tuple(f"{r}." for r in readers))
                 ]
     assert opened == [Path("gaga_core/io/images.py")]
-    assert imported == []
+    assert imported == [(Path("gaga_core/io/depth_maps.py"), "OpenEXR")]  # after its header
 
 
 @pytest.mark.parametrize("kind", KINDS)
