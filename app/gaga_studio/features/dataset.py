@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.errors import GagaError
-from gaga_core.export.dataset.settings import FORMS, MOST_PHOTOS, RECORDS, DatasetConfig, Form
+from gaga_core.export.dataset.settings import FORMS, MOST_PHOTOS, DatasetConfig, Form
 from gaga_core.progress import Stage
 from gaga_core.settings import setting_of
 from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_photos
@@ -81,7 +81,7 @@ def start(session: Session, plan: DatasetPlan, out: Path) -> bool:
     project = session.need().settled()
     frozen = replace(project, scene=replace(project.scene))
     config, forms = plan.config, plan.forms
-    usual, is_whole, records = _usual_s(session, plan), list[bool](), out / RECORDS
+    usual, is_whole = _usual_s(session, plan), list[bool]()
     if not forms:
         raise GagaError(plan.why_not)
 
@@ -98,7 +98,7 @@ def start(session: Session, plan: DatasetPlan, out: Path) -> bool:
         return timed(session, stage(), _RATE, lambda _: usual if all(is_whole) else None)
 
     def end() -> None:
-        n = 0 if is_whole or not records.is_dir() else sum(1 for _ in records.iterdir())
+        n = 0 if is_whole else sum(1 for _ in out.glob("images/*/*.jpg"))
         if n:
             text = f"{n:,} pictures stay in {paths.shown(out)}. Choose it again to go on with them."
             session.notify(Level.INFO, text, shows=out)

@@ -13,7 +13,6 @@ from gaga_core.arrays import DoubleArray, FloatArray, IntArray, LongArray, UInt1
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.export.dataset import label_kernels as kernels
-from gaga_core.export.dataset.settings import RECORDS
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
 from gaga_core.io.images import write_rgb
@@ -86,7 +85,7 @@ class Record(msgspec.Struct, frozen=True):
 
 def record_path(root: Path, name: str) -> Path:
     """Where the record of a picture lies."""
-    return root / RECORDS / f"{name}.json"
+    return root / "records" / f"{name}.json"
 
 
 def read_record(root: Path, name: str) -> Record | None:

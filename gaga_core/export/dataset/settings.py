@@ -12,7 +12,6 @@ from gaga_core.settings import check_limits, setting
 Form = Literal["coco", "yolo", "bop"]
 FORMS: tuple[Form, ...] = ("coco", "yolo", "bop")
 MOST_PHOTOS = 160  # whose depth says what was seen
-RECORDS = "records"  # folder in a data set: one file for each picture
 
 
 @dataclass(frozen=True)

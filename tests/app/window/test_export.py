@@ -312,7 +312,7 @@ def test_labelled_data_takes_what_the_sheet_says_by_the_last_run_here(
         d.until(lambda: len(list(out.glob("images/*/*.jpg"))) > 8, "some more are there")
         d.on_main(d.session.jobs.cancel)
         d.settle()
-        n = len(list((out / "records").iterdir()))
+        n = len(list(out.glob("images/*/*.jpg")))
         assert d.session.notices[-1].text.startswith(f"{n} pictures stay in ")
 
     drive(walk, path=grouped_copy, size=(1000, 800))
