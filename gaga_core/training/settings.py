@@ -76,9 +76,7 @@ class TrainConfig:
     sh_degree: int = 3  # of view-dependent color (Kerbl)
     sh_every: float = 1 / 30  # moments from one degree to the next: 1,000 of 30,000 (Kerbl)
     dissimilarity: float = DISSIMILARITY
-    depth: float = (
-        0.4  # weight of the relative error in depth, where it was measured; see `depth_at`
-    )
+    depth: float = 0.4  # weight of the relative error of measured depth; see `depth_at`
     initial_opacity: float = 0.1  # (Kerbl)
     initial_scale: float = 1.0  # x distance to the three nearest points (Kerbl)
     stereo: int = 0  # fewer points are brought up to so many by matching surfaces between photos

@@ -323,9 +323,8 @@ def first_splats_stage(
     """What a training of ``config`` starts from: splats for points, then for holes, then a shell.
 
     Fewer points than `TrainConfig.stereo` are joined by `depth_points`, or without measured depth
-    by those of `stereo.stereo_points_stage`. More
-    than the cap on splats admits next to the cover and the shell are thinned at random, from the
-    seed.
+    by those of `stereo.stereo_points_stage`. More than the cap on splats admits next to the cover
+    and the shell are thinned at random, from the seed.
     """
     check_shape("points", points, ("P", 3))
     most = config.density.max_splats

@@ -9,7 +9,7 @@ from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import run_stage
-from gaga_core.training.depth_loss import depth_gradients
+from gaga_core.training.cpu_train import depth_gradients
 from gaga_core.training.start import (
     depth_points,
     first_splats_stage,
