@@ -460,7 +460,7 @@ def _advice(made: Ladder | None = None) -> tuple[str, ...]:
     )
 
 
-def _match_learned(model: Path, _: PhotoSet, workspace: Path, seconds: float) -> Stage[None]:
+def _match_learned(model: Path, workspace: Path, seconds: float) -> Stage[None]:
     """Match the photos of workspace/pairs.txt by a learned model: writes learned.npz.
 
     names (Q, 2), counts (Q,) of matches, places (M, 2, 2) xy over width and height, scores (M,).

@@ -160,7 +160,7 @@ class Ladder:
 
 # Matches the pairs of photos in folder/pairs.txt for so many seconds at most: writes
 # folder/learned.npz, which `worker._learned` adds to the database.
-LearnedMatching = Callable[[PhotoSet, Path, float], Stage[None]]
+LearnedMatching = Callable[[Path, float], Stage[None]]
 
 
 def rungs(photos: PhotoSet, config: SfmConfig, *, has_learned: bool = False) -> tuple[Rung, ...]:
@@ -379,7 +379,7 @@ def _matching(state: _State, folder: Path, rung: Rung) -> Stage[None]:
     elif not finished.is_file():
         yield from run_step("likely_pairs", state.photos, folder, rung.config)
         left = 60 * state.minutes - state.seconds
-        yield from state.learned(state.photos, folder, _OF_THE_TIME * left)
+        yield from state.learned(folder, _OF_THE_TIME * left)
         yield from run_step("learned", state.photos, folder, rung.config)
         finished.touch()
 

@@ -60,7 +60,7 @@ def _room_points(n: int) -> DoubleArray:
     return points
 
 
-def _matched_truly(photos: PhotoSet, folder: Path, _: float) -> Stage[None]:
+def _matched_truly(folder: Path, _: float) -> Stage[None]:
     """As a model would that sees the points of the room, and errs in a fifth of its matches."""
     rng, cameras = np.random.default_rng(1), {c.name: c for c in walk_cameras(8)}
     points = _room_points(300)
