@@ -333,11 +333,11 @@ def place_photos(
     if source is None:
         raise GagaError(f"There are no photos in {scene}. Put them into {scene / 'images'}.")
     start, existed = time.perf_counter(), scene.exists()
-    if is_recording(source):
-        yield from unpack_stage(source, scene / ORIGINALS)
-        source = scene / ORIGINALS
     workspace = scene / WORKSPACE
     try:
+        if is_recording(source):
+            yield from unpack_stage(source, scene / ORIGINALS)
+            source = scene / ORIGINALS
         given = _given_poses(source, config)
         _claim(workspace, _fingerprint(source, config, given))
         require_room(scene, source, workspace)

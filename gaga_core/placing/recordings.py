@@ -100,18 +100,25 @@ def unpack_stage(path: Path, target: Path) -> Stage[None]:
     part = target.with_name(f".{target.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(parents=True)
-    if path.is_dir():
-        yield from extract_numbered_frames(path / _FILM, part, recording.frames)
-        for name in ("depth", "confidence"):
-            (part / name).mkdir()
-            for frame in recording.frames:
-                if (file := path / name / f"{frame:06d}.png").is_file():
-                    shutil.copyfile(file, part / name / file.name)
-        shutil.copyfile(path / "camera_matrix.csv", part / "camera_matrix.csv")
-    else:
-        yield from _unpack_r3d(path, part, recording.frames)
-    (part / mark.name).write_bytes(content)
-    part.rename(target)
+    try:
+        if path.is_dir():
+            yield from _unpack_stray(path, part, recording.frames)
+        else:
+            yield from _unpack_r3d(path, part, recording.frames)
+        (part / mark.name).write_bytes(content)
+        part.rename(target)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _unpack_stray(path: Path, part: Path, frames: tuple[int, ...]) -> Stage[None]:
+    yield from extract_numbered_frames(path / _FILM, part, frames)
+    for name in ("depth", "confidence"):
+        (part / name).mkdir()
+        for frame in frames:
+            if (file := path / name / f"{frame:06d}.png").is_file():
+                shutil.copyfile(file, part / name / file.name)
+    shutil.copyfile(path / "camera_matrix.csv", part / "camera_matrix.csv")
 
 
 def _unpack_r3d(path: Path, part: Path, frames: tuple[int, ...]) -> Stage[None]:

@@ -99,6 +99,16 @@ def test_a_recording_is_placed_as_it_was_taken(tmp_path: Path) -> None:
         assert np.abs(camera.cam_from_world - true.cam_from_world).max() < 1e-5
 
 
+def test_a_recording_that_is_cancelled_leaves_nothing(tmp_path: Path) -> None:
+    path, _ = write_r3d(tmp_path, 12)
+    stage = place_photos(path, tmp_path / "scene", ReconstructConfig(poses="keep", threads=1))
+    while next(stage).stage != "Read frames":
+        pass
+    assert list((tmp_path / "scene").iterdir())
+    stage.close()
+    assert not (tmp_path / "scene").exists()
+
+
 def test_a_damaged_recording_gets_a_sentence(tmp_path: Path) -> None:
     path, _ = write_r3d(tmp_path, 3)
     raw = path.read_bytes()
