@@ -353,6 +353,7 @@ class Window:
 
     def _before_frame(self) -> None:
         self._key_queue.before_frame()
+        _walk_with_keys()
         rate = 0.0 if self.keys_wait else self.hooks.frame_rate()
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = rate > 0
@@ -370,6 +371,19 @@ class Window:
             if not panel.is_bare:
                 window = docking.dockable_window_of_name(panel.label)
                 window.is_visible = shown and self._layout.shows(panel)
+
+
+def _walk_with_keys() -> None:
+    """Tab and the arrows walk through what is open over the window, Enter and Space press there.
+
+    Where nothing is open they are shortcuts and turn the camera.
+    """
+    io, keyboard = imgui.get_io(), imgui.ConfigFlags_.nav_enable_keyboard
+    if len(imgui.get_current_context().open_popup_stack):
+        io.config_flags |= keyboard
+    elif io.config_flags & keyboard:
+        io.config_flags &= ~keyboard
+        imgui.set_nav_cursor_visible(False)
 
 
 # --- Modifiers as the event says that they are held. Dear ImGui asks GLFW instead, which holds Alt

@@ -27,7 +27,7 @@ from gaga_studio.features import commands, export
 from gaga_studio.features.base import Command
 from gaga_studio.features.commands import MENUS
 from gaga_studio.features.find import association
-from gaga_studio.session.notices import Level
+from gaga_studio.session.notices import Level, UserQuestion
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
@@ -281,6 +281,76 @@ def test_escape_closes_what_is_on_top_and_a_click_opens_another_menu(
         assert len(d.session.selected_indices()) == n
 
     drive(test, path=balls)
+
+
+def test_keys_walk_through_sheets_and_their_lists(display: str, balls: Path) -> None:
+    """Tab, the arrows, Enter and Space press what has the focus, and nothing else as well."""
+
+    def test(d: Driver) -> None:
+        def theme() -> str:
+            return d.session.settings.theme
+
+        def n_open() -> int:
+            return len(imgui.get_current_context().open_popup_stack)
+
+        before = theme()
+        d.menu("Edit/###Preferences…")
+        d.keys(KEY.tab)
+        d.keys(KEY.space)
+        assert n_open() == 2, "Space opens the list that Tab went to"
+        d.keys(KEY.down_arrow)
+        d.keys(KEY.escape)
+        assert n_open() == 1, "Escape closed the list alone"
+        assert theme() == before
+        d.keys(KEY.enter)
+        d.keys(KEY.down_arrow)
+        d.keys(KEY.enter)
+        assert theme() != before
+        d.keys(KEY.mod_shift, KEY.tab)
+        d.keys(KEY.space)
+        assert n_open() == 0, "the last button is before the first field"
+
+        d.menu("File/###Export scene…")
+        sheet, n_notices = d.studio.ui.export, len(d.session.notices)
+        d.click("**/###GLB")
+        d.engine.set_ref(d.engine.window_info("//Export/Choices").window)
+        d.engine.item_click("##Splats")
+        d.frames(4)
+        d.keys(KEY.down_arrow)
+        d.keys(KEY.down_arrow)
+        d.keys(KEY.enter)
+        d.settle()
+        assert sheet.options.decimate < 1
+        assert n_open() == 1, "Enter took the choice, nothing was exported"
+        assert len(d.session.notices) == n_notices
+        d.keys(KEY.escape)
+
+    drive(test, path=balls, size=(1000, 700))
+
+
+@pytest.mark.parametrize(
+    ("keys", "answer"),
+    [
+        ((KEY.tab, KEY.tab, KEY.enter), "B"),
+        ((KEY.tab, KEY.right_arrow, KEY.space), "B"),
+        ((KEY.enter,), "A"),
+        ((KEY.tab, KEY.enter), "A"),
+        ((KEY.escape,), "C"),
+    ],
+)
+def test_a_question_is_answered_by_the_button_that_has_the_focus(
+    display: str, keys: tuple[imgui.Key, ...], answer: str
+) -> None:
+    answers: list[str] = []
+
+    def test(d: Driver) -> None:
+        d.session.pending_question = UserQuestion("Which?", ("A", "B", "C"), answers.append)
+        d.frames(4)
+        for key in keys:
+            d.keys(key)
+
+    drive(test)
+    assert answers == [answer]
 
 
 def test_a_task_is_cancelled_by_its_button(display: str, balls: Path) -> None:

@@ -5,7 +5,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_studio.features import add_scene
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import theme, widgets
-from gaga_studio.ui.kit.modal import begin_modal, close_row
+from gaga_studio.ui.kit.modal import begin_modal, begin_part, close_row
 from gaga_studio.ui.kit.theme import em
 
 NAME = "What changed"
@@ -25,7 +25,7 @@ def draw(session: Session) -> None:
     listed = add_scene.changes(session)
     widgets.dim(f"Between the open scene and {theme.plain(listed.name)}. Click to see.", wrap=True)
     height = em(1.8) * min(len(listed.found), _ROWS) + em(0.6)
-    imgui.begin_child("Changes", ImVec2(0, height))
+    begin_part("Changes", ImVec2(0, height))
     for i, (change, groups) in enumerate(listed.found):
         if imgui.selectable(f"{theme.visual(change.sentence())}###Change {i}", False)[0]:
             add_scene.select(session, groups)

@@ -19,7 +19,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.dialogs.files import FileDialog, FilePicker, PathKind
 from gaga_studio.ui.kit import theme, widgets
-from gaga_studio.ui.kit.modal import answer, begin_modal, body_height
+from gaga_studio.ui.kit.modal import answer, begin_modal, begin_part, body_height
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face, T
 
@@ -261,7 +261,7 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
         imgui.open_popup(SHEET)
     if not begin_modal(SHEET, em(40.5), is_possible=session.document is not None):
         return
-    imgui.begin_child("Choices", ImVec2(0, body_height(em(25.5))))
+    begin_part("Choices", ImVec2(0, body_height(em(25.5))))
     _what_and_form(session, sheet)
     is_solid = sheet.what == "objects" and sheet.solid is not None
     has_splats = sheet.what not in ("cameras", "simulation") and not is_solid

@@ -27,7 +27,7 @@ from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.modal import answers
+from gaga_studio.ui.kit.modal import answers, begin_part, enter_is_free
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 from gaga_studio.ui.viewport.training import SHEET as MAKE_SPLATS
@@ -69,7 +69,6 @@ class FileDialog:
     _entries: list[Path] = field(default_factory=list)
     _listed: Path | None = None
     _new_name: str = ""  # of a folder to make
-    _had_keyboard: bool = False  # a field, in the frame before
     _wants_keyboard: bool = True  # the path field, at the next frame
     _native: native.open_file | native.save_file | native.select_folder | None = None
 
@@ -164,7 +163,8 @@ def _draw_own(dialog: FileDialog) -> None:
     _path_row(dialog)
     _entries(dialog)
     _answer_row(dialog)
-    _enter_accepts(dialog)
+    if enter_is_free():
+        _accept(dialog)
     if dialog.is_done:
         imgui.close_current_popup()
     imgui.end_popup()
@@ -232,27 +232,20 @@ def _make_folder(dialog: FileDialog, folder: Path) -> None:
         dialog._listed = None
 
 
-def _enter_accepts(dialog: FileDialog) -> None:
-    """Enter presses the button of the dialog also where no field has the keyboard."""
-    is_free = imgui.is_window_focused(imgui.FocusedFlags_.child_windows)
-    is_free = is_free and not imgui.is_any_item_active() and not dialog._had_keyboard
-    if is_free and widgets.enter_pressed():
-        _accept(dialog)
-    dialog._had_keyboard = imgui.is_any_item_active()
-
-
 def _entries(dialog: FileDialog) -> None:
     if dialog._listed != dialog.folder:
         _list(dialog)
     height = -imgui.get_frame_height_with_spacing() * (3 if dialog.message else 2)
     imgui.push_style_color(imgui.Col_.child_bg, theme.BACK)
-    visible = imgui.begin_child("Entries", ImVec2(0, height), imgui.ChildFlags_.borders)
+    visible = begin_part("Entries", ImVec2(0, height), imgui.ChildFlags_.borders)
     imgui.pop_style_color()
     if visible:
         if not dialog._entries:
             widgets.dim("Nothing to open here.")
+        imgui.push_item_flag(imgui.ItemFlags_.no_tab_stop, True)  # arrows walk through them
         for entry in dialog._entries:
             _entry(dialog, entry)
+        imgui.pop_item_flag()
     imgui.end_child()
 
 

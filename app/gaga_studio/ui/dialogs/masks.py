@@ -36,7 +36,7 @@ from gaga_studio.ui.dialogs.files import (
     stem,
 )
 from gaga_studio.ui.kit import icons, textures, theme, widgets
-from gaga_studio.ui.kit.modal import begin_modal, body, body_height
+from gaga_studio.ui.kit.modal import begin_modal, begin_part, body, body_height
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -114,12 +114,12 @@ def _make(session: Session, dialog: MaskDialog) -> bool:
     height, wants_model = body_height(em(37)), False
     is_wide = imgui.get_content_region_avail().x > em(36)
     width = imgui.get_content_region_avail().x * 0.46 if is_wide else 0.0
-    if imgui.begin_child("Who", ImVec2(width, height if is_wide else height * 0.5)):
+    if begin_part("Who", ImVec2(width, height if is_wide else height * 0.5)):
         wants_model = _providers(dialog)
     imgui.end_child()
     if is_wide:
         imgui.same_line(0, em(1))
-    if imgui.begin_child("How", ImVec2(0, height if is_wide else height * 0.5)):
+    if begin_part("How", ImVec2(0, height if is_wide else height * 0.5)):
         _details(session, dialog, entry)
     imgui.end_child()
     _make_row(session, dialog, entry)
@@ -152,12 +152,12 @@ def _introduction(session: Session, dialog: MaskDialog) -> None:
 def draw_choice(session: Session, width: float) -> None:
     """A drop-down of the mask folders of the scene."""
     folders = masks.mask_folders(session)
-    at = folders.index(session.provider) if session.provider in folders else 0
+    now = session.provider if session.provider in folders else next(iter(folders), "")
     imgui.set_next_item_width(width)
-    changed, at = imgui.combo("##Masks in use", at, list(folders))
-    widgets.tooltip("Which masks are shown, and which Find objects takes")
-    if changed:
-        masks.choose(session, folders[at])
+    hint = "Which masks are shown, and which Find objects takes"
+    chosen = widgets.combo("Masks in use", {name: name for name in folders}, now, hint=hint)
+    if chosen != now:
+        masks.choose(session, chosen)
 
 
 def _providers(dialog: MaskDialog) -> bool:
@@ -293,9 +293,7 @@ def _preview(session: Session, dialog: MaskDialog) -> None:
         masks.try_one(session, dialog.request, dialog.view, done)
     imgui.same_line()
     imgui.set_next_item_width(-1)
-    changed, at = imgui.combo("##Photo", names.index(dialog.view), list(names))
-    if changed:
-        dialog.view = names[at]
+    dialog.view = widgets.combo("Photo", {name: name for name in names}, dialog.view)
     if job is not None:
         imgui.progress_bar(max(job.fraction, 0.0), ImVec2(-em(5), 0), job.message or job.stage)
         imgui.same_line()
@@ -412,12 +410,9 @@ def draw_find_objects(session: Session) -> None:
     if not begin_modal(FIND_OBJECTS, em(32), is_possible=session.document is not None):
         return
     _head(session)
-    most = ImVec2(1e6, body_height(em(24)))
-    imgui.set_next_window_size_constraints(ImVec2(0, 0), most)  # grows as sections are unfolded
-    imgui.begin_child("Switches", ImVec2(0, 0), imgui.ChildFlags_.auto_resize_y)
-    _association(session)
-    _identities(session)
-    imgui.end_child()
+    with body("Switches", em(24)):
+        _association(session)
+        _identities(session)
     _find_row(session)
     imgui.end_popup()
 

@@ -11,7 +11,7 @@ from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.modal import begin_modal, body_height, close_row
+from gaga_studio.ui.kit.modal import begin_modal, begin_part, body_height, close_row
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -55,10 +55,10 @@ def draw(session: Session) -> None:
     is_asking = state.offered is not None or state.removing is not None
     footer = em(_FOOT if is_asking or session.jobs.running is not None else _LOW_FOOT)
     below = footer + imgui.get_style().item_spacing.y
-    if imgui.begin_child("Known", ImVec2(0, body_height(em(_TABLE + _FOOT)) - below)):
+    if begin_part("Known", ImVec2(0, body_height(em(_TABLE + _FOOT)) - below)):
         _table(session)
     imgui.end_child()
-    if imgui.begin_child("Answer", ImVec2(0, footer)):
+    if begin_part("Answer", ImVec2(0, footer)):
         _foot(session)
     imgui.end_child()
     close_row()

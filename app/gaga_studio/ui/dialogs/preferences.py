@@ -10,7 +10,7 @@ from gaga_studio.features import commands
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import RANGES, Settings, hex_color, is_known
 from gaga_studio.ui.kit import widgets
-from gaga_studio.ui.kit.modal import QUESTION, begin_modal, body_height, close_row
+from gaga_studio.ui.kit.modal import QUESTION, begin_modal, begin_part, body_height, close_row
 from gaga_studio.ui.kit.theme import em
 
 _THEMES = {"dark": "Dark", "light": "Light"}
@@ -42,7 +42,7 @@ def draw(session: Session, dragged: DraggedPreferences) -> None:
         return
     before = session.settings
     # The rows scroll where the window is low; the button to close stays visible.
-    imgui.begin_child("Rows", ImVec2(0, body_height(em(38))))
+    begin_part("Rows", ImVec2(0, body_height(em(38))))
     settings = _look(before, dragged)
     settings = _handling(settings, dragged)
     settings = _work(settings, dragged)
@@ -187,7 +187,6 @@ def all_keys() -> dict[str, imgui.Key]:
 
 _FOLLOWING = {"tool.move", "tool.rotate", "tool.scale"}  # from their key on, as in Blender
 _OF_FIELDS = {"Ctrl+A", "Ctrl+C", "Ctrl+V", "Ctrl+X", "Ctrl+Z", "Ctrl+Y", "Ctrl+Shift+Z"}
-_ANY_POPUP = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
 
 
 @dataclass
@@ -195,7 +194,7 @@ class Shortcuts:
     """Runs the commands of the keys that are pressed."""
 
     follow: Callable[[], object]  # lets the selection follow the mouse
-    _had_popup: bool = False  # in the frame before: Escape has closed it
+    _n_popups: int = 0  # open in the frame before
     _after_text: str = ""  # id of the command that was asked for while a text was typed
 
     def pressed(self, session: Session, on_escape: Callable[[], bool]) -> None:
@@ -207,9 +206,10 @@ class Shortcuts:
         (undo, copy) and keys without Ctrl stay with the field; others enter the text first.
         """
         io = imgui.get_io()
-        had_popup, self._had_popup = self._had_popup, imgui.is_popup_open("", _ANY_POPUP)
-        if self._had_popup:
-            if imgui.is_key_pressed(imgui.Key.escape, False):
+        before, self._n_popups = self._n_popups, len(imgui.get_current_context().open_popup_stack)
+        if self._n_popups:
+            # Where the keys walk through a list, the toolkit has closed it.
+            if imgui.is_key_pressed(imgui.Key.escape, False) and self._n_popups >= before:
                 _close_top()
             return
         if self._after_text and not io.want_text_input:
@@ -230,7 +230,7 @@ class Shortcuts:
             if io.want_text_input:
                 self._leave_field(session, modifiers + name)
                 continue
-            if name == "Escape" and (had_popup or on_escape()):
+            if name == "Escape" and (before or on_escape()):
                 continue
             command = commands.for_shortcut(modifiers + name, session)
             is_new = imgui.is_key_pressed(key, False)

@@ -11,7 +11,7 @@ from gaga_studio.features.commands import COMMANDS, MENUS
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.modal import QUESTION, begin_modal, close_row
+from gaga_studio.ui.kit.modal import QUESTION, begin_modal, close_row, enter_is_free
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -167,7 +167,7 @@ def _question(session: Session) -> None:
             answer = choice
     if imgui.is_window_appearing():
         pass  # the key of this frame opened it
-    elif widgets.enter_pressed():
+    elif enter_is_free():
         answer = question.choices[0]
     elif imgui.is_key_pressed(imgui.Key.escape):
         answer = question.choices[-1]
@@ -184,7 +184,7 @@ def _palette(session: Session, state: PaletteState) -> None:
     imgui.set_next_window_pos(top, imgui.Cond_.always, ImVec2(0.5, 0))
     height = min(em(26), viewport.size.y - em(4.5))
     imgui.set_next_window_size(ImVec2(width, height))
-    if not imgui.begin_popup(COMMANDS_SHEET):
+    if not imgui.begin_popup(COMMANDS_SHEET, imgui.WindowFlags_.no_nav_inputs):  # own arrows
         return
     if imgui.is_window_appearing():
         imgui.set_keyboard_focus_here()

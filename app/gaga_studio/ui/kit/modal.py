@@ -57,11 +57,16 @@ def body_height(wanted: float) -> float:
     return max(min(wanted, highest() - imgui.get_cursor_pos_y() - row - em(0.9) - em(0.1)), em(4))
 
 
+def begin_part(name: str, size: ImVec2, flags: int = 0) -> bool:
+    """A child window of a sheet; the keys walk through it as through the rest of the sheet."""
+    return imgui.begin_child(name, size, flags | imgui.ChildFlags_.nav_flattened)
+
+
 @contextmanager
-def body(name: str) -> Iterator[None]:
+def body(name: str, wanted: float = 1e6) -> Iterator[None]:
     """The part of a sheet that scrolls where it is too high; the row of buttons below it stays."""
-    imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, body_height(1e6)))
-    imgui.begin_child(name, ImVec2(0, 0), imgui.ChildFlags_.auto_resize_y)
+    imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, body_height(wanted)))
+    begin_part(name, ImVec2(0, 0), imgui.ChildFlags_.auto_resize_y)
     try:
         yield
     finally:
@@ -81,10 +86,10 @@ def close_row() -> None:
 def answer(name: str, face: Face, *, why_not: str = "") -> bool:
     """The last row of a sheet: a button ``name`` and Cancel, as wide; both close it.
 
-    Whether the button was pressed, or Enter where no field has the keyboard.
+    Whether the button was pressed, or Enter where neither field nor button has the keyboard.
     """
     goes, cancels = answers(name, face, why_not=why_not)
-    goes = goes or (not why_not and _enter_is_free())
+    goes = goes or (not why_not and enter_is_free())
     if goes or cancels:
         imgui.close_current_popup()
     return goes
@@ -99,9 +104,10 @@ def answers(name: str, face: Face, *, why_not: str = "") -> tuple[bool, bool]:
     return goes, widgets.button("Cancel", Face(width=face.width))
 
 
-def _enter_is_free() -> bool:
-    """Whether Enter was pressed, but not in a field or in what is open over the sheet."""
+def enter_is_free() -> bool:
+    """Whether Enter was pressed, but not in a field, on a button or in what is open over it."""
     is_ours = imgui.is_window_focused(imgui.FocusedFlags_.child_windows)
-    had_field = imgui.get_current_context().active_id_previous_frame != 0
+    context = imgui.get_current_context()
+    had_field = context.active_id_previous_frame != 0 or context.nav_activate_id != 0
     is_new = imgui.is_window_appearing()  # the key of this frame opened it
     return is_ours and not had_field and not is_new and widgets.enter_pressed()

@@ -8,6 +8,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio.session.scene_cache import listed
 from gaga_studio.ui.kit import widgets
+from gaga_studio.ui.kit.modal import begin_part
 from gaga_studio.ui.kit.theme import em
 
 _SHOWN = 200  # objects; more are found by typing
@@ -47,7 +48,7 @@ def objects(
     groups = [group for group in groups if group > 0 and group not in without]
     height = min(len(groups), 10) * imgui.get_text_line_height_with_spacing() + em(0.4)
     chosen = None
-    if imgui.begin_child("Choices", ImVec2(em(15), max(height, em(1.4)))):
+    if begin_part("Choices", ImVec2(em(15), max(height, em(1.4)))):
         for group in groups[:_SHOWN]:
             if _item(table, group, None if shares is None else shares.get(group, 0.0)):
                 chosen = group

@@ -322,13 +322,22 @@ def combo(
     why_not: Mapping[T, str] | None = None,
     hint: str = "",
 ) -> T:
-    """A list to choose from; a choice with a reason why not cannot be taken."""
-    if imgui.begin_combo(f"##{name}", named.get(current) or next(iter(named.values()))):
+    """A list to choose from; a choice with a reason why not cannot be taken.
+
+    While it is open, arrows move through it, Enter takes a choice and Escape closes it.
+    """
+    shown = current
+    text = named.get(current) or next(iter(named.values()), "")
+    if imgui.begin_combo(f"##{name}", theme.visual(text)):
+        if imgui.is_window_appearing():
+            imgui.set_nav_cursor_visible(True)  # what Enter chooses is seen
         for value, label in named.items():
             reason = why_not.get(value, "") if why_not else ""
             imgui.begin_disabled(bool(reason))
-            if imgui.selectable(f"{label}###{name} {value}", value == current)[0]:
+            if imgui.selectable(f"{theme.visual(label)}###{name} {value}", value == shown)[0]:
                 current = value
+            if value == shown:
+                imgui.set_item_default_focus()
             imgui.end_disabled()
             tooltip(reason)
         imgui.end_combo()

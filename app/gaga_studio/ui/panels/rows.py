@@ -19,6 +19,7 @@ from gaga_studio.session.scene_cache import SortKey
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, object_menu, textures, theme, widgets
+from gaga_studio.ui.kit.modal import begin_part
 from gaga_studio.ui.kit.object_menu import FOLDER_DRAG, MASK_DRAG, OBJECT_DRAG, ObjectMenuState
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.viewport.mask_evidence import MaskMenuState
@@ -234,7 +235,7 @@ def put_into(session: Session) -> None:
     if paths:
         imgui.separator()
         high = min(len(paths), _HIGHEST) * imgui.get_text_line_height_with_spacing() + em(0.4)
-        if imgui.begin_child("Folders", ImVec2(em(15), high)):
+        if begin_part("Folders", ImVec2(em(15), high)):
             for path in paths:
                 _item(session, path)
         imgui.end_child()

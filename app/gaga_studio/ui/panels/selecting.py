@@ -45,12 +45,12 @@ def draw(session: Session, held: SelectBy) -> None:
 def _by_number(session: Session, held: SelectBy) -> None:
     widgets.heading("A number of the splats")
     names = list(column_names(session.need().scene))
-    at = names.index(held.column) if held.column in names else 0
+    before = held.column if held.column in names else names[0]
     imgui.set_next_item_width(-1)
-    _, at = imgui.combo("##Column", at, names)
-    found = held.histograms.of(session, names[at])
-    if names[at] != held.column:
-        held.column = names[at]
+    column = widgets.combo("Column", {name: name for name in names}, before)
+    found = held.histograms.of(session, column)
+    if column != held.column:
+        held.column = column
         held.low, held.high = float(found.edges[0]), float(found.edges[-1])
     _bars(found, held.low, held.high)
     first, last = float(found.edges[0]), float(found.edges[-1])
