@@ -639,6 +639,8 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _numbers_of_an_object(d)
         _names_in_the_memory_bank(d)
         _stacked_notices(d)
+        _what_lies_over_the_picture(d)
+        _names_in_the_list(d)
         _training(d)
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
@@ -738,6 +740,30 @@ def _stacked_notices(d: Driver) -> None:
     d.frames(6)
     assert d.exists("//Notice 0/**/###Show in folder"), "it waited for its turn"
     d.session.notices = ()
+
+
+def _what_lies_over_the_picture(d: Driver) -> None:
+    """Options of a tool and one notice covered the most of it."""
+    d.session.tool = ToolName.BRUSH
+    d.frames(4)
+    assert d.engine.item_info("//Viewport/**/###Visible surface").rect_full.max.y - d.corner[1] < (
+        d.size[1] / 4
+    )
+    d.session.tool = ToolName.PICK
+    long = "Exported 9,017 splats to /home/someone/exports/white flat object, large.ply."
+    d.session.notify(Level.INFO, long, shows=Path("/home"))
+    d.frames(6)
+    assert d.engine.get_window_by_ref("//Notice 0").size.y < 0.4 * d.size[1]
+    d.session.notices = ()
+
+
+def _names_in_the_list(d: Driver) -> None:
+    """Pictures and switches left five letters of each."""
+    d.on_main(lambda: objects.rename(d.session, 2, "wooden chair leg"))
+    d.focus("Objects")
+    with _texts() as shown:
+        d.frames(2)
+    assert any(text.startswith("wooden cha") for text in shown)
 
 
 def _training(d: Driver) -> None:

@@ -18,6 +18,8 @@ from gaga_studio.ui.kit.widgets import Face
 
 _SECONDS = {Level.HINT: 4.0, Level.INFO: 4.0, Level.WARNING: 8.0, Level.ERROR: float("inf")}
 _OFFER_SECONDS = 30.0  # with a button: it must be read and found
+_SHORT = (Level.HINT, Level.INFO)  # in a low picture: two lines, the rest in the tooltip
+_LOW = 14.0  # em: height of a picture of which a whole notice covers the most
 _MOST = 4  # on screen at once, where there is room; older ones wait
 _SIGNS = {
     Level.HINT: (icons.INFO, theme.DIM),
@@ -58,7 +60,7 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
         size = state.sizes.get(id(notice), ImVec2(0, 0))  # until it has been drawn
         if slot and size.x == width and at.y + size.y > area.bottom:
             break  # its buttons would be out of reach
-        bottom = _card(session, state, notice, slot, (at, width))
+        bottom = _card(session, state, notice, slot, (at, width, area.height < em(_LOW)))
         state.sizes[id(notice)] = ImVec2(width, bottom - at.y)
         at.y = bottom + em(0.4)
 
@@ -72,10 +74,17 @@ def _seconds(notice: Notice) -> float:
 
 
 def _card(
-    session: Session, state: ToastState, notice: Notice, slot: int, place: tuple[ImVec2, float]
+    session: Session,
+    state: ToastState,
+    notice: Notice,
+    slot: int,
+    place: tuple[ImVec2, float, bool],
 ) -> float:
-    """One card at ``place``, its upper right corner and its width; returns its lower edge."""
-    corner, width = place
+    """One card at ``place``, its upper right corner, its width, and whether the picture is low.
+
+    Returns its lower edge.
+    """
+    corner, width, is_low = place
     bottom = 0.0
 
     def draw() -> None:
@@ -84,12 +93,27 @@ def _card(
         top = imgui.get_cursor_pos_y()
         widgets.text(icon, color)
         imgui.same_line()
-        imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + width - em(5.4))
-        widgets.paragraph(notice.text)
-        imgui.pop_text_wrap_pos()
+        room, left = width - em(5.4), imgui.get_cursor_pos_x()
+        if is_low and notice.level in _SHORT and not notice.otherwise:
+            for text in widgets.two_lines(notice.text, room):
+                imgui.set_cursor_pos_x(left)
+                imgui.text_unformatted(text)
+                widgets.tooltip(notice.text)
+        else:
+            imgui.push_text_wrap_pos(left + room)
+            widgets.paragraph(notice.text)
+            imgui.pop_text_wrap_pos()
         if notice.shows is not None:
-            imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + em(1.6))
-            if widgets.button("Show in folder", Face("Show in folder", icons.FOLDER)):
+            if is_low:
+                imgui.same_line(width - em(2.2))
+            else:
+                imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + em(1.6))
+            name = "Show in folder"
+            if (
+                widgets.small_icon(name, icons.FOLDER, hint=name)
+                if is_low
+                else widgets.button(name, Face(name, icons.FOLDER))
+            ):
                 export.show_in_folder(session, notice.shows)
         for name in filter(None, (notice.command, notice.otherwise)):
             command = commands.command(name)

@@ -19,12 +19,12 @@ from gaga_studio.ui.kit.widgets import Face
 # --- Options of the tool: in the tool bar, or over the picture where the bar has no room for them.
 
 _TAKES = (
-    (False, "", "Objects", "Whole objects with at least half in the region"),
-    (True, "", "Splats", "Single splats"),
+    (False, icons.BOX, "Objects", "Whole objects with at least half in the region"),
+    (True, icons.CENTRES, "Splats", "Single splats"),
 )
 _DEPTHS = (
-    (False, "", "Through", "Everything in the region, including what is hidden behind it"),
-    (True, "", "Visible surface", "Only what is seen from here"),
+    (False, icons.DEPTH, "Through", "Everything in the region, including what is hidden behind it"),
+    (True, icons.EYE, "Visible surface", "Only what is seen from here"),
 )
 _WHOLE = "An object is always selected whole, including its hidden parts."
 _PAINTS = "The brush takes the objects whose visible surface it goes over."
@@ -108,23 +108,29 @@ def _options(session: Session, *, is_narrow: bool = False) -> None:
 def _what_regions_take(session: Session, *, is_narrow: bool) -> None:
     """In words, because "rings" and "centres" are what users of other editors stumble over.
 
-    In two lines where it ``is_narrow``.
+    In signs where it ``is_narrow``: two lines of words cover a third of a small picture.
     """
     view = session.view
     document = session.document
     no_objects = "" if document and document.read.has_groups() else session.no_groups_text
+    what, deep = (
+        [(value, icon * is_narrow, label, hint) for value, icon, label, hint in named]
+        for named in (_TAKES, _DEPTHS)
+    )
     takes = widgets.segmented(
         "What is selected",
-        _TAKES,
+        what,
         view.takes_splats or bool(no_objects),
         why_not={False: no_objects},
+        with_text=not is_narrow,
     )
-    if not is_narrow:
-        imgui.same_line(0, em(_GAP))
+    imgui.same_line(0, em(_GAP))
     paints = session.tool is ToolName.BRUSH and not takes
     why_not = _PAINTS if paints else "" if takes else _WHOLE
     shown = paints or (view.visible_only and takes)
-    depth = widgets.segmented("How deep", _DEPTHS, shown, why_not={not paints: why_not})
+    depth = widgets.segmented(
+        "How deep", deep, shown, why_not={not paints: why_not}, with_text=not is_narrow
+    )
     if not no_objects:
         view.takes_splats = takes
     if takes:

@@ -49,7 +49,9 @@ class RowColumns:
     views: int
     quality: int
     shown: int
-    is_roomy: bool  # whole numbers, and a third switch
+    is_roomy: bool  # whole numbers
+    n_switches: int
+    has_picture: bool
     height: float  # of a row, pixels of this screen
     first: float  # width of the first column, pixels
     arrow: float  # ... and in it of what opens and closes; 0 where nothing does
@@ -211,7 +213,7 @@ class Switches:
             ("lock", "Locked", icons.LOCK if is_locked else icons.UNLOCK, is_locked, lock),
             ("alone", "Alone", icons.ISOLATE, self.is_alone, only),
         )
-        for at, (switch, name, icon, is_on, hint) in enumerate(all_of[: 2 + columns.is_roomy]):
+        for at, (switch, name, icon, is_on, hint) in enumerate(all_of[: columns.n_switches]):
             if at:
                 imgui.same_line(0, 0)
             color = theme.TEXT if is_on else theme.FAINT
@@ -253,24 +255,28 @@ def _item(session: Session, path: str) -> None:
 # --- The columns of the object list: which ones a width has room for, and by which it is sorted.
 
 _NAME = 7.5  # least width of a name, ems: twelve letters, before any other column
-# Widths of the other columns, ems: narrow and roomy.
-_SHOWN, _SPLATS, _QUALITY, _VIEWS = (2.75, 4.1), (2.8, 3.5), (1.9, 3.3), 2.8
+# Widths of the other columns, ems: narrow and roomy; of the switches by their number.
+_SHOWN, _SPLATS, _QUALITY, _VIEWS = (0.0, 1.4, 2.75, 4.1), (2.8, 3.5), (1.9, 3.3), 2.8
 _SORTED = 0.9  # room of the arrow in the header of the sorted column, ems
 _ARROW = 1.0  # what opens folders and parts, ems
 _KEYS: tuple[SortKey, ...] = get_args(SortKey)  # sort keys by column id
 
 
 def columns_for(is_measured: bool, height: float, depth: int, has_arrows: bool) -> RowColumns:
-    """What fits next to a name of `_NAME`: switches first, then quality, splats and views.
+    """What fits next to a name of `_NAME`: the eye, lock, picture, quality, splats and views.
 
     Quality is there once it was measured. ``height`` of a row, pixels; ``depth`` of
     the deepest row.
     """
     arrow = em(_ARROW) if has_arrows else 0.0
-    first = height + em(1.15) + arrow + indent(depth)
+    first = em(1.15) + arrow + indent(depth)
     room = (imgui.get_content_region_avail().x - first) / em(1) - _NAME
-    is_roomy = room > _SHOWN[1] + _SPLATS[1] + is_measured * _QUALITY[1]
-    shown, splats, quality = _SHOWN[is_roomy], _SPLATS[is_roomy], _QUALITY[is_roomy]
+    has_picture = room > _SHOWN[2] + height / em(1)
+    if has_picture:
+        first, room = first + height, room - height / em(1)
+    is_roomy = room > _SHOWN[3] + _SPLATS[1] + is_measured * _QUALITY[1]
+    n_switches = 3 if is_roomy else 1 + (room > _SHOWN[2])
+    shown, splats, quality = _SHOWN[n_switches], _SPLATS[is_roomy], _QUALITY[is_roomy]
     has_quality = is_measured and room > shown + quality
     has_splats = room > shown + has_quality * quality + splats
     has_views = room > shown + splats + is_measured * quality + _VIEWS
@@ -281,6 +287,8 @@ def columns_for(is_measured: bool, height: float, depth: int, has_arrows: bool) 
         quality=last if has_quality else -1,
         shown=last + has_quality,
         is_roomy=is_roomy,
+        n_switches=n_switches,
+        has_picture=has_picture,
         height=height,
         first=first,
         arrow=arrow,
@@ -306,7 +314,7 @@ def set_up(columns: RowColumns, sorted_by: SortKey = "id") -> None:
     if columns.quality >= 0:
         title = "Quality" if wide else f"{icons.QUALITY}###Quality"
         imgui.table_setup_column(title, fixed, em(_QUALITY[wide] - 0.2 + arrow["quality"]), 4)
-    imgui.table_setup_column("Shown", plain, em(_SHOWN[wide]), 9)
+    imgui.table_setup_column("Shown", plain, em(_SHOWN[columns.n_switches]), 9)
     with theme.text_color(theme.DIM):
         imgui.table_headers_row()
 
@@ -323,7 +331,7 @@ def sorting() -> tuple[SortKey, bool]:
 
 def switches_width(columns: RowColumns) -> float:
     """Of the column of the switches, pixels."""
-    return em(_SHOWN[columns.is_roomy])
+    return em(_SHOWN[columns.n_switches])
 
 
 # --- One line of the object list: color, picture, name, numbers, switches.
@@ -378,8 +386,9 @@ class ObjectRow:
         self._select_area()
         self._begin()
         self._swatch()
-        imgui.same_line(0, em(0.15))
-        self._picture()
+        if columns.has_picture:
+            imgui.same_line(0, em(0.15))
+            self._picture()
         imgui.table_set_column_index(1)
         self._name()
         color = theme.FAINT if self.is_hidden else theme.DIM

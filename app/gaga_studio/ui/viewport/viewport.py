@@ -77,7 +77,7 @@ class PictureState:
 
 # --- The one stage that the open scene lacks next, as one button on the picture.
 
-_LOW_AREA = 14.0  # em: over a lower picture a card has one other way at most
+_LOW_AREA = 14.0  # em: over a lower picture a card is a button, and one other way at most
 
 
 def _draw_next_stage(session: Session, state: PictureState, area: PictureArea) -> None:
@@ -109,7 +109,7 @@ def _content(session: Session, state: PictureState, width: float, *, is_low: boo
     if offer is None:
         return
     padding, pad = 2 * imgui.get_style().frame_padding.x, imgui.get_style().window_padding.x
-    inside = width - 2 * pad - padding
+    inside = width - 2 * pad - padding - (em(1.6) if is_low else 0)  # of the cross
     texts = (offer.label, offer.short_label, offer.action)
     fitting = (t for t in texts if imgui.calc_text_size(f"{icons.RUN}  {t}").x <= inside)
     first = Face(next(fitting, offer.action), icons.RUN, primary=True)
@@ -124,15 +124,20 @@ def _content(session: Session, state: PictureState, width: float, *, is_low: boo
     used = sum(widths) + em(0.4) * len(widths)
     room = width - em(3.5)  # left of the cross
     is_wide = room - used > em(9) or not buttons
-    reason = room - (used + em(0.4) if is_wide and buttons else 0)
-    imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + reason)
-    imgui.align_text_to_frame_padding()
-    widgets.paragraph(offer.reason)
-    imgui.pop_text_wrap_pos()
-    imgui.same_line(width - em(2.3))
+    if not is_low:
+        reason = room - (used + em(0.4) if is_wide and buttons else 0)
+        imgui.push_text_wrap_pos(imgui.get_cursor_pos_x() + reason)
+        imgui.align_text_to_frame_padding()
+        widgets.paragraph(offer.reason)
+        imgui.pop_text_wrap_pos()
+        imgui.same_line()
+    begin = imgui.get_cursor_pos()
+    imgui.set_cursor_pos_x(width - em(2.3))
     if widgets.icon_button("Not now", icons.CLOSE):
         state.is_offer_closed = True
-    if is_wide and buttons:
+    if is_low:
+        imgui.set_cursor_pos(begin)
+    elif is_wide and buttons:
         imgui.same_line(width - em(2.6) - used)
     for at, (command, name, face) in enumerate(buttons):
         if at and is_wide:
