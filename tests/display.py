@@ -5,6 +5,8 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from Xlib import X, display
+
 
 @contextmanager
 def xvfb(size: tuple[int, int] = (1920, 1080)) -> Iterator[str]:
@@ -42,3 +44,21 @@ def xvfb(size: tuple[int, int] = (1920, 1080)) -> Iterator[str]:
             del os.environ["DISPLAY"]
         else:
             os.environ["DISPLAY"] = before
+
+
+@contextmanager
+def openbox() -> Iterator[None]:
+    """A window manager on DISPLAY, from when it manages until the block ends."""
+    watched = display.Display()
+    root, names = watched.screen().root, watched.intern_atom("_NET_SUPPORTED")
+    root.change_attributes(event_mask=X.PropertyChangeMask)
+    watched.sync()
+    manager = subprocess.Popen(["openbox"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        while root.get_full_property(names, X.AnyPropertyType) is None:
+            watched.next_event()
+        watched.close()
+        yield
+    finally:
+        manager.terminate()
+        manager.wait(timeout=10)

@@ -35,6 +35,7 @@ _PICTURE_SHARE = 0.55  # of the width of a compact window that the picture has a
 _STACKED = (
     330.0  # pixels at 96 dpi: in a lower window two panels, one below the other, show no list
 )
+_MAXIMIZED, _YES = "Maximized", "yes"  # in the settings file; the toolkit keeps size and place
 _LEAST = 80  # pixels: a remembered picture that is smaller is lost
 _PICTURE = re.compile(r"\[Window\]\[Viewport\]\n(?:(?!\[).*\n)*?Size=(\d+),(\d+)")
 
@@ -319,7 +320,7 @@ class Window:
         callbacks.setup_imgui_style = hooks.style
         callbacks.setup_imgui_config = _imgui_config
         callbacks.post_init = self._started
-        callbacks.before_exit = hooks.ending
+        callbacks.before_exit = self._ending
         callbacks.pre_new_frame = self._before_frame
         callbacks.show_gui = self._keys
         callbacks.show_menus = hooks.menu
@@ -345,7 +346,20 @@ class Window:
         glfw.set_key_callback(handle, _on_key)
         glfw.set_mouse_button_callback(handle, _on_button)
         glfw.set_window_size_limits(handle, 480, 320, glfw.DONT_CARE, glfw.DONT_CARE)
+        if self._remembers and hello_imgui.load_user_pref(_MAXIMIZED) == _YES:
+            glfw.maximize_window(handle)
         self.hooks.started()
+
+    def _ending(self) -> None:
+        if self._remembers:
+            handle = glfw_utils.glfw_window_hello_imgui()
+            is_maximized = glfw.get_window_attrib(handle, glfw.MAXIMIZED)
+            hello_imgui.save_user_pref(_MAXIMIZED, _YES if is_maximized else "no")
+        self.hooks.ending()
+
+    @property
+    def _remembers(self) -> bool:
+        return self.options.settings_file is not None
 
     def _keys(self) -> None:
         self._key_queue.after_new_frame()

@@ -9,9 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import glfw
 import numpy as np
 import pytest
-from imgui_bundle import ImVec2, ImVec4, imgui
+from imgui_bundle import ImVec2, ImVec4, glfw_utils, imgui
 from PIL import Image
 
 from gaga_core.io.splats.splat_files import SplatFormat
@@ -32,6 +33,7 @@ from gaga_studio.ui.kit.theme import visual
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.layout_check import TextWatch, findings
 from tests.core.placing.photo_scenes import write_photos
+from tests.display import openbox, xvfb
 
 pytestmark = pytest.mark.window
 _LEAST = 100  # pixels of a dock, times the scale of the text
@@ -135,6 +137,35 @@ def test_a_remembered_layout_without_a_picture_is_put_right(display: str, tmp_pa
         _check(d)
 
     drive(walk, size=(1300, 800), layout_file=layout)
+
+
+@pytest.mark.skipif(shutil.which("openbox") is None, reason="no window manager (openbox)")
+def test_a_maximized_window_is_maximized_at_the_next_start(tmp_path: Path) -> None:
+    layout = tmp_path / "window.ini"
+
+    def attribute() -> bool:
+        handle = glfw_utils.glfw_window_hello_imgui()
+        return bool(glfw.get_window_attrib(handle, glfw.MAXIMIZED))
+
+    def maximize(d: Driver) -> None:
+        assert not d.on_main(attribute)
+        handle = glfw_utils.glfw_window_hello_imgui()
+        d.on_main(lambda: glfw.maximize_window(handle))
+        d.until(lambda: bool(d.on_main(attribute)), "it is maximized")
+
+    def restore(d: Driver) -> None:
+        d.until(lambda: bool(d.on_main(attribute)), "it is maximized again")
+        handle = glfw_utils.glfw_window_hello_imgui()
+        d.on_main(lambda: glfw.restore_window(handle))
+        d.until(lambda: not d.on_main(attribute), "it is not")
+
+    def look(d: Driver) -> None:
+        d.frames(10)
+        assert not d.on_main(attribute)
+
+    with xvfb(), openbox():
+        for walk in (maximize, restore, look):
+            drive(walk, size=(1000, 640), layout_file=layout)
 
 
 # --- What pictures of the window at three sizes showed: cards over their object, cut rows and
