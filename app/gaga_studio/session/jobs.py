@@ -288,7 +288,8 @@ class _Delivery(Generic[T]):
         """Estimate of the time left in the present step; None while it is not known.
 
         Goes on at the rate of the later half of what was done: a first word that waited for
-        kernels, what a resumed training had behind it and the steps before say nothing.
+        kernels, what a resumed training had behind it and the steps before say nothing. It counts
+        down while no word comes, and grows again once that is overdue.
         """
         latest = self.latest
         if latest is None or latest.total <= 0:
@@ -299,10 +300,12 @@ class _Delivery(Generic[T]):
         words = self._words.get(latest.stage)
         if words is None:
             return None
-        begun, (since, before) = self._begun[latest.stage], words[0]
+        begun, (since, before), (last, _) = self._begun[latest.stage], words[0], words[-1]
         if share <= before or share - begun < _LEAST_FOR_ETA * (1 - begun):
             return None
-        return (time.monotonic() - since) * (1 - share) / (share - before)
+        ratio = (1 - share) / (share - before)
+        left = (last - since) * ratio - (time.monotonic() - last)
+        return left if left >= 0 else -left * ratio
 
     @property
     def is_of_step(self) -> bool:

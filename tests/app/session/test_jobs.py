@@ -8,6 +8,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage
+from gaga_studio.session import jobs
 from gaga_studio.session.jobs import Job, JobRunner
 from gaga_studio.session.notices import Level
 
@@ -161,6 +162,27 @@ def test_rate_gives_the_time_that_is_left() -> None:
     assert job.eta_s == pytest.approx(0.1, abs=0.08), "as long as the half of the rest has taken"
     gates[95].set()
     assert runner.wait()
+
+
+def test_the_time_left_counts_down_during_a_long_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It grew while one step of many took its time, as half of all kernels do."""
+    now = [0.0]
+    monkeypatch.setattr("gaga_studio.session.jobs.time.monotonic", lambda: now[0])
+
+    def stage() -> Stage[None]:
+        yield Progress("Compile", 0, 100)
+        now[0] = 20.0
+        yield Progress("Compile", 20, 100)
+        now[0] = 40.0
+        yield Progress("Compile", 40, 100)
+
+    delivery = jobs._Delivery(stage(), None, None, None)
+    for _ in range(3):
+        delivery.step()
+    seen = []
+    for now[0] in (40.0, 70.0, 100.0, 110.0):
+        seen.append(delivery.seconds_left())
+    assert seen == pytest.approx([60, 30, 0, 30])
 
 
 def test_a_first_word_that_waited_does_not_spoil_the_time_left() -> None:
