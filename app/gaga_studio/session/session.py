@@ -518,12 +518,30 @@ class Session:
     # --- undo and redo, and the end of a drag whose edit is only shown
 
     def undo(self) -> str | None:
-        """Undo the newest edit; return its title, None if there is none."""
-        return self.document.undo() if self.document is not None else None
+        """Undo the newest edit, or step of bookmarks and path; return its title, None if none."""
+        if self.document is None:
+            return None
+        title = self.document.undo_title
+        if not self.document.undo_views():
+            return self.document.undo()
+        self._keep_playback()
+        return title
 
     def redo(self) -> str | None:
-        """Redo the next undone edit; return its title, None if there is none."""
-        return self.document.redo() if self.document is not None else None
+        """Redo what was undone last; return its title, None if there is none."""
+        if self.document is None:
+            return None
+        title = self.document.redo_title
+        if not self.document.redo_views():
+            return self.document.redo()
+        self._keep_playback()
+        return title
+
+    def _keep_playback(self) -> None:
+        """Stay inside of a path that undo changed."""
+        playback, film = self.view.playback, self.need().project.film
+        playback.at = min(playback.at, film.seconds)
+        playback.chosen = max(min(playback.chosen, len(film.keyframes) - 1), 0)
 
     def commit_preview(self) -> bool:
         """Make what a drag shows one entry of the history; False if nothing changed."""
