@@ -143,7 +143,9 @@ def _two_versions_are_compared(d: Driver) -> None:
         assert left is not None
         before = d.on_main(left.read_pixels).astype(int)
     assert (np.abs(before - after).max(axis=2) > 40).sum() > 100, "it is there on the left"
+    shown = split_view.scene_of_version(d.session)
     d.keys(KEY.mod_ctrl, KEY.z)
+    assert split_view.scene_of_version(d.session) is shown, "it is not drawn again, from black"
 
 
 def _splats_and_folders_are_dropped_onto_a_scene(d: Driver, other: Path, folder: Path) -> None:
