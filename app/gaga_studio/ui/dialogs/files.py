@@ -250,7 +250,8 @@ def _entries(dialog: FileDialog) -> None:
     imgui.pop_style_color()
     if visible:
         if not dialog._entries:
-            widgets.dim("Nothing to open here.")
+            is_open = dialog.kind in (PathKind.OPEN_FOLDER, PathKind.OPEN_FILE)
+            widgets.dim("Nothing to open here." if is_open else "Nothing is here yet.")
         for entry in dialog._entries:
             _entry(dialog, entry)
     imgui.end_child()
