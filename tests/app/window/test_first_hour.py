@@ -13,7 +13,7 @@ from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import split_view
 from gaga_studio.features.camera import bookmarks, path_of
-from gaga_studio.session.view import Side, ToolName
+from gaga_studio.session.view import PhotoCompareMode, Side, ToolName
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.typist import Hand
 
@@ -146,6 +146,10 @@ def _two_versions_are_compared(d: Driver) -> None:
     shown = split_view.scene_of_version(d.session)
     d.keys(KEY.mod_ctrl, KEY.z)
     assert split_view.scene_of_version(d.session) is shown, "it is not drawn again, from black"
+    d.keys(KEY.escape)
+    d.keys(KEY.escape)
+    assert d.session.selected_groups() == ()
+    assert d.session.view.compare is PhotoCompareMode.OFF, "after the selection"
 
 
 def _splats_and_folders_are_dropped_onto_a_scene(d: Driver, other: Path, folder: Path) -> None:
