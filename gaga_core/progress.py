@@ -5,7 +5,9 @@ Cancelling is closing the generator: between two steps ``GeneratorExit`` is rais
 """
 
 import logging
+import threading
 from collections.abc import Callable, Generator
+from concurrent.futures import Future, wait
 from contextlib import closing
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _STEPS = 1000  # progress units of one part; parts differ in their number of steps
+_TICK_S = 0.1  # how often a cancel is looked for while a thread is waited for
 _log = logging.getLogger(__name__)
 # Each thread has its own; who drives a stage sets a list here to hear what it says.
 heard: ContextVar[list[str] | None] = ContextVar("heard", default=None)
@@ -49,6 +52,32 @@ def say(text: str) -> None:
     told = heard.get()
     if told is not None:
         told.append(text)
+
+
+def threaded_stage(step: Progress, work: Callable[[], T], turn: threading.Lock) -> Stage[T]:
+    """Run ``work``, one call of a library that nothing ends, in a thread; yield ``step`` meanwhile.
+
+    A cancel does not wait for it: it goes on to its end, and its value is dropped. ``turn`` is held
+    while it works, so that the next call does not run next to it.
+    """
+    result: Future[T] = Future()
+
+    def run() -> None:
+        with turn:
+            if not result.set_running_or_notify_cancel():
+                return
+            try:
+                result.set_result(work())
+            except BaseException as error:  # noqa: BLE001  raised again by whoever waits
+                result.set_exception(error)
+
+    threading.Thread(target=run, daemon=True, name="stage").start()
+    try:
+        while not wait([result], _TICK_S).done:
+            yield step
+        return result.result()
+    finally:
+        result.cancel()
 
 
 def run_stage(stage: Stage[T], on_progress: Callable[[Progress], None] | None = None) -> T:

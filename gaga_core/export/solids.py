@@ -192,21 +192,25 @@ def proxy_mesh_stage(
     n = int(np.prod(grid.shape))
     total, weight = np.zeros(n, np.float32), np.zeros(n, np.float32)
     frames: list[tuple[Camera, Frame]] = []
+    n_steps = 2 * len(cameras) + 2  # a cancel is heard before each
     for k, camera in enumerate(cameras):
-        yield Progress(STEP, k, len(cameras), camera.name)
+        yield Progress(STEP, k, n_steps, camera.name)
         frames.append((camera, rasterizer.render(gaussians, camera)))
     nearer = _nearer(frames[: _RINGS[0][1]]) if is_soft else 0.0
     frames = [(c, replace(f, median_depth=f.median_depth - nearer)) for c, f in frames]
-    for (camera, frame), above in zip(frames, is_above, strict=True):
+    for k, ((camera, frame), above) in enumerate(zip(frames, is_above, strict=True)):
+        yield Progress(STEP, len(cameras) + k, n_steps, camera.name)
         _fuse(grid, camera, frame, total, weight, is_above=bool(above))
     frames = [seen for seen, above in zip(frames, is_above, strict=True) if above]
     field = np.where(weight > 0, total / np.maximum(weight, 1e-6), -1).reshape(grid.shape)
+    yield Progress(STEP, n_steps - 2, n_steps)
     if photos:
         field = _carved(grid, field, photos)
+    yield Progress(STEP, n_steps - 1, n_steps)
     vertices, faces = _at_most(field, config.triangles)
     world = grid.origin + grid.voxel * vertices
     colors = _colors(world, gaussians.take(finite), frames, _SEEN * voxel)
-    yield Progress(STEP, len(cameras), len(cameras))
+    yield Progress(STEP, n_steps, n_steps)
     return TriangleMesh(
         np.ascontiguousarray(world, np.float32), np.ascontiguousarray(faces, np.int32), colors
     )

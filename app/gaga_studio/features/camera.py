@@ -107,7 +107,7 @@ def add_bookmark(session: Session, name: str = "", key: int = 0) -> None:
     """Keep the present view at the end of the list."""
     marks = bookmarks(session)
     mark = Bookmark(name or _fresh_name(marks), session.rig.shot(), key)
-    _keep_bookmarks(session, (*marks, mark))
+    _keep_bookmarks(session, (*marks, mark), f"Add bookmark {mark.name}")
 
 
 def recall_bookmark(session: Session, index: int) -> None:
@@ -142,20 +142,23 @@ def recall_bookmark_key(session: Session, key: int) -> bool:
 
 def update_bookmark(session: Session, index: int) -> None:
     """Replace the view of a bookmark by the present one."""
-    _change(session, index, replace(bookmarks(session)[index], shot=session.rig.shot()))
+    mark = bookmarks(session)[index]
+    _change(session, index, replace(mark, shot=session.rig.shot()), f"Update bookmark {mark.name}")
 
 
 def rename_bookmark(session: Session, index: int, name: str) -> None:
     """Give a bookmark another name; an empty one changes nothing."""
     mark = bookmarks(session)[index]
     if name.strip() and name.strip() != mark.name:
-        _change(session, index, replace(mark, name=name.strip()))
+        title = f"Rename bookmark {mark.name} to {name.strip()}"
+        _change(session, index, replace(mark, name=name.strip()), title)
 
 
 def remove_bookmark(session: Session, index: int) -> None:
     """Forget a bookmark."""
     marks = bookmarks(session)
-    _keep_bookmarks(session, (*marks[:index], *marks[index + 1 :]))
+    title = f"Remove bookmark {marks[index].name}"
+    _keep_bookmarks(session, (*marks[:index], *marks[index + 1 :]), title)
 
 
 def move_bookmark(session: Session, index: int, by: int) -> None:
@@ -164,22 +167,20 @@ def move_bookmark(session: Session, index: int, by: int) -> None:
     to = index + by
     if 0 <= to < len(marks):
         marks.insert(to, marks.pop(index))
-        _keep_bookmarks(session, tuple(marks))
+        _keep_bookmarks(session, tuple(marks), f"Move bookmark {marks[to].name}")
 
 
-def _change(session: Session, index: int, mark: Bookmark) -> None:
+def _change(session: Session, index: int, mark: Bookmark, title: str) -> None:
     marks = bookmarks(session)
-    _keep_bookmarks(session, (*marks[:index], mark, *marks[index + 1 :]))
+    _keep_bookmarks(session, (*marks[:index], mark, *marks[index + 1 :]), title)
 
 
-def _keep_bookmarks(session: Session, marks: tuple[Bookmark, ...]) -> None:
+def _keep_bookmarks(session: Session, marks: tuple[Bookmark, ...], title: str) -> None:
     document = session.need()
     kept = document.project.bookmarks
     known = {now.shot: was.shot for now, was in zip(bookmarks(session), kept, strict=True)}
-    document.project.bookmarks = tuple(
-        replace(mark, shot=document.as_opened(mark.shot, known)) for mark in marks
-    )
-    document.save_state.note_outside_history()
+    marks = tuple(replace(mark, shot=document.as_opened(mark.shot, known)) for mark in marks)
+    document.keep_views(title, bookmarks=marks)
 
 
 def _fresh_name(marks: tuple[Bookmark, ...]) -> str:
@@ -213,7 +214,7 @@ def add_keyframe(session: Session) -> None:
     path, chosen = path_of(session), session.view.playback.chosen
     at = min(chosen + 1, len(path.keyframes))
     key = Keyframe(session.rig.shot(), KEYFRAME_SECONDS)
-    _with_keys(session, (*path.keyframes[:at], key, *path.keyframes[at:]))
+    _with_keys(session, (*path.keyframes[:at], key, *path.keyframes[at:]), "Add keyframe")
     choose_keyframe(session, at, goes=False)
     session.request = Request.CAMERA_PATH
 
@@ -222,13 +223,13 @@ def update_keyframe(session: Session, index: int) -> None:
     """Replace the view of a keyframe by the present one."""
     keys = list(path_of(session).keyframes)
     keys[index] = replace(keys[index], shot=session.rig.shot())
-    _with_keys(session, tuple(keys))
+    _with_keys(session, tuple(keys), f"Update keyframe {index + 1}")
 
 
 def remove_keyframe(session: Session, index: int) -> None:
     """Remove a keyframe."""
     keys = path_of(session).keyframes
-    _with_keys(session, (*keys[:index], *keys[index + 1 :]))
+    _with_keys(session, (*keys[:index], *keys[index + 1 :]), f"Remove keyframe {index + 1}")
     playback = session.view.playback
     playback.chosen = max(min(playback.chosen, len(keys) - 2), 0)
 
@@ -240,7 +241,7 @@ def move_keyframe(session: Session, index: int, by: int) -> None:
     if 0 <= to < len(keys):
         a, b = keys[index], keys[to]
         keys[index], keys[to] = replace(a, shot=b.shot), replace(b, shot=a.shot)
-        _with_keys(session, tuple(keys))
+        _with_keys(session, tuple(keys), f"Move keyframe {index + 1}")
         choose_keyframe(session, to, goes=False)
 
 
@@ -248,7 +249,7 @@ def set_seconds(session: Session, index: int, seconds: float) -> None:
     """Set the time from the keyframe before to this one."""
     keys = list(path_of(session).keyframes)
     keys[index] = replace(keys[index], seconds=min(max(seconds, 0.05), 600.0))
-    _with_keys(session, tuple(keys))
+    _with_keys(session, tuple(keys), f"Set the seconds of keyframe {index + 1}", is_drag=True)
 
 
 def set_total_seconds(session: Session, seconds: float) -> None:
@@ -257,22 +258,24 @@ def set_total_seconds(session: Session, seconds: float) -> None:
     if path.seconds > 0 and seconds > 0:
         factor = seconds / path.seconds
         keys = tuple(replace(k, seconds=max(k.seconds * factor, 1e-3)) for k in path.keyframes)
-        _with_keys(session, keys)
+        _with_keys(session, keys, "Set the seconds of the path", is_drag=True)
 
 
 def set_closed_path(session: Session, closed: bool) -> None:
     """Close the path from the last keyframe to the first, or open it."""
-    _keep_path(session, replace(path_of(session), is_closed=closed))
+    title = "Close the path" if closed else "Leave the path open"
+    _keep_path(session, replace(path_of(session), is_closed=closed), title)
 
 
 def set_even_speed(session: Session, even: bool) -> None:
     """Use one speed along the path, or the times of the keyframes."""
-    _keep_path(session, replace(path_of(session), even_speed=even))
+    title = "Even speed" if even else "Speed by keyframes"
+    _keep_path(session, replace(path_of(session), even_speed=even), title)
 
 
 def clear_path(session: Session) -> None:
     """Remove every keyframe."""
-    _with_keys(session, ())
+    _with_keys(session, (), "Remove all keyframes")
     session.view.playback.chosen = 0
 
 
@@ -282,7 +285,7 @@ def make_turntable(session: Session, seconds: float = TURN_SECONDS) -> None:
     seen_from = places if len(places) else None
     shot, up = session.rig.shot(), session.rig.up
     path = turntable(shot, up, seconds, seen_from=seen_from, basis=upright_basis(up))
-    _keep_path(session, path)
+    _keep_path(session, path, "Turntable")
     session.view.playback.chosen = 0
     session.view.playback.at = 0.0
     session.view.playback.is_playing = False
@@ -298,7 +301,7 @@ def save_path_file(session: Session, file: Path) -> None:
 @notifies
 def open_path_file(session: Session, file: Path) -> None:
     """Take the path of a JSON file in place of the present one."""
-    _keep_path(session, load_path(file))
+    _keep_path(session, load_path(file), f"Path of {file.name}")
     session.view.playback.chosen = 0
 
 
@@ -350,17 +353,18 @@ def choose_keyframe(session: Session, index: int, *, goes: bool = True) -> None:
             session.rig.go_to_shot(path.keyframes[index].shot)
 
 
-def _with_keys(session: Session, keys: tuple[Keyframe, ...]) -> None:
-    _keep_path(session, replace(path_of(session), keyframes=keys))
+def _with_keys(
+    session: Session, keys: tuple[Keyframe, ...], title: str, *, is_drag: bool = False
+) -> None:
+    _keep_path(session, replace(path_of(session), keyframes=keys), title, is_drag=is_drag)
 
 
-def _keep_path(session: Session, path: CameraPath) -> None:
+def _keep_path(session: Session, path: CameraPath, title: str, *, is_drag: bool = False) -> None:
     document = session.need()
     shown, kept = path_of(session).keyframes, document.project.film.keyframes
     known = {now.shot: was.shot for now, was in zip(shown, kept, strict=True)}
     keys = tuple(replace(k, shot=document.as_opened(k.shot, known)) for k in path.keyframes)
-    document.project.film = replace(path, keyframes=keys)
-    document.save_state.note_outside_history()
+    document.keep_views(title, film=replace(path, keyframes=keys), is_drag=is_drag)
     session.view.playback.at = min(session.view.playback.at, path.seconds)
 
 

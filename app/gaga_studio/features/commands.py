@@ -33,7 +33,7 @@ from gaga_studio.features.find import association, click_object, masks, memory_b
 from gaga_studio.session.camera_rig import FLY_KEYS
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view import ToolName
+from gaga_studio.session.view import PhotoCompareMode, ToolName
 
 # --- Enter, Escape and Backspace
 
@@ -59,7 +59,7 @@ def nothing_to_confirm(session: Session) -> str:
 
 
 def cancel(session: Session) -> None:
-    """End what is active: a drag, flying, the tool, or the selection."""
+    """End what is active: a drag, flying, the tool, the selection, or a comparison."""
     if session.is_previewing:
         session.cancel_preview()
     elif session.rig.is_flying:
@@ -72,6 +72,8 @@ def cancel(session: Session) -> None:
         click_object.clear(session)
     elif session.tool is not ToolName.PICK:
         session.tool = ToolName.PICK
+    elif no_selection(session):
+        session.view.compare = PhotoCompareMode.OFF
     else:
         selection.select_none(session)
 
@@ -79,7 +81,8 @@ def cancel(session: Session) -> None:
 def no_cancel(session: Session) -> str:
     """Needs something that Escape ends."""
     leaves = session.tool is not ToolName.PICK or session.rig.is_flying
-    if session.is_previewing or leaves or not no_selection(session):
+    compares = session.view.compare is not PhotoCompareMode.OFF
+    if session.is_previewing or leaves or compares or not no_selection(session):
         return ""
     return "There is nothing to cancel."
 

@@ -148,13 +148,22 @@ def summary(session: Session, plan: ExportPlan) -> ExportSummary:
     return document.read.once("export", key, lambda: _summary(session, asked))
 
 
+def _bodies_sentence(session: Session) -> str:
+    groups = session.selected_groups()
+    if not groups:
+        return "All objects but the background become bodies."
+    verb = "becomes a body" if len(groups) == 1 else "become bodies"
+    return f"{session.need().names_of(groups)} {verb}, all else stays."
+
+
 def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     if plan.what == "cameras" or isinstance(plan.form, CameraForm):
         return _cameras_summary(session, plan)
     scene, options = folders.scene_along(session), plan.options
     if isinstance(plan.form, SimulationExport):
         unit = unit_sentence(is_metric=scene.frame.is_metric, how=measure.HOW_TO_SCALE)
-        return ExportSummary(len(exported_indices(scene)), 0, 0, (unit,) if unit else ())
+        said = (_bodies_sentence(session), *([unit] if unit else []))
+        return ExportSummary(len(exported_indices(scene)), 0, 0, said)
     groups = selected_groups(scene).tolist() or None
     if isinstance(plan.form, MeshExport):
         return _mesh_summary(scene, plan.form, groups, options)

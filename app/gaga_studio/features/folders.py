@@ -39,16 +39,19 @@ def choose(session: Session, folder: str, how: "How" = "set") -> bool:
     )
     listing = document.feature(ObjectListView)
     listing.chosen = tuple(rest if how == "remove" else [*rest, folder])
-    listing.chosen_with = _selection(document)
+    listing.chosen_with = _selection(document, listing.chosen)
     return done
 
 
 def chosen(session: Session) -> tuple[str, ...]:
-    """Return the folders that were chosen, while the selection is still what that made."""
+    """Return the folders that were chosen, while the selection is still what that made.
+
+    Not any more once objects came into them or left: a command for the folder would miss those.
+    """
     if (document := session.document) is None:
         return ()
     listing = document.feature(ObjectListView)
-    if not listing.chosen or listing.chosen_with != _selection(document):
+    if not listing.chosen or listing.chosen_with != _selection(document, listing.chosen):
         return ()
     return tuple(path for path in listing.chosen if path in document.scene.folders.paths)
 
@@ -61,9 +64,10 @@ def of_selection(session: Session) -> tuple[str, ...]:
     return chosen(session) or (tuple(homes - {""}) if len(homes) == 1 else ())
 
 
-def _selection(document: Document) -> object:
-    read = document.read
-    return read.selected_groups(), len(read.selected_indices())
+def _selection(document: Document, folders: Sequence[str]) -> object:
+    read, inside = document.read, document.scene.folders.groups
+    selected = read.selected_groups(), len(read.selected_indices())
+    return *selected, tuple(inside(folder) for folder in folders)
 
 
 # --- edits

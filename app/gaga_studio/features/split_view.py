@@ -213,7 +213,7 @@ def left_drawn(
 def scene_before(session: Session) -> Scene | None:
     """Return the scene before the last edit that is no selection; None without one.
 
-    The same value as long as nothing is edited.
+    The same value as long as that edit is the last one.
     """
     document = session.document
     if document is None:
@@ -222,8 +222,8 @@ def scene_before(session: Session) -> Scene | None:
     contents = _contents(history)
     if not contents:
         return None
-    key = (history.state_id, history.cursor)
-    return document.read.once("before", key, lambda: _scene_at(history, contents[-1]))
+    state = history.state_ids[contents[-1]]
+    return document.read.once("before", state, lambda: _scene_at(history, contents[-1]))
 
 
 def compare_version(session: Session, cursor: int) -> None:
@@ -236,15 +236,14 @@ def compare_version(session: Session, cursor: int) -> None:
 def scene_of_version(session: Session) -> Scene | None:
     """Return the scene in the state of the history that is compared; None when it is gone.
 
-    The same value as long as nothing is edited.
+    Always the same value: another one is black until it is drawn.
     """
     document, version = session.document, session.view.version
     if document is None or version not in document.history.state_ids:
         return None
     history = document.history
     at = history.state_ids.index(version)
-    key = (history.state_id, history.cursor, version)
-    return document.read.once("version", key, lambda: _scene_at(history, at))
+    return document.read.once("version", version, lambda: _scene_at(history, at))
 
 
 def name_of_version(session: Session) -> str:

@@ -195,13 +195,13 @@ def _mirror(axis: int) -> Command:
 
 
 def _no_undo(session: Session) -> str:
-    history = session.history
-    return "" if history is not None and history.can_undo else "There is nothing to undo."
+    document = session.document
+    return "" if document is not None and document.undo_title else "There is nothing to undo."
 
 
 def _no_redo(session: Session) -> str:
-    history = session.history
-    return "" if history is not None and history.can_redo else "There is nothing to redo."
+    document = session.document
+    return "" if document is not None and document.redo_title else "There is nothing to redo."
 
 
 COMMANDS: tuple[Command, ...] = (
@@ -211,7 +211,7 @@ COMMANDS: tuple[Command, ...] = (
         Session.undo,
         "Ctrl+Z",
         enabled=_no_undo,
-        describe=lambda s: "Undo" if _no_undo(s) else f"Undo {s.need().history.undo_title}",
+        describe=lambda s: "Undo" if _no_undo(s) else f"Undo {s.need().undo_title}",
     ),
     Command(
         "edit.redo",
@@ -220,7 +220,7 @@ COMMANDS: tuple[Command, ...] = (
         "Ctrl+Shift+Z",
         ("Ctrl+Y",),
         enabled=_no_redo,
-        describe=lambda s: "Redo" if _no_redo(s) else f"Redo {s.need().history.redo_title}",
+        describe=lambda s: "Redo" if _no_redo(s) else f"Redo {s.need().redo_title}",
     ),
     ask("edit.recolor", "Recolor…", Request.RECOLOR, enabled=no_selection),
     Command("edit.duplicate", "Duplicate", duplicate, "Ctrl+D", ("Shift+D",), enabled=no_selection),

@@ -1,7 +1,7 @@
 """The open scene: its history, previews, its selection, what is unsaved, state of features."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar, cast, runtime_checkable
 
@@ -15,7 +15,7 @@ from gaga_core.io.splats.sog import META
 from gaga_core.io.splats.splat_files import files_of_model
 from gaga_core.pipeline.level_of_detail import is_of, rows_of_files
 from gaga_core.scene import edits
-from gaga_core.scene.camera_path import Shot, carried_shot
+from gaga_core.scene.camera_path import Bookmark, CameraPath, Shot, carried_shot
 from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.frame import carried_cameras, inverse
@@ -57,7 +57,7 @@ class SaveState:
         self._content[after] = self._newest if is_content else self._content.get(before, 0)
 
     def note_outside_history(self) -> None:
-        """Note a change that a save keeps and undo does not know: bookmarks, the path."""
+        """Note a change that a save keeps and the history does not know: bookmarks, the path."""
         self._outside += 1
 
     def content(self, state: int) -> Content:
@@ -79,6 +79,59 @@ class SaveState:
         return self.content(history.state_id) != self._saved
 
 
+Views = tuple[CameraPath, tuple[Bookmark, ...]]  # as the project keeps them
+
+
+@dataclass(frozen=True)
+class _ViewStep:
+    title: str
+    state: int  # of the history, in which it was made
+    before: Views
+    after: Views
+
+
+class ViewSteps:
+    """Undo of bookmarks and of the camera's path, which are no part of the scene.
+
+    A step is undone and done again in the state of the history in which it was made: between the
+    same two edits. One that another state hides, as after a jump in the history, waits for it.
+    """
+
+    def __init__(self) -> None:
+        self._done: list[_ViewStep] = []
+        self._undone: list[_ViewStep] = []
+
+    def note(self, step: _ViewStep, *, is_drag: bool) -> None:
+        """Note a step; the frames of a drag are one."""
+        last = self._done[-1] if self._done else None
+        if is_drag and last is not None and (last.title, last.state) == (step.title, step.state):
+            step = replace(step, before=self._done.pop().before)
+        self._done.append(step)
+        self.forget_undone()
+
+    def forget_undone(self) -> None:
+        """Something else was done: nothing is done again."""
+        self._undone.clear()
+
+    def undo_title(self, state: int) -> str:
+        """Title of the step that undo takes back in this state of the history; "" if none."""
+        return self._done[-1].title if self._done and self._done[-1].state == state else ""
+
+    def redo_title(self, state: int) -> str:
+        """Title of the step that redo does again in this state of the history; "" if none."""
+        return self._undone[-1].title if self._undone and self._undone[-1].state == state else ""
+
+    def undo(self) -> Views:
+        """Take the newest step back; return what there was before it."""
+        self._undone.append(self._done.pop())
+        return self._undone[-1].before
+
+    def redo(self) -> Views:
+        """Do the step that was undone last again; return what there is after it."""
+        self._done.append(self._undone.pop())
+        return self._done[-1].after
+
+
 @runtime_checkable
 class Closes(Protocol):
     """State of a feature that ends something when its document is closed."""
@@ -97,6 +150,7 @@ class Document:
         self.history = History(self.scene)
         self.read = SceneCache(self.scene)
         self.save_state = SaveState()
+        self._views = ViewSteps()
         self.focus = 0  # group shown in the inspector; 0 = none
         self.lods: tuple[LodTree, ...] = ()  # trees of merged splats that are known
         self.in_use_by = ""  # the other program that has the project open
@@ -192,6 +246,7 @@ class Document:
         before = self.history.state_id
         done = self.history.do(edit)
         self.save_state.note(before, self.history.state_id, is_content)
+        self._forget_undone_views(before)
         self._keep_focus()
         return done
 
@@ -222,6 +277,57 @@ class Document:
             labels = self.scene.labels[self.read.selected_indices()]
             ids, counts = np.unique(labels[labels > 0], return_counts=True)
             self.focus = int(ids[counts.argmax()])
+
+    # --- bookmarks and the camera's path
+
+    def keep_views(
+        self,
+        title: str,
+        *,
+        film: CameraPath | None = None,
+        bookmarks: tuple[Bookmark, ...] | None = None,
+        is_drag: bool = False,
+    ) -> None:
+        """Take another path, or other bookmarks, as a step that undo takes back."""
+        before = self.project.film, self.project.bookmarks
+        after = film or before[0], before[1] if bookmarks is None else bookmarks
+        if before == after:
+            return
+        step = _ViewStep(title, self.history.state_id, before, after)
+        self._views.note(step, is_drag=is_drag)
+        self._take_views(after)
+
+    @property
+    def undo_title(self) -> str:
+        """Title of what Ctrl+Z takes back, an edit or a step of the views; "" if nothing."""
+        return self._views.undo_title(self.history.state_id) or self.history.undo_title
+
+    @property
+    def redo_title(self) -> str:
+        """Title of what Ctrl+Shift+Z does again; "" if nothing."""
+        return self._views.redo_title(self.history.state_id) or self.history.redo_title
+
+    def undo_views(self) -> bool:
+        """Take back the step of the views that is newer than the newest edit; False if none."""
+        if not self._views.undo_title(self.history.state_id):
+            return False
+        self._take_views(self._views.undo())
+        return True
+
+    def redo_views(self) -> bool:
+        """Do a step of the views again that comes before the next edit; False if none."""
+        if not self._views.redo_title(self.history.state_id):
+            return False
+        self._take_views(self._views.redo())
+        return True
+
+    def _take_views(self, views: Views) -> None:
+        self.project.film, self.project.bookmarks = views
+        self.save_state.note_outside_history()
+
+    def _forget_undone_views(self, before: int) -> None:
+        if self.history.state_id != before:
+            self._views.forget_undone()
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -276,6 +382,7 @@ class Document:
         before = self.history.state_id
         done = self.history.commit_preview()
         self.save_state.note(before, self.history.state_id, True)
+        self._forget_undone_views(before)
         return done
 
     def show(self, edit: Edit, *, waits_as: str = "", is_tint: bool = False) -> None:

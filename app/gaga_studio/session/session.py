@@ -16,12 +16,13 @@ from gaga_core.errors import GagaError, plain_text
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.io.folder.lock import InUseError
+from gaga_core.io.splats.splat_files import says_up
 from gaga_core.masks import MaskSet
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.objects import ObjectTable, folder_colors, muted_colors
-from gaga_core.scene.orientation import guess_up
+from gaga_core.scene.orientation import estimate_up, guess_up
 from gaga_core.scene.project import (
     ModelChangedError,
     Project,
@@ -484,7 +485,12 @@ class Session:
             up = document.up_of_photos()
             self.rig.frame_scene(*splat_box(scene), self.cameras, up=up)
         else:
-            up = self.rig.up if animated else guess_up(scene.gaussians)
+            if animated:
+                up = self.rig.up
+            elif says_up(document.project.model_path):
+                up = estimate_up(())
+            else:
+                up = guess_up(scene.gaussians)
             self.rig.frame_scene(*whole_box(scene), up=up)
         self.rig.follow(document.world)
         if animated:
@@ -518,12 +524,30 @@ class Session:
     # --- undo and redo, and the end of a drag whose edit is only shown
 
     def undo(self) -> str | None:
-        """Undo the newest edit; return its title, None if there is none."""
-        return self.document.undo() if self.document is not None else None
+        """Undo the newest edit, or step of bookmarks and path; return its title, None if none."""
+        if self.document is None:
+            return None
+        title = self.document.undo_title
+        if not self.document.undo_views():
+            return self.document.undo()
+        self._keep_playback()
+        return title
 
     def redo(self) -> str | None:
-        """Redo the next undone edit; return its title, None if there is none."""
-        return self.document.redo() if self.document is not None else None
+        """Redo what was undone last; return its title, None if there is none."""
+        if self.document is None:
+            return None
+        title = self.document.redo_title
+        if not self.document.redo_views():
+            return self.document.redo()
+        self._keep_playback()
+        return title
+
+    def _keep_playback(self) -> None:
+        """Stay inside of a path that undo changed."""
+        playback, film = self.view.playback, self.need().project.film
+        playback.at = min(playback.at, film.seconds)
+        playback.chosen = max(min(playback.chosen, len(film.keyframes) - 1), 0)
 
     def commit_preview(self) -> bool:
         """Make what a drag shows one entry of the history; False if nothing changed."""

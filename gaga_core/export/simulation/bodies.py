@@ -5,8 +5,10 @@ of a body are those of that world; its origin is the middle of its box's undersi
 """
 
 import importlib
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import ModuleType
 from typing import Any
 
@@ -21,7 +23,7 @@ from gaga_core.export.solids import MeshConfig, convex_collider, proxy_mesh_stag
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.meshes import TriangleMesh
 from gaga_core.io.splats.glb import placed
-from gaga_core.progress import Stage
+from gaga_core.progress import Progress, Stage, threaded_stage
 from gaga_core.raster import choose
 from gaga_core.scene.orientation import upright_basis
 from gaga_core.training.stereo import DepthView
@@ -48,6 +50,7 @@ _CELLS = 128  # of a height field along each side
 _AROUND = 1.5  # of the size of all bodies: how far it reaches from their middle
 _VIEW = np.radians(1.0)  # field of view of the heights: nearly parallel
 _SHOWN = 0.5  # alpha from which on a pixel has a height
+_COACD = threading.Lock()  # one search for convex parts at a time: all processors work for it
 _BELOW = 0.005  # of the side of a height field: how far it stays under what else carries things
 _APART = 2  # cells around a body in which nothing is higher than its underside
 
@@ -453,6 +456,8 @@ def body_stage(
     inside = [corners - origin for corners in held]
     seats = _seats(inside[: config.parts // 2], voxel)
     rest = replace(config, parts=config.parts - len(seats))
+    search = partial(parts_of, mesh, foot, _CUT * voxel, rest)
+    parts = yield from threaded_stage(Progress("Find convex parts", 0, 1), search, _COACD)
     return Body(
         id=0,
         name="",
@@ -460,7 +465,7 @@ def body_stage(
         position=origin,
         gaussians=placed(gaussians, place),
         mesh=mesh,
-        parts=outside((*parts_of(mesh, foot, _CUT * voxel, rest), *seats), inside),
+        parts=outside((*parts, *seats), inside),
         properties=mass_properties(mesh, density or config.density, mass),
         underside="assumed flat" if stands else "as seen",
     ), is_closed

@@ -98,6 +98,11 @@ def form_of(path: Path) -> SplatFormat:
     )
 
 
+def says_up(path: Path) -> bool:
+    """Whether files of this kind have an axis that is up: read, it is -y, as in a 3DGS .ply."""
+    return Path(path).name.lower().endswith((".glb", ".gltf", *usd.SUFFIXES))
+
+
 def read_splats(path: Path) -> Gaussians:
     """Read a file of splats of any kind; see `read_splats_stage`."""
     return run_stage(read_splats_stage(path))

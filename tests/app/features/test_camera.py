@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline.film import FilmConfig, Split
+from gaga_core.scene import edits
 from gaga_studio.features import camera as bookmarks
 from gaga_studio.features import camera as camera_path
 from gaga_studio.features import export, split_view
@@ -392,3 +394,56 @@ def test_a_window_that_closes_leaves_no_job_waiting() -> None:
     worker.join(5)
     assert not worker.is_alive()
     assert len(said) == 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_undo_of_views_and_edits_goes_back_and_forth(session: Session, seed: int) -> None:
+    """A random walk of bookmarks, keyframes, edits, undo and redo, against what there was."""
+    rng = np.random.default_rng(seed)
+    document = session.need()
+
+    def now() -> tuple[object, ...]:
+        history = document.history
+        return document.project.film, document.project.bookmarks, history.state_id
+
+    been, at = [now()], 0
+    for number in range(120):
+        step = rng.integers(7)
+        if step < 2 and at > 0:
+            assert document.undo_title
+            session.undo()
+            at -= 1
+        elif step < 3 and at + 1 < len(been):
+            assert document.redo_title
+            session.redo()
+            at += 1
+        elif step >= 3:
+            if step == 3:
+                session.edit(partial(edits.rename, group=1, name=f"name {number}"))
+            elif step == 4:
+                bookmarks.add_bookmark(session, f"view {number}")
+            elif step == 5 and bookmarks.bookmarks(session):
+                bookmarks.remove_bookmark(session, 0)
+            else:
+                camera_path.add_keyframe(session)
+            del been[at + 1 :]
+            been.append(now())
+            at += 1
+        assert now() == been[at]
+    while at > 0:
+        session.undo()
+        at -= 1
+        assert now() == been[at]
+    assert not document.undo_title
+
+
+def test_a_dragged_time_is_one_step(session: Session) -> None:
+    for _ in range(2):
+        camera_path.add_keyframe(session)
+    before = camera_path.path_of(session)
+    for seconds in (2.5, 3.0, 3.5):
+        camera_path.set_seconds(session, 1, seconds)
+    session.undo()
+    assert camera_path.path_of(session) == before
+    session.redo()
+    assert camera_path.path_of(session).keyframes[1].seconds == 3.5

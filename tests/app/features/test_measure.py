@@ -206,6 +206,7 @@ def test_photos_bookmarks_and_path_follow_the_ground_and_come_back(associated: S
     np.testing.assert_allclose(
         bookmarks.bookmarks(session)[1].shot.eye, session.rig.shot().eye, atol=1e-9
     )
+    session.undo()  # the bookmark
     session.undo()
     assert bookmarks.bookmarks(session)[0].shot == shot
     assert camera_path.path_of(session).keyframes[0].shot == key

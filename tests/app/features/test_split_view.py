@@ -55,6 +55,8 @@ def test_before_is_the_scene_without_its_last_edit(associated: Session) -> None:
     assert scene.revision.total() >= revision
     assert run("edit.undo", session)
     assert session.history.cursor > 0  # type: ignore[union-attr]
+    assert split_view.scene_before(session) is before, "a selection is no edit"
+    assert run("edit.undo", session)
     other = split_view.scene_before(session)
     assert other is not None
     assert other is not before

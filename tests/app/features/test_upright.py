@@ -3,14 +3,19 @@
 import gzip
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gaga_core.export.export import export_scene_stage
+from gaga_core.export.options import ExportOptions
 from gaga_core.io.splats.splat_files import SplatFormat, write_splats
+from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.project import save_project
+from gaga_core.scene.scene import Scene
 from gaga_studio.features import upright
 from gaga_studio.features.commands import run
 from gaga_studio.session.session import Session
@@ -135,3 +140,19 @@ def test_what_a_notice_offers_goes_with_its_scene(
     write_splats(path, random_gaussians(60, seed=5), SplatFormat.PLY)
     _opened(session, path)
     assert not any(notice.command for notice in session.notices), "it would turn the other scene"
+
+
+@pytest.mark.parametrize("form", [SplatFormat.GLB, SplatFormat.USD])
+def test_what_was_exported_standing_stands_when_it_is_opened_again(
+    new_session: Callable[[], Session], tmp_path: Path, form: SplatFormat
+) -> None:
+    """What is much longer than high, without a ground, was taken to stand along its length."""
+    if form is SplatFormat.USD:
+        pytest.importorskip("pxr")
+    row, path = random_gaussians(300, seed=2), tmp_path / f"row{form.suffix}"
+    row = replace(row, means=row.means * np.array([1, 4, 1], np.float32))
+    options = ExportOptions(up=(0.0, 0.0, 1.0))
+    run_stage(export_scene_stage(Scene.of(row), path, form=form, options=options))
+    session = new_session()
+    means = _opened(session, path)
+    np.testing.assert_allclose(means @ session.rig.up, row.means[:, 2], atol=1e-4)

@@ -19,7 +19,7 @@ from gaga_core.scene.bake import bake
 from gaga_core.scene.export_manifest import listed_files
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Weight
-from gaga_studio.features import camera, dataset, objects, selection, simulate
+from gaga_studio.features import camera, dataset, export, objects, selection, simulate
 from gaga_studio.features.commands import run
 from gaga_studio.features.reconstruction import KnownRates
 from tests.app.folders import write_scene
@@ -213,6 +213,9 @@ def test_bodies_are_shown_by_their_parts_and_written(display: str, tmp_path: Pat
         d.frames()
         assert sheet.simulation.forms == (SimulatorForm.MJCF,)
         assert sheet.simulation.config.parts == 3
+        plan = export.ExportPlan(tmp_path / "bodies", "simulation", sheet.simulation)
+        said = export.summary(session, plan).lost
+        assert said[0] == f"{document.name_of(1)} becomes a body, all else stays."
         d.click("**/###Show convex parts")
         d.settle()
         shown = simulate.shown_parts(session)

@@ -12,8 +12,8 @@ from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import split_view
-from gaga_studio.features.camera import path_of
-from gaga_studio.session.view import Side, ToolName
+from gaga_studio.features.camera import bookmarks, path_of
+from gaga_studio.session.view import PhotoCompareMode, Side, ToolName
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.typist import Hand
 
@@ -46,6 +46,7 @@ def test_an_object_is_painted_the_scene_turned_compared_and_added_to(
     def walk(d: Driver) -> None:
         _a_stroke_takes_the_object_that_is_seen(d)
         _the_turntable_waits_and_stays_between_the_photos(d)
+        _undo_takes_back_what_is_done_to_views(d)
         _two_versions_are_compared(d)
         _splats_and_folders_are_dropped_onto_a_scene(d, other, grouped_copy)
         _a_notice_parts_no_name(d, tmp_path / "bad.splat")
@@ -98,6 +99,30 @@ def _stays_between_the_photos(d: Driver) -> None:
     assert (eyes[:, :2] <= places[:, :2].max(axis=0) + edge).all()
 
 
+def _undo_takes_back_what_is_done_to_views(d: Driver) -> None:
+    turned, n = path_of(d.session), d.history.cursor
+    d.keys(KEY.k)
+    made_by_hand = path_of(d.session)
+    d.menu("Camera/###Turntable")
+    d.menu("Camera/###Remove all keyframes")
+    d.keys(KEY.mod_ctrl, KEY.z)
+    d.keys(KEY.mod_ctrl, KEY.z)
+    assert path_of(d.session) == made_by_hand
+    d.keys(KEY.mod_ctrl, KEY.z)
+    assert path_of(d.session) == turned
+    d.keys(KEY.mod_ctrl, KEY.b)
+    d.focus("Bookmarks")
+    kept = bookmarks(d.session)
+    d.click("Bookmarks/**/Remove")
+    assert bookmarks(d.session) == ()
+    d.keys(KEY.mod_ctrl, KEY.z)
+    assert bookmarks(d.session) == kept
+    d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.z)
+    assert bookmarks(d.session) == ()
+    assert d.history.cursor == n, "no edit was undone for it"
+    d.focus("Camera path")
+
+
 def _two_versions_are_compared(d: Driver) -> None:
     d.keys(KEY.delete)
     n_deleted = int(d.scene.has(State.DELETED).sum())
@@ -118,7 +143,13 @@ def _two_versions_are_compared(d: Driver) -> None:
         assert left is not None
         before = d.on_main(left.read_pixels).astype(int)
     assert (np.abs(before - after).max(axis=2) > 40).sum() > 100, "it is there on the left"
+    shown = split_view.scene_of_version(d.session)
     d.keys(KEY.mod_ctrl, KEY.z)
+    assert split_view.scene_of_version(d.session) is shown, "it is not drawn again, from black"
+    d.keys(KEY.escape)
+    d.keys(KEY.escape)
+    assert d.session.selected_groups() == ()
+    assert d.session.view.compare is PhotoCompareMode.OFF, "after the selection"
 
 
 def _splats_and_folders_are_dropped_onto_a_scene(d: Driver, other: Path, folder: Path) -> None:

@@ -257,6 +257,13 @@ def _drag(d: Driver) -> None:
     """Objects and folders onto a folder, and out of all."""
     scene = d.scene
     onto = f"//{_FOLDER.format('Room', '##row')}"
+    d.engine.item_drag_and_drop(f"//{_ROW.format(4, '##row')}", onto)
+    d.frames(3)
+    assert d.session.selected_groups() == (2, 3), "the dragged row was not selected"
+    d.menu_of(_FOLDER.format("Room", "##row"), "###Hide")
+    hidden = np.unique(scene.labels[scene.has(State.HIDDEN)])
+    assert hidden.tolist() == [2, 3, 4], "the menu of a folder acts on all that is in it"
+    d.keys(KEY.mod_ctrl, KEY.z)
     d.select(4, 5)
     d.engine.item_drag_and_drop(f"//{_ROW.format(4, '##row')}", onto)
     d.frames(3)

@@ -1,6 +1,7 @@
 """Bodies for simulators: mass of known solids, convex parts that hold, files that load."""
 
 import json
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from gaga_core.export.simulation.bodies import (
     Plane,
     Static,
     World,
+    body_stage,
     closed_on,
     convex_parts,
     lies_in,
@@ -36,11 +38,11 @@ from gaga_core.export.simulation.export import (
 from gaga_core.export.simulation.falling import fall
 from gaga_core.export.simulation.mjcf import mjcf_of, static_urdf_of, urdf_of
 from gaga_core.export.simulation.settings import SimulationConfig
-from gaga_core.export.solids import MeshConfig
+from gaga_core.export.solids import STEP, MeshConfig
 from gaga_core.io.meshes import TriangleMesh
 from gaga_core.io.splats.glb import placed
 from gaga_core.io.splats.splat_files import read_splats, write_splats
-from gaga_core.progress import run_stage
+from gaga_core.progress import Progress, run_stage, threaded_stage
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits import duplicate
 from gaga_core.scene.scene import Scene
@@ -233,6 +235,36 @@ def test_a_box_rests_where_it_stood() -> None:
     *_, last = fall(_world(_body(mesh, _CONFIG, (0.2, 0.1, 0))), seconds=2.0)
     assert np.abs(last[0, :3, 3] - [0.2, 0.1, 0]).max() < 1e-3
     assert np.abs(last[0, :3, :3] - np.eye(3)).max() < 1e-2
+
+
+def test_a_cancel_does_not_wait_for_the_search_for_convex_parts() -> None:
+    """It is one call of a library, and another one does not run next to it."""
+    release, turn = threading.Event(), threading.Lock()
+    waiting = Progress("Find convex parts", 0, 1)
+    first = threaded_stage(waiting, release.wait, turn)
+    assert next(first) == waiting
+    first.close()  # returns, though nothing lets it go on
+    begun = threading.Event()
+    second = threaded_stage(waiting, begun.set, turn)
+    assert next(second) == waiting
+    assert not begun.is_set()
+    second.close()
+    third = threaded_stage(waiting, lambda: 3, turn)
+    assert next(third) == waiting
+    release.set()
+    assert run_stage(third) == 3
+    assert not begun.is_set(), "what was cancelled before its turn is not done"
+    with pytest.raises(ZeroDivisionError):
+        run_stage(threaded_stage(waiting, lambda: 1 // 0, turn))
+
+
+def test_a_body_can_be_cancelled_between_any_two_views() -> None:
+    stage = body_stage(random_gaussians(400), None, _CONFIG, MeshConfig(32), None, 500.0)
+    steps = list[Progress]()
+    run_stage(stage, steps.append)
+    views = [step for step in steps if step.stage == STEP]
+    assert [step.done for step in views] == list(range(views[-1].total + 1))
+    assert views[-1].total > 2 * len({step.message for step in views if step.message})
 
 
 def test_urdf_and_mjcf_say_mass_and_parts() -> None:

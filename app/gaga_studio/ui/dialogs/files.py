@@ -241,7 +241,8 @@ def _entries(dialog: FileDialog) -> None:
     imgui.pop_style_color()
     if visible:
         if not dialog._entries:
-            widgets.dim("Nothing to open here.")
+            is_open = dialog.kind in (PathKind.OPEN_FOLDER, PathKind.OPEN_FILE)
+            widgets.dim("Nothing to open here." if is_open else "Nothing is here yet.")
         imgui.push_item_flag(imgui.ItemFlags_.no_tab_stop, True)  # arrows walk through them
         for entry in dialog._entries:
             _entry(dialog, entry)
