@@ -305,7 +305,7 @@ class Scene:
         from gaga_core.export.options import ExportOptions
         from gaga_core.export.page import content_of
 
-        options = ExportOptions(page=content_of(self.project))
+        options = ExportOptions(up=self.project.up, page=content_of(self.project))
         stage = export_scene_stage(self.project.scene, Path(path), groups=True, options=options)
         _run(stage, on_progress)
         return Path(path)
@@ -313,8 +313,11 @@ class Scene:
     def export_objects(self, folder: str | Path, *, on_progress: OnProgress | None = None) -> Path:
         """Write each object as a .ply of its own; returns groups.json, which lists them."""
         from gaga_core.export.export import export_objects_stage
+        from gaga_core.export.options import ExportOptions
 
-        return _run(export_objects_stage(self.project.scene, Path(folder)), on_progress)
+        options = ExportOptions(up=self.project.up)
+        stage = export_objects_stage(self.project.scene, Path(folder), options=options)
+        return _run(stage, on_progress)
 
     def save(self, path: str | Path | None = None) -> Path:
         """Save all edits as a project that the window opens (default: where it was opened)."""

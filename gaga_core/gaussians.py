@@ -1,16 +1,26 @@
 """3D Gaussians as numpy columns."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, BoolArray, FloatArray, IntArray, LongArray, check_shape
+from gaga_core.arrays import (
+    AnyArray,
+    BoolArray,
+    DoubleArray,
+    FloatArray,
+    IntArray,
+    LongArray,
+    check_shape,
+)
 
 # What Brush, SuperSplat and others write into the header of a PLY file.
 _MIP_HINTS = ("splatrendermode: mip", "antialiased 1", "antialiased: 1")
 _MIP_COMMENT = "SplatRenderMode: mip"  # the hint that is written here
+_UP = re.compile(r"up (\S+) (\S+) (\S+)")  # the comment of files that say which way is up
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +29,7 @@ class Gaussians:
 
     All standard columns are C-contiguous float32. ``extra`` holds every other column of the file
     by name, in file order and in its own dtype: normals, ``obj_dc_*``, anything unknown. They
-    survive a round trip. ``comments`` are the file's header comments (render-mode hints).
+    survive a round trip. ``comments`` are the file's header comments: render mode, up.
 
     Raises ``ValueError`` when columns disagree in length or shape.
     """
@@ -63,6 +73,25 @@ class Gaussians:
             return self
         others = (c for c in self.comments if not any(h in c.lower() for h in _MIP_HINTS))
         return replace(self, comments=(*others, *([_MIP_COMMENT] if antialiased else [])))
+
+    @property
+    def up(self) -> DoubleArray | None:
+        """Which way is up (3,), unit, as the comments say; None where they do not."""
+        for words in filter(None, map(_UP.fullmatch, self.comments)):
+            try:
+                up = np.array(words.groups(), np.float64)
+            except ValueError:  # a sentence of someone else
+                continue
+            length = float(np.linalg.norm(up))
+            if 0 < length < np.inf:
+                return up / length
+        return None
+
+    def with_up(self, up: AnyArray | Sequence[float]) -> "Gaussians":
+        """The same splats, whose comments say that ``up`` (3,) is up."""
+        others = (c for c in self.comments if not _UP.fullmatch(c))
+        x, y, z = (float(value) + 0.0 for value in up)
+        return replace(self, comments=(*others, f"up {x:.9g} {y:.9g} {z:.9g}"))
 
     @property
     def scales(self) -> FloatArray:

@@ -119,7 +119,7 @@ class ExportCommand:
         project = out.open_project(self.scene)
         if self.what == "masks":
             return self._masks(project)
-        options = replace(self.options, up=up_of(project), page=content_of(project))
+        options = replace(self.options, up=project.up, page=content_of(project))
         if self.what == "simulation":
             return self._simulation(project, options)
         if self.what == "cameras":
@@ -297,20 +297,6 @@ def say_losses(losses: Iterable[str]) -> None:
     """Say what the form does not keep, before anything is written."""
     for sentence in losses:
         out.say(sentence)
-
-
-def up_of(project: "Project") -> tuple[float, float, float]:
-    """Which way is up (3,), unit, world: the cameras say, else the splats."""
-    from gaga_core.scene.orientation import guess_up, up_of_moved
-
-    opened, placed = project.folder, project.placed_folder
-    if opened is not None and placed is not None and opened.cameras:
-        world = project.scene.frame.world
-        up = up_of_moved(opened.cameras, placed.cameras, opened.up, world)
-    else:
-        up = guess_up(project.scene.gaussians)
-    x, y, z = (float(value) for value in up)
-    return x, y, z
 
 
 def _add_identity(project: "Project") -> "IdentityField":

@@ -36,7 +36,7 @@ class EditCommand:
 
     def run(self) -> int:
         """Write what is visible after the edits."""
-        from gaga_core.cli.export import say_losses, up_of
+        from gaga_core.cli.export import say_losses
         from gaga_core.edit_script import parse_script, run_script
         from gaga_core.export.export import export_losses, export_scene_stage
         from gaga_core.export.options import ExportOptions
@@ -57,7 +57,7 @@ class EditCommand:
         if form_of(self.output) is SplatFormat.HTML:
             behind = describe_project(project).background  # and names objects
         page = replace(content_of(project), background=behind)
-        options = ExportOptions(up=up_of(project), page=page)
+        options = ExportOptions(up=project.up, page=page)
         say_losses(export_losses(scene, form_of(self.output), groups=self.groups))
         stage = export_scene_stage(scene, self.output, groups=self.groups, options=options)
         written = out.follow(stage).n_splats

@@ -13,7 +13,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from msgspec.structs import replace as changed
 
-from gaga_core.arrays import IntArray, LongArray
+from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.errors import GagaError
 from gaga_core.export.options import ExportOptions, PageContent
 from gaga_core.export.page import write_scene_page_stage
@@ -38,6 +38,7 @@ from gaga_core.scene.export_manifest import (
     write_manifest,
 )
 from gaga_core.scene.objects import group_colors, group_name
+from gaga_core.scene.orientation import guess_up
 from gaga_core.scene.reduce import decimate_stage, picture_loss_stage
 from gaga_core.scene.scene import Scene, State, of_scene_now
 from gaga_core.scene.selection.algebra import world_means
@@ -157,9 +158,7 @@ def export_scene_stage(
     if form is SplatFormat.HTML:
         yield from write_scene_page_stage(scene, splats, gaussians, path, options, origin)
         return Exported(len(splats), psnr)
-    gaussians = options.applied(gaussians, origin)
-    if form in _STANDING:
-        gaussians = options.standing(gaussians)
+    gaussians = _as_written(gaussians, origin, form, options)
     if groups:
         gaussians = with_groups(gaussians, scene.labels[splats])
     yield from write_splats_stage(path, gaussians, form)
@@ -204,6 +203,17 @@ def objects_indices(
     shown = options.inside(scene, exported_indices(scene))
     labels = scene.labels[shown]
     return shown[labels > 0 if groups is None else np.isin(labels, list(groups))]
+
+
+def _as_written(
+    gaussians: Gaussians, origin: DoubleArray, form: SplatFormat, options: ExportOptions
+) -> Gaussians:
+    """Splats as a file of ``form`` holds them: it stands, or says what is up where none guesses."""
+    gaussians = options.applied(gaussians, origin)
+    if form in _STANDING:
+        return options.standing(gaussians)
+    is_guessed = np.allclose(guess_up(gaussians), options.up, atol=1e-6)
+    return gaussians if is_guessed else gaussians.with_up(options.up)
 
 
 def _taken(scene: Scene, splats: IntArray) -> Gaussians:
@@ -284,8 +294,7 @@ def export_objects_stage(
                     page = gaussians, staging / entry.file, alone, origin
                     stage = write_scene_page_stage(scene, splats[rows], *page)
                 else:
-                    placed = options.applied(gaussians, origin)
-                    placed = options.standing(placed) if form in _STANDING else placed
+                    placed = _as_written(gaussians, origin, form, options)
                     stage = write_splats_stage(staging / entry.file, placed, form)
                 yield from as_step(step, stage)
             written.append(_described(entry, options.applied(gaussians, origin), psnr))

@@ -79,13 +79,14 @@ def up_of_moved(
 
 
 def guess_up(gaussians: Gaussians) -> DoubleArray:
-    """The up direction (3,) of splats without cameras: one of the axes of their world.
+    """The up direction (3,) of splats without cameras: as their file says, else one of the axes.
 
     Where much more surface lies across one axis than across the others, and most of it at one end,
     that end is the ground. What is much longer along y or z stands. Else, and for the sign then, y
     points down, as in the world of most single models, and z up.
     """
-    found = _from_ground(gaussians)
+    found = gaussians.up
+    found = _from_ground(gaussians) if found is None else found
     if found is not None:
         return found
     means = gaussians.means[np.isfinite(gaussians.means).all(axis=1)]

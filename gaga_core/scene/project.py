@@ -68,6 +68,7 @@ from gaga_core.scene.named_arrays import (
     splats_of,
 )
 from gaga_core.scene.objects import group_colors
+from gaga_core.scene.orientation import guess_up, up_of_moved
 from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Scene, Weight
 from gaga_core.version import __version__
 
@@ -523,6 +524,17 @@ class Project:
         train = set(folder.train)
         named = tuple(camera for camera in folder.cameras if camera.name in train)
         return named or folder.cameras
+
+    @property
+    def up(self) -> tuple[float, float, float]:
+        """Which way is up (3,), unit, around the edited splats: cameras say, else the splats."""
+        opened, placed, world = self.folder, self.placed_folder, self.scene.frame.world
+        if opened is not None and placed is not None and opened.cameras:
+            up = up_of_moved(opened.cameras, placed.cameras, opened.up, world)
+        else:
+            up = up_of_moved((), (), guess_up(self.scene.gaussians).tolist(), world)
+        x, y, z = (float(value) for value in up)
+        return x, y, z
 
     @property
     def placed_film(self) -> CameraPath:

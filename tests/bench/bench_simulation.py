@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 
 from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.camera import Camera
-from gaga_core.cli.export import up_of
 from gaga_core.export.simulation.bodies import Body, World, convex_parts, mass_properties
 from gaga_core.export.simulation.export import (
     SimulationExport,
@@ -107,7 +106,7 @@ def _of_crowd(project: Project, folder: Path) -> list[Figure]:
 
 def _how(project: Project) -> SimulationExport:
     behind = describe_project(project).background
-    return SimulationExport(up=up_of(project), background=behind).seeing(project)
+    return SimulationExport(up=project.up, background=behind).seeing(project)
 
 
 def _held(

@@ -8,7 +8,6 @@ import numpy as np
 
 from gaga_core.arrays import IntArray, LongArray
 from gaga_core.camera import Camera
-from gaga_core.export.options import ExportOptions
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene import cleanup
 from gaga_core.scene.edits import Edit
@@ -46,7 +45,6 @@ if TYPE_CHECKING:
 
 TITLE = "Clean up"
 _CLEANUP_CHANGED = "The scene changed while the object was cleaned. Try again."
-_AS_IS = ExportOptions()
 Build = Callable[[Scene, Sequence[int], IntArray, str], Edit | None]
 
 

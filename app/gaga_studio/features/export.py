@@ -61,7 +61,6 @@ from gaga_studio.system import paths
 
 What = Literal["scene", "selected", "objects"] | Literal["cameras", "simulation"]
 Export = Literal["scene", "selected", "objects"]
-_AS_IS = ExportOptions()
 
 
 @dataclass(frozen=True)
@@ -265,7 +264,7 @@ def export(
     path: Path,
     *,
     form: SplatFormat | MeshExport = SplatFormat.PLY,
-    options: ExportOptions = _AS_IS,
+    options: ExportOptions | None = None,
 ) -> None:
     """Write what is visible, the selection, or one file per (selected, else any) object.
 
@@ -275,6 +274,7 @@ def export(
     if session.scene is None:
         return
     session.need().settled()
+    options = options or ExportOptions(up=camera.up_of(session))
     groups = cleanup.to_clean(session) if what != "scene" else ()
     if not groups:
         scene = replace(folders.scene_along(session))  # as it is now: the job may wait

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from gaga_core.export.options import ExportOptions
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
 from gaga_core.io.images import IMAGE_SUFFIXES
@@ -20,8 +19,6 @@ from gaga_studio.features import level_of_detail
 from gaga_studio.features.base import Command, ask, busy, needs, no_scene, not_saveable
 from gaga_studio.session.notices import Level, Request, choose_one, notifies
 from gaga_studio.session.session import Session
-
-_AS_IS = ExportOptions()
 
 
 @notifies

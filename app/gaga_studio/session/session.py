@@ -16,13 +16,12 @@ from gaga_core.errors import GagaError, plain_text
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision
 from gaga_core.io.folder.lock import InUseError
-from gaga_core.io.splats.splat_files import says_up
 from gaga_core.masks import MaskSet
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.objects import ObjectTable, folder_colors, muted_colors
-from gaga_core.scene.orientation import estimate_up, guess_up
+from gaga_core.scene.orientation import guess_up
 from gaga_core.scene.project import (
     ModelChangedError,
     Project,
@@ -485,12 +484,7 @@ class Session:
             up = document.up_of_photos()
             self.rig.frame_scene(*splat_box(scene), self.cameras, up=up)
         else:
-            if animated:
-                up = self.rig.up
-            elif says_up(document.project.model_path):
-                up = estimate_up(())
-            else:
-                up = guess_up(scene.gaussians)
+            up = self.rig.up if animated else guess_up(scene.gaussians)
             self.rig.frame_scene(*whole_box(scene), up=up)
         self.rig.follow(document.world)
         if animated:

@@ -206,7 +206,11 @@ def _decoded(sog: _Sog) -> Stage[Gaussians]:
             yield reading(sog.path, 4 * n // steps, n)
             labels = pixels[part, 0].astype(np.int64) + pixels[part, 1].astype(np.int64) * 256
             out.sh[part, 1:] = palette[np.minimum(labels, len(palette) - 1)]
-    return replace(out, comments=("antialiased 1",)) if is_antialiased else out
+    out = replace(out, comments=("antialiased 1",)) if is_antialiased else out
+    match sog.meta.get("up"):  # ours
+        case [float() | int(), float() | int(), float() | int()] as up:
+            return out.with_up(up)
+    return out
 
 
 def _quats(pixels: UInt8Array) -> FloatArray:
@@ -292,6 +296,7 @@ def _files(gaussians: Gaussians) -> Iterator[tuple[str, bytes]]:
         "asset": {"generator": "gaga-studio"},
         "count": n,
         **({"model": "antialiased"} if gaussians.is_antialiased else {}),
+        **({"up": up.tolist()} if (up := gaussians.up) is not None else {}),
         "means": {
             "mins": low.tolist(),
             "maxs": high.tolist(),

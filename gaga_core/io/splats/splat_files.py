@@ -57,6 +57,8 @@ _BY_SUFFIX: Mapping[str, Callable[[Path], Stage[Gaussians]]] = {
     ".ksplat": read_ksplat_stage,
     ".gltf": read_glb_stage,
 }
+# Their worlds have an axis that is up: read as a 3DGS .ply, it is -y.
+_STANDING, _UP = (read_glb_stage, read_usd_stage), (0.0, -1.0, 0.0)
 _NORMALS = ("nx", "ny", "nz")
 _MOST_BYTES = 1 << 30  # of a .gltf with its numbers in the text
 _NAMED = 4  # columns that a sentence names; the others are counted
@@ -98,11 +100,6 @@ def form_of(path: Path) -> SplatFormat:
     )
 
 
-def says_up(path: Path) -> bool:
-    """Whether files of this kind have an axis that is up: read, it is -y, as in a 3DGS .ply."""
-    return Path(path).name.lower().endswith((".glb", ".gltf", *usd.SUFFIXES))
-
-
 def read_splats(path: Path) -> Gaussians:
     """Read a file of splats of any kind; see `read_splats_stage`."""
     return run_stage(read_splats_stage(path))
@@ -126,7 +123,8 @@ def read_splats_stage(path: Path, spz_axes: str = OURS) -> Stage[Gaussians]:
     reader = read_usd_stage if is_usdz(path) else _reader_of(path)
     if reader is read_spz_stage:
         return (yield from read_spz_stage(path, spz_axes))
-    return (yield from reader(path))
+    gaussians = yield from reader(path)
+    return gaussians.with_up(_UP) if reader in _STANDING else gaussians
 
 
 def _reader_of(path: Path) -> Callable[[Path], Stage[Gaussians]]:

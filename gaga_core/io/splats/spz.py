@@ -57,6 +57,7 @@ SilentAxes = Literal["RDF", "RUB"]
 OURS: SilentAxes = "RDF"
 _RECORD = struct.Struct("<II")  # type, bytes that follow
 _TYPE = 0xADBE0003
+_UP, _UP_TYPE = struct.Struct("<3f"), 0x47410001  # ours: which way is up, in the axes of the file
 _UNSPECIFIED = "RUB"  # what the number 0 means: a file that has the extension but does not say
 _DIRECTIONS = {
     **{"R": (1, 0, 0), "L": (-1, 0, 0)},
@@ -81,29 +82,39 @@ SH_BUCKETS = (8, 16)  # of 256: SH of degree 1 keep 5 bits, the others 4, as Nia
 _GZIP_LEVEL, _ZSTD_LEVEL = 5, 9
 
 
-def extension() -> bytes:
-    """The record that says that the axes are ours."""
-    return _RECORD.pack(_TYPE, 4) + struct.pack("<I", AXES.index(OURS))
+def extensions_of(gaussians: Gaussians) -> bytes:
+    """The records that say that the axes are ours, and which way is up where that is known."""
+    records = _RECORD.pack(_TYPE, 4) + struct.pack("<I", AXES.index(OURS))
+    if (up := gaussians.up) is not None:
+        records += _RECORD.pack(_UP_TYPE, _UP.size) + _UP.pack(*up)
+    return records
 
 
-def axes_in(records: bytes, name: str) -> str:
-    """The axes that the extensions of a file say, "" when they do not; unknown records are skipped.
+def _records(extensions: bytes, name: str) -> dict[int, bytes]:
+    """The records of the extensions of a file by type.
 
     ``name`` is the file's, for the ``GagaError`` when the records are damaged.
     """
-    at = 0
-    while at + _RECORD.size <= len(records):
-        kind, size = _RECORD.unpack_from(records, at)
+    at, found = 0, dict[int, bytes]()
+    while at + _RECORD.size <= len(extensions):
+        kind, size = _RECORD.unpack_from(extensions, at)
         at += _RECORD.size
-        if at + size > len(records):
+        if at + size > len(extensions):
             raise GagaError(f"{name} is damaged: its extensions do not fit. Export it again.")
-        if kind == _TYPE and size == 4:
-            (number,) = struct.unpack_from("<I", records, at)
-            if number >= len(AXES):
-                raise GagaError(f"{name} has axes of an unknown kind ({number}). Export it again.")
-            return AXES[number] or _UNSPECIFIED
+        found.setdefault(kind, extensions[at : at + size])
         at += size
-    return ""
+    return found
+
+
+def _axes_in(records: dict[int, bytes], name: str) -> str:
+    """The axes that the records of a file say, "" when they do not."""
+    said = records.get(_TYPE, b"")
+    if len(said) != 4:
+        return ""
+    (number,) = struct.unpack("<I", said)
+    if number >= len(AXES):
+        raise GagaError(f"{name} has axes of an unknown kind ({number}). Export it again.")
+    return AXES[number] or _UNSPECIFIED
 
 
 def axes_map(axes: str) -> DoubleArray:
@@ -190,7 +201,8 @@ def read_spz_stage(path: Path, silent_axes: str = OURS) -> Stage[Gaussians]:
     """Read an .spz file of version 1 to 4 with progress.
 
     Antialiasing becomes the comment ``antialiased 1``, as in a .ply; the axes that an extension
-    names become ours, and without one (`states_axes`) they are taken for ``silent_axes``.
+    names become ours, and without one (`states_axes`) they are taken for ``silent_axes``. So does
+    which way is up, where our own extension says it.
     ``GagaError`` with one sentence when the file is damaged or newer, or needs too much memory.
     """
     with open_file(path) as file:
@@ -208,13 +220,16 @@ def decode_spz_stage(path: Path, file: BinaryIO, silent_axes: str) -> Stage[Gaus
         if start[:2] != GZIP_MAGIC and start != MAGIC:
             raise GagaError(f"{path.name} is not an SPZ file. Choose another file.")
         read = _read_4 if _is_version_4(file) else _read_stream
-        head, out, records = yield from read(path, file)
-        axes = axes_in(records, path.name) or silent_axes
+        head, out, extensions = yield from read(path, file)
+        records = _records(extensions, path.name)
+        axes = _axes_in(records, path.name) or silent_axes
     except _DAMAGED as error:
         raise damaged(path.name) from error
     yield reading(path, head.n, head.n)
     if head.flags & AA:
         out = replace(out, comments=(_ANTIALIASED,))
+    if axes == OURS and len(up := records.get(_UP_TYPE, b"")) == _UP.size:
+        out = out.with_up(_UP.unpack(up))
     return turned(out, axes)
 
 
@@ -385,7 +400,8 @@ def write_spz_stage(path: Path, gaussians: Gaussians, version: int = 3) -> Stage
 
     Positions get as many bits after the point as the scene's extent leaves, 16 at most; SH keep 5
     bits in degree 1 and 4 above, as Niantic's writer does. The axes are ours, as other programs
-    write them, and an extension says so. Nothing is left when it fails.
+    write them, and an extension says so; another says which way is up, where the comments do.
+    Nothing is left when it fails.
     """
     if version not in (3, 4):
         raise ValueError(f"version: expected 3 or 4, got {version}")
@@ -399,9 +415,9 @@ def write_spz_stage(path: Path, gaussians: Gaussians, version: int = 3) -> Stage
                 stream.write(HEAD.pack(MAGIC, 3, *numbers, 0))
                 for name in head.widths:
                     yield from _write_section(path, stream, gaussians, head, name)
-                stream.write(extension())
+                stream.write(extensions_of(gaussians))
         else:
-            records, widths = extension(), head.widths
+            records, widths = extensions_of(gaussians), head.widths
             toc = HEAD_4.size + len(records)
             file.write(HEAD_4.pack(MAGIC, 4, *numbers, len(widths), toc) + records)
             file.write(bytes(SIZES.size * len(widths)))  # the table, known at the end

@@ -33,8 +33,10 @@ from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.export_manifest import MANIFEST, listed_files, manifests_in, read_manifest
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.orientation import guess_up
 from gaga_core.scene.scene import Scene, State
 from tests.core.scene.edits.edit_walk import builders, random_affine, walk_scene
+from tests.scenes import random_gaussians
 
 COLUMNS = ("means", "quats", "log_scales", "logit_opacities", "sh")
 
@@ -78,8 +80,27 @@ def test_export_reopens_as_the_baked_scene_bit_for_bit(tmp_path: Path) -> None:
 def test_an_untouched_scene_exports_to_the_same_file(tmp_path: Path) -> None:
     write_ply(tmp_path / "in.ply", walk_scene().gaussians)
     scene = Scene.of(read_ply(tmp_path / "in.ply"))
-    run_stage(export_scene_stage(scene, tmp_path / "out.ply"))
+    x, y, z = guess_up(scene.gaussians).tolist()
+    run_stage(export_scene_stage(scene, tmp_path / "out.ply", options=ExportOptions(up=(x, y, z))))
     assert (tmp_path / "out.ply").read_bytes() == (tmp_path / "in.ply").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "form", [form for form in SplatFormat if form not in (SplatFormat.SPLAT, SplatFormat.HTML)]
+)
+def test_a_file_tells_which_way_is_up(tmp_path: Path, form: SplatFormat) -> None:
+    """Whatever its splats look like; a .splat has no room for it, a page is not read."""
+    if form is SplatFormat.USD:
+        pytest.importorskip("pxr")
+    rng, path = np.random.default_rng(4), tmp_path / f"out{form.suffix}"
+    scene = Scene.of(random_gaussians(200, seed=1))
+    for up in (np.array([0.0, 0, 1]), *rng.normal(size=(3, 3))):
+        x, y, z = (up / np.linalg.norm(up)).tolist()
+        run_stage(export_scene_stage(scene, path, form=form, options=ExportOptions(up=(x, y, z))))
+        back = read_splats(path)
+        heights = scene.gaussians.means @ np.array([x, y, z])
+        read = np.sort(back.means @ guess_up(back))  # some forms sort the splats
+        np.testing.assert_allclose(read, np.sort(heights), atol=5e-3)
 
 
 def test_edits_during_an_export_do_not_reach_the_file(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ import torch
 from plyfile import PlyData
 
 from gaga_core.arrays import FloatArray, IntArray
-from gaga_core.cli.export import up_of
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.export.export import export_scene_stage
@@ -164,20 +163,20 @@ def test_metres_and_the_vertical_of_given_poses_reach_the_project_and_its_export
     )
     write_ply(tmp_path / "point_cloud.ply", scene.gaussians)
     assert not opened(tmp_path).scene.frame.is_metric
-    assert np.allclose(up_of(opened(tmp_path)), (0, 0, 1), atol=0.02)
+    assert np.allclose(opened(tmp_path).up, (0, 0, 1), atol=0.02)
     write_world(tmp_path, World(is_metric=True, up=(0, 1, 0), program="ARKit"))
     project = opened(tmp_path)
     assert project.scene.frame.is_metric
-    assert np.allclose(up_of(project), (0, 1, 0))
+    assert np.allclose(project.up, (0, 1, 0))
     # Turned on its side as a whole, the vertical turns along; a saved project keeps both.
     turn = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0]], np.float64)
     edit = edits.move_scene(project.scene, turn, "Turn")
     assert edit is not None
     History(project.scene).do(edit)
-    assert np.allclose(up_of(project), (0, 0, 1))
+    assert np.allclose(project.up, (0, 0, 1))
     again = opened(save_project(project))
     assert again.scene.frame.is_metric
-    assert np.allclose(up_of(again), (0, 0, 1))
+    assert np.allclose(again.up, (0, 0, 1))
     # A file that is damaged says nothing, and stops nothing.
     (tmp_path / "gaga" / "world.json").write_text('{"up": [0, 0, 0], "is_metric": 3}')
     assert known_world(tmp_path) == (False, None)
