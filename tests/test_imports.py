@@ -1,6 +1,8 @@
 """Who may import whom, where no import contract says it."""
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -27,6 +29,13 @@ def test_no_files_import_one_another_in_a_circle() -> None:
     for module, circle in zip(modules, circle_of, strict=True):
         circles[circle].append(module)
     assert [circle for circle in circles if len(circle) > 1] == []
+
+
+def test_steps_of_placing_photos_start_without_what_few_of_them_need() -> None:
+    """Each is a process of its own, whose start would be most of its time."""
+    code = "import sys, gaga_core.placing.worker; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout
+    assert {"scipy", "numba"}.isdisjoint(loaded.decode().split())
 
 
 def test_no_test_imports_from_another_test_file() -> None:

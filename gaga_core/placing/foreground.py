@@ -146,6 +146,8 @@ def backdrop_stage(
     gains = exposure_gains(looks)
     shape = looks.shape[1:3]
     hulls, seen = _hulls(facts, shape), _seen_pixels(facts, shape)
+    if not is_static and not _has_plain_border(looks, gains, hulls):
+        return None
     color, known = backdrop_color(looks, gains, hulls)
     changing = backdrop_color(looks, gains, np.zeros_like(hulls), _CONSTANT)[1]
     np.logical_not(changing, out=changing)
@@ -154,8 +156,6 @@ def backdrop_stage(
     changing |= binary_dilation(occupied, iterations=_NEAR_POINT)
     extended = None
     if not is_static:
-        if _plain_border(color, known) < _PLAIN_BORDER:
-            return None
         extended = _extended(color, known)
         # A plain round object has colors that stay, too; what a backdrop has goes to the border.
         odd = binary_opening(known & (np.abs(color - extended).max(axis=2) > 3 * _SAME))
@@ -238,13 +238,18 @@ def _at_border(mask: BoolArray) -> BoolArray:
     return np.asarray(reach[parts])
 
 
-def _plain_border(color: FloatArray, known: BoolArray) -> float:
-    """Share of the border that most photos agree on, in about one color."""
-    colors, sure = _border(color), _border(known)
+def _has_plain_border(looks: UInt8Array, gains: FloatArray, hulls: BoolArray) -> bool:
+    """Whether most photos agree on the border, in about one color.
+
+    Looked for in the border alone: most photos have no backdrop, and all pixels take seconds.
+    """
+    at_border = (np.array([_border(values) for values in maps])[:, None] for maps in (looks, hulls))
+    borders, covered = at_border  # (N, 1, P, 3), (N, 1, P)
+    color, sure = backdrop_color(borders, gains, covered)
     if not sure.any():
-        return 0.0
-    alike = np.abs(colors - np.median(colors[sure], axis=0)).max(axis=1) < _ONE_COLOR
-    return float((sure & alike).mean())
+        return False
+    alike = np.abs(color - np.median(color[sure], axis=0)).max(axis=2) < _ONE_COLOR
+    return float((sure & alike).mean()) >= _PLAIN_BORDER
 
 
 def _extended(color: FloatArray, known: BoolArray) -> FloatArray:

@@ -11,7 +11,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.depth_maps import DEPTH
 from gaga_core.io.files import explain_os_error, refuse_links
 from gaga_core.io.folder.scene_folder import FOREGROUND
-from gaga_core.placing.photos import PhotoSet
+from gaga_core.placing.photos import MASKS, PhotoSet
 from gaga_core.placing.sfm import SfmConfig, run_step
 from gaga_core.progress import Progress, Stage
 
@@ -40,11 +40,11 @@ def undistort_into(
             if (scene / "images").exists():
                 (scene / "images").replace(scene / ORIGINALS)
             shutil.move(out / "images", scene / "images")
-        for name in (FOREGROUND, DEPTH):
-            if (out / name).is_dir():
+        for made, name in ((MASKS, FOREGROUND), (DEPTH, DEPTH)):
+            if (out / made).is_dir():
                 refuse_links(scene / name, scene)
                 shutil.rmtree(scene / name, ignore_errors=True)
-                shutil.move(out / name, scene / name)
+                shutil.move(out / made, scene / name)
         refuse_links(scene / "sparse", scene)
         (scene / "sparse").mkdir(exist_ok=True)
         (out / "sparse" / "0").replace(scene / "sparse" / "0")

@@ -16,21 +16,19 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pycolmap
-from scipy.cluster.vq import kmeans2
-from scipy.spatial.distance import cdist
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, LongArray
 from gaga_core.io.arrays_file import read_arrays
 from gaga_core.io.depth_maps import DEPTH, read_scene_depth, write_scene_depth
 from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.processes import end_with_parent
-from gaga_core.io.folder.scene_folder import FOREGROUND
 from gaga_core.io.images import read_rgb
 from gaga_core.io.json_file import read_json
-from gaga_core.placing.given import GivenFile, centres, moved_by, similarity_between
 from gaga_core.placing.photos import DEPTH_MAPS, MASKS, prefix_of_view, turn_of_view
+from gaga_core.placing.poses import centres, moved_by, similarity_between
 from gaga_core.placing.sfm import FEW_PHOTOS, MATCH_SIDE, CameraGroup, StepSettings
 
 # --- What the checks read of a model: plain arrays that the worker writes.
@@ -341,6 +339,10 @@ def similar_pairs(
 
 def photo_vectors(descriptors: Sequence[AnyArray], seed: int = 0) -> DoubleArray:
     """One vector a photo (n, centres * 128): unit length, or zero for a photo without features."""
+    # Loaded when it is its turn: a third of the start of every step.
+    from scipy.cluster.vq import kmeans2
+    from scipy.spatial.distance import cdist
+
     rng = np.random.default_rng(seed)
     some = [np.asarray(d[:_FEATURES_OF_PHOTO], np.float64) for d in descriptors]
     each = max(1, _CENTRE_SAMPLE // max(1, len(some)))
@@ -801,7 +803,7 @@ def _undistort(settings: StepSettings, workspace: Path) -> None:
     if depths.is_dir():
         _undistort_depth(depths, workspace, out)
     for entry in out.iterdir():
-        if entry.name not in ("images", "sparse", FOREGROUND, DEPTH):
+        if entry.name not in ("images", "sparse", MASKS, DEPTH):
             shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
     (out / "sparse" / "0").mkdir()
     for file in (out / "sparse").iterdir():
@@ -812,14 +814,14 @@ def _undistort(settings: StepSettings, workspace: Path) -> None:
 def _undistort_masks(
     masks: Path, workspace: Path, out: Path, options: pycolmap.UndistortCameraOptions
 ) -> None:
-    """Masks like the pictures, in out/foreground: NAME.png."""
-    (out / FOREGROUND).mkdir()
+    """Masks like the pictures, in out/masks: NAME.png."""
+    (out / MASKS).mkdir()
     model = pycolmap.Reconstruction(workspace / "model")
     for image in model.images.values():
         mask = pycolmap.Bitmap.read(masks / f"{image.name}.png", as_rgb=False)
         if image.has_pose and mask is not None:
             flat, _ = pycolmap.undistort_image(options, mask, image.camera)
-            flat.write(out / FOREGROUND / f"{Path(str(image.name)).stem}.png")
+            flat.write(out / MASKS / f"{Path(str(image.name)).stem}.png")
 
 
 def _undistort_depth(depths: Path, workspace: Path, out: Path) -> None:
@@ -859,6 +861,14 @@ _FEWEST_POINTS = 15  # of a photo: with less its pose stays as it was given
 _TOLERANCES = (4.0, 60.0)  # pixels of a reprojection: the last round's, and the first one's at most
 _STEPS, _LAST_STEPS = 10, 40  # of the solver, in a round and in the last; 100 gain nothing
 _CAPPED = 20.0  # pixels: what is further off is a wrong match, however far
+
+
+class GivenFile(msgspec.Struct, frozen=True):
+    """What the worker reads of given poses."""
+
+    names: list[str]  # prepared photos
+    poses: list[list[float]]  # cam_from_world (3, 4) by rows
+    refine: bool
 
 
 def _given(settings: StepSettings, workspace: Path) -> None:

@@ -15,7 +15,6 @@ from types import MappingProxyType
 from typing import Concatenate, ParamSpec
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from gaga_core.arrays import (
     AnyArray,
@@ -458,6 +457,9 @@ def _few_rows(rest: FloatArray) -> tuple[FloatArray, IntArray] | None:
 
 def _means_of(rows: FloatArray, k: int, rng: np.random.Generator) -> FloatArray:
     """At most ``k`` rows (K, D) near which the rows (R, D) lie: Lloyd's algorithm."""
+    # Loaded when it is its turn: each step of placing photos would load it at its start.
+    from scipy.sparse import csr_array
+
     if len(rows) <= k:
         return rows
     means = rows[rng.permutation(len(rows))[:k]]

@@ -36,13 +36,10 @@ class ChangeConfig:
     """What counts as a change. Chosen on the demo with three objects moved, drawn and trained."""
 
     side: int = 320  # pixels of a view that is looked into
-    opaque: float = 0.3  # opacity from which a splat is a part of a surface
-    sees: float = 0.5  # alpha from which a pixel shows a surface
+    opaque: float = 0.3  # opacity of a splat, alpha of a pixel, from which it shows a surface
     depth: float = 0.02  # of the depth: what is that much nearer or farther is another surface
     thin: float = 0.25  # ... or by that much of the thing's own size, if that is less
-    finest: float = 0.005  # of the depth: a trained surface is not known better
     color: float = 0.25  # mean difference of channels, from which it is another thing
-    views: int = 3  # that see a splat's place: one or two may be wrong at its edge
     seen: float = 0.2  # share of a group's splats that must be seen
     free: float = 0.33  # share of the looks at its place that nothing in front of it may hide
     gone: float = 0.6  # share of these that must be gone
@@ -169,16 +166,15 @@ def _gone(
         pixels, depths = view.project(points)
         inside = np.flatnonzero(view.shows(pixels, depths))
         u, v = pixels[inside].astype(np.int64).T
-        depth, surface = frame.median_depth[v, u], frame.alpha[v, u] >= _CONFIG.sees
+        depth, surface = frame.median_depth[v, u], frame.alpha[v, u] >= _CONFIG.opaque
         off = depth / depths[inside] - 1
-        near = _CONFIG.thin * size[of[inside]] / depths[inside]
-        near = np.clip(near, _CONFIG.finest, _CONFIG.depth)
+        near = np.minimum(_CONFIG.thin * size[of[inside]] / depths[inside], _CONFIG.depth)
         same = surface & (np.abs(off) <= near)
         differs = np.abs(frame.image[v, u] - side.colors[inside]).mean(axis=1) > _CONFIG.color
         looks[inside] += 1
         there[inside] += same & ~differs
         away[inside] += (surface & (off > near)) | (same & differs)
-    seen, gone = there + away >= _CONFIG.views, away > there
+    seen, gone = there + away > 0, away > there
     n_seen = np.bincount(of[seen], minlength=len(groups))
     share = np.bincount(of[seen & gone], minlength=len(groups)) / np.maximum(n_seen, 1)
     is_known = (n_all >= _CONFIG.fewest) & (n_seen >= _CONFIG.seen * n_all)

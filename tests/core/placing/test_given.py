@@ -19,7 +19,7 @@ from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.images import read_rgb
 from gaga_core.pipeline.place import place_photos, placement_of, read_entry
 from gaga_core.pipeline.settings import ReconstructConfig
-from gaga_core.placing.given import moved_by, pairs_by_pose, similarity_between
+from gaga_core.placing.poses import moved_by, pairs_by_pose, similarity_between
 from gaga_core.progress import run_stage
 from tests.core.placing.photo_scenes import FOCAL, write_photos
 
