@@ -633,17 +633,13 @@ def _filled(
         none, gains = np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
         found = splats, np.zeros(0, np.int32), none, gains, settings.lighten
         return Filling(np.flatnonzero(chosen), none, *found, is_refused=False)
-    made = np.zeros(len(rows), np.bool_)  # by an edit: an earlier filling for example
-    for item in scene.added:
-        if item.is_made:
-            source = scene.source[rows]
-            made |= (source >= item.first) & (source < item.first + item.n)
-    made &= ~is_object
-    looks = seen_stage(gaussians, is_object, cameras, rasterizer, settings, made)
+    placed, made = _put_there(scene, rows)
+    known = (placed | made) & ~is_object
+    looks = seen_stage(gaussians, is_object, cameras, rasterizer, settings, known)
     seen = yield from _within(looks, 0, _LOOKS)
     work = Work(gaussians, labels, is_object, seen, rasterizer, settings)
     work.inpainter = inpainter
-    work.locked |= (scene.state[rows] & np.uint8(State.LOCKED)) != 0
+    work.locked |= placed | ((scene.state[rows] & np.uint8(State.LOCKED)) != 0)
     parts = _apart(gaussians.means.astype(np.float64), is_object, labels, settings.reach)
     for i, part in enumerate(parts):
         begin, end = (_LOOKS + (1 - _LOOKS) * k / len(parts) for k in (i, i + 1))
@@ -662,6 +658,17 @@ def _filled(
         is_refused=work.is_refused,
         model=inpainter.name if inpainter is not None and len(splats) else "",
     )
+
+
+def _put_there(scene: Scene, rows: LongArray) -> tuple[BoolArray, BoolArray]:
+    """Which splats ``rows`` (K,) a person put where they are, copies and what was moved or added,
+    and which ones an edit made. That no photo showed them there tells nothing."""
+    made, source = np.zeros(len(rows), np.bool_), scene.source[rows]
+    for item in scene.added:
+        if item.is_made:
+            made |= (source >= item.first) & (source < item.first + item.n)
+    moved = ~np.isclose(scene.placements.matrix, scene.frame.world[:3]).all(axis=(1, 2))
+    return ((rows >= scene.n_opened) | moved[scene.placement[rows]]) & ~made, made
 
 
 def _apart(

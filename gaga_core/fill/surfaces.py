@@ -259,8 +259,8 @@ def seen_stage(
 ) -> Stage[Seen]:
     """Draw the views in which the object (``is_object`` (N,)) is, with it in its place.
 
-    ``made``: (N,) splats that no photo can have shown, and that are there because an edit made
-    them.
+    ``made``: (N,) splats that no photo can have shown, and that are there because an edit put
+    them there.
     Depths are those at which half of the light is taken (median), so that they lie on a surface.
     """
     chosen = _views_of(gaussians.means[is_object].astype(np.float64), cameras, config)

@@ -97,6 +97,23 @@ def test_new_splats_are_like_those_around_and_of_their_group(table: Table, found
     assert np.array_equal(found.removed, np.flatnonzero(table.labels == BOX))
 
 
+@pytest.mark.parametrize("is_copied", [True, False])
+def test_what_a_person_put_into_it_stays(table: Table, is_copied: bool) -> None:
+    """No photo showed it there, as none showed what is in the object's body."""
+    away = np.random.default_rng(0).uniform(-0.08, 0.08, (60, 3)) + np.array([0.6, 0.6, 0.08])
+    ball = flat(away, np.full((60, 3), 0.4), 1)
+    labels = np.append(table.labels, np.full(60, BOX + 1, np.int32)).astype(np.int32)
+    scene, n = Scene.of(joined(table.gaussians, ball), labels), len(table.labels)
+    into = np.eye(4)
+    into[:2, 3] = -0.6
+    put = edits.duplicate if is_copied else edits.transform
+    assert History(scene).do(put(scene, np.arange(n, n + 60), into))
+    found = run_stage(fill_stage(scene, scene.labels == BOX, table.cameras, CPU))
+    assert len(found.splats) > 0
+    assert (found.unseen < n).all()
+    assert (found.stained < n).all()
+
+
 def test_what_photos_saw_behind_it_is_not_filled_again(table: Table) -> None:
     whole = replace(table.empty)
     box = table.gaussians.take(table.labels == BOX)
