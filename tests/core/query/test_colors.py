@@ -20,6 +20,7 @@ def test_every_color_of_the_table_is_divided_among_the_names() -> None:
         ("e01010", "red"), ("701010", "red"), ("f08020", "orange"), ("f0e020", "yellow"),
         ("20a030", "green"), ("103a18", "green"), ("20b0b0", "turquoise"), ("2050d0", "blue"),
         ("101c60", "blue"), ("8030b0", "purple"), ("f090b8", "pink"), ("6b4226", "brown"),
+        ("0000ff", "blue"), ("000080", "blue"), ("4b0082", "purple"), ("8a2be2", "purple"),
         ("808080", "grey"), ("050505", "black"), ("fafafa", "white"), ("e4d4ac", "beige"),
     ],
 )  # fmt: skip
