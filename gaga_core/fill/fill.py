@@ -660,6 +660,9 @@ def _filled(
     )
 
 
+_MOVED = 1e-6  # relative: less is rounding of composed motions
+
+
 def _put_there(scene: Scene, rows: LongArray) -> tuple[BoolArray, BoolArray]:
     """Which splats ``rows`` (K,) a person put where they are, copies and what was moved or added,
     and which ones an edit made. That no photo showed them there tells nothing."""
@@ -667,7 +670,9 @@ def _put_there(scene: Scene, rows: LongArray) -> tuple[BoolArray, BoolArray]:
     for item in scene.added:
         if item.is_made:
             made |= (source >= item.first) & (source < item.first + item.n)
-    moved = ~np.isclose(scene.placements.matrix, scene.frame.world[:3]).all(axis=(1, 2))
+    world = scene.frame.world[:3]
+    off = np.abs(scene.placements.matrix - world).max(axis=(1, 2))
+    moved = off > _MOVED * np.abs(world).max()
     return ((rows >= scene.n_opened) | moved[scene.placement[rows]]) & ~made, made
 
 

@@ -146,7 +146,8 @@ def take_out(session: Session) -> bool:
 @notifies
 def rename(session: Session, folder: str, name: str) -> bool:
     """Give a folder another name; an empty one leaves it as it is."""
-    title, after = f"Rename {name_of(folder)}", path_of(parent_of(folder), " ".join(name.split()))
+    after = path_of(parent_of(folder), " ".join(name.split()))
+    title = f"Rename {name_of(folder)} to {name_of(after)}"
     if not name.strip() or not session.edit(
         lambda scene: edits.rename_folder(scene, folder, name, title)
     ):

@@ -2,7 +2,6 @@
 
 import json
 import logging
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -16,6 +15,8 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
 from gaga_core.io.json_file import read_json
 from gaga_core.progress import Progress, Stage, mapped
+from gaga_core.scene.camera_path import CameraPath, turntable
+from gaga_core.scene.orientation import upright_basis
 from gaga_studio.features.base import Command, ask, busy, setting
 from gaga_studio.session.notices import Level, Request, UserQuestion, notifies
 from gaga_studio.session.session import Session
@@ -382,7 +383,7 @@ def _points(scene: Path) -> "Gaussians | None":
 
 # --- The picture turns around what the photos look at while splats are trained.
 
-_TURN = math.radians(9.0)  # a second: once around in 40 s
+_ROUND_S = 40.0  # seconds for once around
 _LONGEST_STEP_S = 1.0  # on a slow machine it turns more slowly, and never jumps
 _REST_S = 4.0  # after the camera was moved by hand
 _SHARE = 0.2  # of the time that drawing may take: the training needs the processor
@@ -395,29 +396,37 @@ class Turning:
         self.pose: object = None
         self.rests_s = 0.0
         self.since_s = 0.0  # since the last step
+        self.path: CameraPath | None = None  # from where it began to turn
+        self.at_s = 0.0  # in the path
 
 
 def tick(session: Session, dt: float, is_drawn: bool, picture_s: float) -> None:
     """Show the newest splats of a training, and turn its picture by what ``dt`` seconds make.
 
     Both wait until the last picture ``is_drawn``, which took ``picture_s`` seconds: a slow machine
-    would begin picture after picture and end none. The turn rests after every move by hand.
+    would begin picture after picture and end none. The turn rests after every move by hand. It
+    keeps to where photos were taken from: around a thing at a wall it swings in front of it.
     """
     training, rig, state = session.training, session.rig, session.feature(Turning)
     if training is not None and is_drawn:
         training.show()
-    is_shown = training is not None and training.scene is not None and not training.is_stopped
-    if not is_shown or not session.settings.turns_in_training or rig.is_moving:
+    turns = session.settings.turns_in_training and not rig.is_moving
+    if not turns or training is None or training.scene is None or training.is_stopped:
         state.pose = None
         return
     if rig.pose is not state.pose:
-        state.pose, state.rests_s, state.since_s = rig.pose, _REST_S, 0.0
+        state.pose, state.rests_s, state.since_s, state.path = rig.pose, _REST_S, 0.0, None
     state.rests_s -= dt
     if state.rests_s > 0:
         return
     state.since_s += dt
     if is_drawn and state.since_s * _SHARE >= picture_s:
-        rig.turn(_TURN * min(state.since_s, _LONGEST_STEP_S))
+        if state.path is None:
+            places, basis = np.array([c.position for c in training.cameras]), upright_basis(rig.up)
+            path = turntable(rig.shot(), rig.up, _ROUND_S, seen_from=places, basis=basis)
+            state.path, state.at_s = path, 0.0
+        state.at_s += min(state.since_s, _LONGEST_STEP_S)
+        rig.go_to_shot(state.path.shot(state.at_s % _ROUND_S), animated=False)
         state.pose, state.since_s = rig.pose, 0.0
 
 

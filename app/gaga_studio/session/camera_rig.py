@@ -120,11 +120,6 @@ class CameraRig:
         yaw, pitch = self._turned(dx, dy)
         self.pose = replace(self.pose, yaw=yaw, pitch=pitch, roll=self._levelled())
 
-    def turn(self, angle: float) -> None:
-        """Turn around the pivot by ``angle``, radians."""
-        self._stop()
-        self.pose = replace(self.pose, yaw=self.pose.yaw + angle)
-
     def look(self, dx: float, dy: float) -> None:
         """Turn the camera about its own position by a drag in pixels."""
         self._stop()

@@ -148,6 +148,12 @@ def test_masks_are_of_what_is_selected(associated: Session) -> None:
     assert memory_bank.group_of_panel(associated) == part
     assert not associated.decisions(part)
     assert memory_bank.made_from(associated, part) == group
+    assert not memory_bank.is_copy(document, part)
+    assert run("edit.duplicate", associated)
+    (copy,) = associated.selected_groups()
+    assert memory_bank.made_from(associated, copy) == group
+    assert memory_bank.is_copy(document, copy), "it was never a part of it"
+    associated.undo()
     objects.hide(associated)
     assert memory_bank.group_of_panel(associated) == 0
     selection.select_none(associated)

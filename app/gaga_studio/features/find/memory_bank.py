@@ -271,6 +271,12 @@ def made_from(session: Session, group: int) -> int:
     return document.read.once("made from", (group, bank, scene.revision.labels), find) or group
 
 
+def is_copy(document: Document, group: int) -> bool:
+    """Whether all splats of an object are duplicates of others."""
+    scene = document.scene
+    return bool((group_indices(scene, group) >= scene.n_opened).all())
+
+
 # --- photos and masks that came later
 
 _NO_OBJECTS = "There are no objects that more photos could improve. Use Find objects first."

@@ -278,7 +278,8 @@ def _filling(session: Session) -> bool:
     found = fill.shown(session)
     if found is None:
         return False
-    imgui.text_unformatted("Delete and fill")
+    edit = session.need().history.preview_edit
+    widgets.paragraph("Delete and fill" if edit is None else edit.title)
     _apply_or_cancel(session, "object.fill_apply", fill.cancel)
     for line in fill.summary(found):
         widgets.dim(line, wrap=True)

@@ -77,13 +77,15 @@ def _head(document: Document, group: int, whole: int, decisions: Sequence[Decisi
     masks = "1 mask" if len(decisions) == 1 else f"{len(decisions)} masks"
     n_by_hand = sum(decision.by_hand for decision in decisions)
     by_hand = f", {n_by_hand} put here by hand" if n_by_hand else ""
-    of = f" of {document.name_of(whole)}, which it was part of" if whole != group else ""
-    text = f"{masks}{of} from {n_views} view{'' if n_views == 1 else 's'}{by_hand}"
+    text = f"{masks} from {n_views} view{'' if n_views == 1 else 's'}{by_hand}"
     widgets.dim(widgets.elided(text, imgui.get_content_region_avail().x))
     widgets.tooltip(
         f"Overlap: {_OVERLAPS[document.read.overlap_is_of_points()]}. Right-click a mask that "
         "belongs elsewhere, or drag it onto its object in the list."
     )
+    if whole != group:
+        how = "Copied from" if memory_bank.is_copy(document, group) else "Split from"
+        widgets.dim(f"{how} {document.name_of(whole)}, whose masks these are", wrap=True)
 
 
 def _chosen(session: Session, document: Document, state: EvidenceState) -> None:
