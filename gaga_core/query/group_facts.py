@@ -53,6 +53,7 @@ class GroupFacts:
     vivid: DoubleArray  # (G, 14) the same, each color counted as far as it is typical
     rgb: DoubleArray  # (G, 3) mean color
     background: BoolArray  # (G,) floor, walls, the room, scattered bits, what is in no group
+    seen: FloatArray  # (N, 4) of each splat, see `seen_colors`
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -124,6 +125,7 @@ def group_facts(scene: Scene, cameras: Sequence[Camera] = ()) -> GroupFacts:
         rgb=looks[:, 2 * n : 2 * n + 3] / seen,
         background=_background(ids[live], low, high, extents, frame, cameras)
         | _scattered(extents, sums[live, 2]),
+        seen=seen_as,
     )
 
 

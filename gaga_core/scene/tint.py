@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, DoubleArray, check_shape
+from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, check_shape
 from gaga_core.color import LUMA, rgb_from_dc
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.scene import Scene
@@ -37,11 +37,13 @@ def tint_affine(
     return (1 - strength) * np.eye(3, 4) + strength * full
 
 
-def mean_color(scene: Scene, indices: AnyArray) -> DoubleArray:
+def mean_color(scene: Scene, indices: AnyArray, seen: FloatArray | None = None) -> DoubleArray:
     """Mean color (3,) of splats as they are colored now (degree 0 of SH).
 
     Weighted by opacity and area, as much as is seen of each: many small dark splats inside an
-    object do not darken it.
+    object do not darken it. ``seen`` (M, 4), where it is known, is the color without edits of
+    each row of the files from outside, and the share of views that nothing hides it in (see
+    `gaga_core.query.group_facts`): most splats of a trained object lie inside and are darker.
     Mid grey when there are none.
     """
     splats = sorted_indices(indices, len(scene))
@@ -50,6 +52,14 @@ def mean_color(scene: Scene, indices: AnyArray) -> DoubleArray:
     # Clipped before the placement's map, not after it: the mean then follows a recolor exactly,
     # and a stray splat of color 100 does not pull it.
     rgb = np.clip(rgb_from_dc(scene.gaussians.sh[splats, 0]).astype(np.float64), 0, 1)
+    share = np.ones(len(splats))
+    if seen is not None:
+        rows = np.where(splats < len(seen), splats, scene.source[splats])  # a copy's original
+        known = rows < len(seen)
+        outside = seen[rows[known]].astype(np.float64)
+        if outside[:, 3].any():
+            rgb[known], share = np.clip(outside[:, :3], 0, 1), known.astype(np.float64)
+            share[known] = outside[:, 3] ** 2  # what few views see is mostly covered in these, too
     index = scene.placement[splats]
     for row in np.unique(index[index != 0]):
         affine, at = scene.placements.color[row], index == row
@@ -58,7 +68,7 @@ def mean_color(scene: Scene, indices: AnyArray) -> DoubleArray:
     # The two longest axes of an ellipsoid span the largest picture of it.
     logs = np.sort(scene.gaussians.log_scales[splats].astype(np.float64), axis=1)[:, 1:].sum(axis=1)
     weights = np.exp(np.clip(logs - logs.max(), -60, 0)) / (1 + np.exp(-np.clip(logits, -30, 30)))
-    return np.clip(np.average(rgb, axis=0, weights=weights), 0, 1)
+    return np.clip(np.average(rgb, axis=0, weights=weights * share), 0, 1)
 
 
 # --- Color grading as one affine map of RGB, so that SH stay right and grades compose.

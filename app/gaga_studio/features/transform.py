@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
@@ -13,6 +13,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
 from gaga_studio.features import folders
 from gaga_studio.features.base import Command, ask, no_selection
+from gaga_studio.features.find.search import SearchState
 from gaga_studio.session.document import Build
 from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
@@ -22,16 +23,27 @@ _AXES = "XYZ"
 # --- color
 
 
+def colors_seen(session: Session) -> FloatArray | None:
+    """Return the colors (N, 4) of splats from outside, see `mean_color`; None until measured."""
+    described = session.need().feature(SearchState).described
+    return None if described is None else described.facts.seen
+
+
+def selected_color(session: Session) -> DoubleArray:
+    """Return the mean color (3,) of the selection, 0..1, as it is drawn."""
+    return session.need().read.selected_color(colors_seen(session))
+
+
 @notifies
 def recolor(session: Session, rgb: Sequence[float], opacity: float = 1.0) -> bool:
     """Give the selection this mean color, 0..1, and multiply its opacity."""
-    return session.need().edit_selected("Recolor", _recolored(rgb, opacity))
+    return session.need().edit_selected("Recolor", _recolored(session, rgb, opacity))
 
 
 @notifies
 def preview_recolor(session: Session, rgb: Sequence[float], opacity: float = 1.0) -> None:
     """Show the selection in this color, with its shading kept, while it is being chosen."""
-    session.need().preview_selected("Recolor", _recolored(rgb, opacity))
+    session.need().preview_selected("Recolor", _recolored(session, rgb, opacity))
 
 
 @notifies
@@ -46,9 +58,11 @@ def preview_grade(session: Session, wanted: Grade) -> None:
     session.need().preview_selected("Grade", _graded(wanted))
 
 
-def _recolored(rgb: Sequence[float], opacity: float) -> Build:
+def _recolored(session: Session, rgb: Sequence[float], opacity: float) -> Build:
+    seen = colors_seen(session)
+
     def build(scene: Scene, splats: IntArray, title: str) -> Edit | None:
-        affine = tint_affine(mean_color(scene, splats), rgb)
+        affine = tint_affine(mean_color(scene, splats, seen), rgb)
         return edits.recolor(scene, splats, affine, opacity, title)
 
     return build

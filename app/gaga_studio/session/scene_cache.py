@@ -133,9 +133,10 @@ class SceneCache:
             return cast(T, kept[1])
         return self._by(name, _PLACED, compute, more)
 
-    def selected_color(self) -> DoubleArray:
-        """Mean color (3,) of the selection, 0..1, as it is drawn."""
-        return self._by("color", _PLACED, lambda: mean_color(self._scene, self.selected_indices()))
+    def selected_color(self, seen: FloatArray | None = None) -> DoubleArray:
+        """Mean color (3,) of the selection, 0..1, as it is drawn; ``seen``: see `mean_color`."""
+        chosen = self.selected_indices
+        return self._by("color", _PLACED, lambda: mean_color(self._scene, chosen(), seen), id(seen))
 
     def listed(
         self, table: ObjectTable, text: str, sort: SortKey, descending: bool, quality: DoubleArray

@@ -206,6 +206,21 @@ def test_without_a_model_every_step_says_where_to_put_one(
     assert str(tmp_path / "models") in search_actions.index_state(associated)
 
 
+def test_the_color_of_the_selection_is_that_of_what_is_seen(associated: Session) -> None:
+    """And a recolor lands on what was chosen by it."""
+    selection.select_groups(associated, (int(associated.objects().ids[1]),))
+    assert transform.colors_seen(associated) is None
+    inside = transform.selected_color(associated)
+    _ask(associated, "object")
+    seen = transform.colors_seen(associated)
+    assert seen is not None
+    seen[:, :3] = 0.25 * seen[:, :3]  # as of splats that are darker outside
+    outside = transform.selected_color(associated)
+    assert (outside < 0.5 * inside).all()
+    transform.recolor(associated, (0.1, 0.2, 0.8))
+    np.testing.assert_allclose(transform.selected_color(associated), (0.1, 0.2, 0.8), atol=0.01)
+
+
 def test_an_index_finds_any_noun_and_says_what_it_no_longer_knows(
     associated: Session, embedder: _Mean
 ) -> None:

@@ -514,7 +514,7 @@ def _buttons(session: Session) -> None:
 def _color(session: Session, document: Document, state: InspectorState) -> None:
     row("Color", "Recolor the selection; shading and reflections stay")
     imgui.table_next_column()
-    color = list(state.color or (float(c) for c in document.read.selected_color()))
+    color = list(state.color or (float(c) for c in transform.selected_color(session)))
     side = imgui.get_frame_height()
     is_clicked = imgui.color_button(
         "Color",
