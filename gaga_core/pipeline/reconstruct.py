@@ -60,7 +60,7 @@ from gaga_core.placing.video import expected_frames
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
-from gaga_core.scene.project import meant_in
+from gaga_core.scene.project import PROJECT_FILE, meant_in
 from gaga_core.threads import n_threads
 from gaga_core.training.checkpoint import iteration_of
 from gaga_core.training.settings import STEREO_SIDE, STEREO_VIEWS
@@ -106,6 +106,7 @@ def reconstruct_scene(
     if config.only == "all" and (again or find_model(scene) is None):
         notes = (*notes, *(yield from _given_poses(scene, config)))
         has_splats = find_model(scene) is not None
+        keep_former(scene)
         yield from train_scene(open_scene_folder(scene), config, rasterizer=rasterizer)
         if has_splats:
             set_groups_aside(scene)
@@ -130,6 +131,20 @@ def go_on_stage(scene: Path, *, rasterizer: Rasterizer | None = None) -> Stage[R
         raise GagaError(f"No training of {scene} was stopped, so there is nothing to go on with.")
     config = replace(found.going_on, only="all")
     return (yield from reconstruct_scene(None, scene, config, rasterizer=rasterizer, again=True))
+
+
+def keep_former(scene: Path) -> None:
+    """Link the splats of ``scene`` next to the project that was saved of them, if there is one: it
+    opens with them after others have taken their name, see `set_groups_aside`."""
+    model, work = find_model(scene), scene / "gaga"
+    if model is None or not (work / PROJECT_FILE).is_file():
+        return
+    kept = work / model.name
+    kept.unlink(missing_ok=True)
+    try:
+        kept.hardlink_to(model)  # new splats take the name, not the file
+    except OSError:  # a file system without links
+        shutil.copy2(model, kept)
 
 
 def set_groups_aside(scene: Path) -> None:

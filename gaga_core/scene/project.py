@@ -698,6 +698,9 @@ def _open_saved(file: Path) -> Stage[Project]:
     document, arrays = read_project_file(file)
     entry = document.model
     model_path = _resolve(file.parent, entry.path)
+    beside = file.parent / model_path.name  # where a later training put it aside with the project
+    if is_file(beside) and has_changed((model_path, entry.fingerprint)):
+        model_path = beside
     if not is_file(model_path):
         raise GagaError(
             f"The splats of this project are gone: {model_path}. Put the file back, or open "

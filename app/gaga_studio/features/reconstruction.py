@@ -13,12 +13,13 @@ import numpy as np
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
+from gaga_core.io.folder.scene_folder import place_aside
 from gaga_core.io.json_file import read_json
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.camera_path import CameraPath, turntable
 from gaga_core.scene.orientation import upright_basis
 from gaga_studio.features.base import Command, ask, busy, setting
-from gaga_studio.session.notices import Level, Request, UserQuestion, notifies
+from gaga_studio.session.notices import Level, Request, UserQuestion, choose_one, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, TrainingUpdate
 from gaga_studio.system import paths
@@ -181,7 +182,7 @@ def make(
         former = TrainingUpdate(stopped.cameras, (), stopped.update, *kept)
     if former is not None:
         training.take(former)
-    known = session.feature(KnownRates)
+    known, aside = session.feature(KnownRates), place_aside(plan.scene)
     estimate = Estimate(found, plan.config, known.rates)
 
     def progress(payload: object) -> None:
@@ -196,6 +197,7 @@ def make(
             return
         known.keep(estimate.rates())
         session.notify(Level.INFO, _figures(result.report))
+        _say_where(session, aside)
         session.training = None
         session.open(plan.scene)
 
@@ -274,7 +276,24 @@ def go_on(session: Session) -> None:
         if is_moved:  # the training knows nothing of that
             _frame(session, cameras)
 
-    session.leave_for(found, "before the training goes on", leave)
+    def start() -> None:
+        session.leave_for(found, "before the training goes on", leave)
+
+    if not document.read.has_groups():
+        start()
+        return
+    text = (
+        "The objects of this scene do not fit the splats that the training will make. Saved, they "
+        f"stay in {place_aside(found.scene).name} with these splats; find them again after it."
+    )
+    session.pending_question = choose_one(text, {"Go on": start})
+
+
+def _say_where(session: Session, aside: Path) -> None:
+    """Tell where the objects of former splats are, if any were set ``aside``."""
+    if aside.is_dir():
+        text = f"The objects of the former splats are in {paths.shown(aside)}: open it to see them."
+        session.notify(Level.INFO, text, shows=aside)
 
 
 def leave_stopped(session: Session) -> None:
@@ -290,11 +309,14 @@ def keep_stopped(session: Session) -> None:
         return
     from gaga_core.io.cameras.cameras_json import write_cameras_json
     from gaga_core.io.splats.ply import write_ply
-    from gaga_core.pipeline.reconstruct import set_groups_aside
+    from gaga_core.pipeline.reconstruct import keep_former, set_groups_aside
 
-    set_groups_aside(found.scene)  # of splats that were kept before
+    aside = place_aside(found.scene)
+    keep_former(found.scene)
     write_cameras_json(found.scene / "cameras.json", training.cameras)
     write_ply(found.scene / "point_cloud.ply", training.scene.gaussians)
+    set_groups_aside(found.scene)  # of splats that were kept before
+    _say_where(session, aside)
     session.training = None
     session.open(found.scene)
 

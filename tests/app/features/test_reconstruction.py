@@ -16,7 +16,8 @@ from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing import ladder
 from gaga_core.placing.checks import Verdict
 from gaga_core.progress import Progress, Stage, run_stage
-from gaga_studio.features import reconstruction
+from gaga_core.scene.project import open_path_stage
+from gaga_studio.features import objects, reconstruction
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
 from gaga_studio.features.reconstruction import ReconstructionPlan
@@ -149,16 +150,26 @@ def test_stop_here_keeps_a_scene_and_the_training_goes_on_to_the_same_splats(
     (room / "gaga").mkdir(exist_ok=True)
     (room / "gaga" / "labels.npz").write_bytes(b"of the splats that were kept")
     session.need().select(np.arange(5, dtype=np.int32), "set", "Select")
-    assert run("edit.delete", session)
+    objects.separate(session)
     assert run("file.go_on_training", session)
+    assert session.pending_question is not None, "objects are not lost without a word"
+    assert "gaga-before" in session.pending_question.text
+    session.answer("Cancel")
+    assert session.scene is not None
+    assert run("file.go_on_training", session)
+    session.answer("Go on")
     assert session.pending_question is not None, "edits are not lost without a question"
-    session.answer("Discard")
-    assert session.training is not None
+    session.answer("Save")
+    until(session, lambda: session.training is not None)
     assert session.jobs.wait(300)
     session.tick(0.1)
     assert session.scene is not None, session.notices
     assert (room / "gaga-before" / "labels.npz").is_file()
     assert len(session.scene) != kept
+    assert any("gaga-before" in notice.text for notice in session.notices)
+    before = run_stage(open_path_stage(room / "gaga-before"))
+    assert len(before.scene) == kept
+    assert (before.scene.labels > 0).sum() == 5
     assert not (room / ".gaga-reconstruct").exists()
     assert going_on.enabled(session)
     run_stage(reconstruct_scene(None, tmp_path / "whole", LATER))
