@@ -470,9 +470,13 @@ class Document:
         return self.name_of(groups[0]) if len(groups) == 1 else f"{len(groups)} objects"
 
     def title_for(self, verb: str) -> str:
-        """Title of an edit of the selection: "Move chair", "Delete 3 objects"."""
+        """Title of an edit of the selection: "Move chair", "Delete 20 splats of 3 objects"."""
         groups = self.read.selected_groups()
-        return f"{verb} {self.names_of(groups) if groups else 'splats'}"
+        if not groups:
+            return f"{verb} splats"
+        n = len(self.read.selected_indices())
+        of = f"{n:,} splat{'s' if n > 1 else ''} of " if self.read.selects_parts() else ""
+        return f"{verb} {of}{self.names_of(groups)}"
 
     def selected_box(self) -> tuple[DoubleArray, DoubleArray] | None:
         """Box lo, hi (3,) of the selection, world; None when nothing is selected.

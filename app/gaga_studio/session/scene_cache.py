@@ -86,6 +86,17 @@ class SceneCache:
             lambda: tuple(objects.selected_groups(self._scene).tolist()),
         )
 
+    def selects_parts(self) -> bool:
+        """Whether of a group with a selected splat others that are shown are not selected."""
+
+        def find() -> bool:
+            scene, chosen = self._scene, self.selected_indices()
+            groups = np.array(self.selected_groups(), np.int32)
+            n_shown = np.count_nonzero(np.isin(scene.labels, groups) & scene.visible)
+            return bool(np.count_nonzero(scene.labels[chosen] > 0) < n_shown)
+
+        return self._by("parts", "splats state labels", find)
+
     def selected_box(self, is_previewing: bool) -> tuple[DoubleArray, DoubleArray]:
         """Box lo, hi (3,) of the selection, world; during a drag: as before it."""
 

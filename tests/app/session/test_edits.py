@@ -205,3 +205,15 @@ def test_hovering_names_the_object_under_the_resting_mouse(associated: Session) 
     associated.rig.go_to(associated.cameras[3])
     associated.tick(0.01)
     assert associated.hovered_group == 0
+
+
+def test_an_edit_of_parts_is_called_so(associated: Session) -> None:
+    """A brush of single splats had "Delete 12 objects" in the history, of which 12 stayed."""
+    document, ids = associated.need(), associated.objects().ids[1:3]
+    one, other = (group_indices(document.scene, int(group)) for group in ids)
+    document.select(np.append(one, other), "set", "Select")
+    assert document.title_for("Delete") == "Delete 2 objects"
+    document.select(np.append(one[:1], other[:4]), "set", "Select")
+    assert document.title_for("Delete") == "Delete 5 splats of 2 objects"
+    document.select(other[:1], "set", "Select")
+    assert document.title_for("Delete") == f"Delete 1 splat of {document.name_of(int(ids[1]))}"

@@ -465,7 +465,7 @@ def _title(session: Session, document: Document, n_splats: int) -> None:
     if len(groups) == 1:
         name = document.name_of(groups[0])
     elif groups:
-        name = f"{len(groups)} objects"
+        name = f"{'Parts of ' * document.read.selects_parts()}{len(groups)} objects"
     else:
         name = "Loose splats"
     with theme.face(strong=True, scale=1.15):
