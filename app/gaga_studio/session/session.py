@@ -232,19 +232,19 @@ class Session:
 
     def change_settings(self, settings: Settings) -> None:
         """Use and save these preferences."""
-        self.settings = settings
+        before, self.settings = self.settings, settings
         self._apply_settings()
         if self.document is not None:
             self.document.history.set_budget(settings.undo_bytes)
-        self._save_settings()
+        self._save_settings(before)
 
     def _apply_settings(self) -> None:
         self.view.background = self.settings.background_color
         self.view.lod_budget = self.settings.lod_budget
 
     @notifies
-    def _save_settings(self) -> None:
-        save_settings(self.settings)
+    def _save_settings(self, before: Settings) -> None:
+        save_settings(self.settings, before)
 
     # --- the document
 

@@ -126,10 +126,30 @@ def load_settings() -> tuple[Settings, str]:
     return _checked(content), ""
 
 
-def save_settings(settings: Settings) -> None:
-    """Write the settings, whole or not at all. Raises ``GagaError`` when they cannot be written."""
+def save_settings(settings: Settings, before: Settings | None = None) -> None:
+    """Write the settings, whole or not at all. Raises ``GagaError`` when they cannot be written.
+
+    With ``before`` only what changed from it: another window may have saved the rest meanwhile.
+    """
+    if before is not None and settings_file().exists():
+        settings = _merged(before, settings, load_settings()[0])
     with atomic_write(settings_file()) as temporary:
         temporary.write_text(json.dumps(asdict(settings), indent=1) + "\n", encoding="utf-8")
+
+
+def _merged(before: Settings, after: Settings, saved: Settings) -> Settings:
+    """``saved`` with what changed from ``before`` to ``after``; lists with the paths of both."""
+    changes: dict[str, object] = {}
+    for name in (item.name for item in fields(Settings)):
+        was, now, there = (getattr(one, name) for one in (before, after, saved))
+        if was == now:
+            continue
+        if name in _MOST_PATHS:
+            removed = set(was) - set(now)
+            now = (*now, *(path for path in there if path not in {*now, *removed}))
+            now = now[: _MOST_PATHS[name]]
+        changes[name] = now
+    return replace(saved, **changes)  # type: ignore[arg-type]
 
 
 def _checked(content: dict[str, object]) -> Settings:

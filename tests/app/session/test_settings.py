@@ -30,6 +30,16 @@ def test_pictures_of_what_left_the_list_are_removed() -> None:
     assert list(kept.parent.iterdir()) == [kept]
 
 
+def test_two_windows_keep_what_each_of_them_changed() -> None:
+    """The later one wrote its whole settings: recent files and preferences of the other went."""
+    first, second = Session(), Session()
+    first.change_settings(replace(first.settings, theme="light", recent=("/a", "/b")))
+    second.change_settings(replace(second.settings, clean_first=True, recent=("/c",)))
+    first.change_settings(replace(first.settings, recent=("/a",)))  # takes one off its list
+    saved, _ = load_settings()
+    assert (saved.theme, saved.clean_first, saved.recent) == ("light", True, ("/a", "/c"))
+
+
 def test_load_gives_what_was_saved() -> None:
     settings = Settings(
         recent=("/a/b c.ply", "/ü"), preset="paper", fly_speed=2.5, invert_zoom=True
