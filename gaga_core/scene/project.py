@@ -544,14 +544,21 @@ class Project:
     @property
     def default_path(self) -> Path:
         """Path of the first save."""
-        if self.folder is not None:
-            return self.folder.work
-        path, n = self.model_path.with_suffix(".gaga"), 1
         # A single .ply opens without edits: keep a former save.
+        return self._of_a_file()[0] if self.folder is None else self.folder.work
+
+    @property
+    def saved_of_file(self) -> Path | None:
+        """The project that was saved last of the single file that is open; None without one."""
+        return None if self.folder is not None or self.path is not None else self._of_a_file()[1]
+
+    def _of_a_file(self) -> tuple[Path, Path | None]:
+        """Path of the next save of a single file, and that of the last one."""
+        last, path, n = None, self.model_path.with_suffix(".gaga"), 1
         while (path / PROJECT_FILE).exists():
             n += 1
-            path = self.model_path.with_suffix(f".{n}.gaga")
-        return path
+            last, path = path, self.model_path.with_suffix(f".{n}.gaga")
+        return path, last
 
 
 def meant_in(path: Path) -> Path | None:

@@ -339,6 +339,8 @@ class Session:
                 document.note_files()
             document.save_state.saved(content)
             self.notify(Level.INFO, f"Saved to {where}.")
+            if document.project.folder is None:  # a scene folder opens with what was saved
+                self.change_settings(self.settings.opened(where))
             if self.document is document:
                 self._claim(document)
             if then is not None:
@@ -456,6 +458,11 @@ class Session:
         def opened(project: "Project | PhotoFind") -> None:
             if isinstance(project, Project):
                 self.take(project)
+                if (saved := project.saved_of_file) is not None:
+                    text = (
+                        f"{saved.name} was saved of this file: open it for your objects and edits."
+                    )
+                    self.notify(Level.INFO, text, shows=saved)
                 for follow in self._when_opened:
                     follow(self)
             else:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.project import open_path_stage
@@ -20,7 +21,7 @@ from gaga_studio.session.settings import load_settings
 from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
 from tests.core.io.colmap_parts import bend
 from tests.core.io.splat_parts import write_unchecked
-from tests.scenes import random_gaussians
+from tests.scenes import objects_scene, random_gaussians
 
 _W, _H = 320, 240
 
@@ -90,6 +91,29 @@ def test_another_scene_starts_afresh(associated: Session, scene_folder: Path) ->
     assert associated.selected_groups() == ()
     assert associated.active_view is None
     assert len(associated.masks) == 0
+
+
+def test_a_lone_file_says_that_a_project_was_saved_of_it(session: Session, tmp_path: Path) -> None:
+    """It opens without edits; the project is the newest recent file until then."""
+    file = tmp_path / "bowl.ply"
+    write_ply(file, objects_scene(2, 30, n_cameras=1).gaussians)
+    session.open(file)
+    assert session.jobs.wait()
+    assert not any("bowl.gaga" in notice.text for notice in session.notices)
+    session.need().select(np.arange(5, dtype=np.int32), "set", "Select")
+    objects.separate(session)
+    session.save()
+    assert session.jobs.wait()
+    session.tick(0.1)
+    assert session.settings.recent[0] == str(tmp_path / "bowl.gaga")
+    session.open(file)
+    assert session.jobs.wait()
+    session.tick(0.1)
+    assert any("bowl.gaga was saved of this file" in notice.text for notice in session.notices)
+    session.open(tmp_path / "bowl.gaga")
+    assert session.jobs.wait()
+    session.tick(0.1)
+    assert (session.need().scene.labels > 0).sum() == 5
 
 
 def test_recent_files_are_remembered(session: Session, scene_folder: Path) -> None:
