@@ -141,6 +141,17 @@ def mapped(stage: Stage[T], change: Callable[[Progress], Progress]) -> Stage[T]:
             yield change(step)
 
 
+def portion(stage: Stage[T], begin: float, end: float, title: str) -> Stage[T]:
+    """Run ``stage``; its progress is passed on as that of ``title`` from ``begin`` to ``end``,
+    in 0..1."""
+
+    def change(step: Progress) -> Progress:
+        done = round(_STEPS * (begin + (end - begin) * step.done / max(step.total, 1)))
+        return replace(step, stage=title, done=done, total=_STEPS)
+
+    return mapped(stage, change)
+
+
 def part(stage: Stage[T], index: int, n_parts: int, title: str, *, prefix: str = "") -> Stage[T]:
     """Run ``stage``; its progress is passed on as that of one of ``n_parts`` parts of ``title``.
 

@@ -76,7 +76,7 @@ from gaga_core.io.meshes import TriangleMesh
 from gaga_core.pipeline.executors import SceneTask, answers_of
 from gaga_core.pipeline.search import describe_project
 from gaga_core.pipeline.settings import EngineConfig
-from gaga_core.progress import Progress, Stage, part
+from gaga_core.progress import Progress, Stage, part, portion
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer, SpatialChunks
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer, Labelled
@@ -87,6 +87,9 @@ from gaga_core.scene.project import Project, open_path_stage
 from gaga_core.scene.tint import Grade, grade_affine
 
 _STAGE = "Make pictures"
+# Shares of processor time, 12 pictures of the demo: of the pictures in all, and of the labels in
+# what is written after them.
+_PICTURES, _FORMS = 0.96, 0.7
 _AS_IT_IS = "as-it-is"  # placement of the scene without changes
 _NOTHING = "Photos do not cover any of these views. Lower --coverage, or take more photos."
 _MODEL_VOXELS = 64  # of a model of BOP, along its longest side
@@ -169,14 +172,18 @@ def dataset_stage(
         paths = [_path_of(scene) for scene in scenes]
         names = scene_names(out, paths)
         if engine is None:
+            n = len(scenes)
             for i, (scene, name) in enumerate(zip(scenes, names, strict=True)):
                 stage = pictures_stage(scene, out, name, config, forms, rasterizer=rasterizer)
-                yield from part(stage, i, len(scenes), _STAGE, prefix=f"{name}: ")
+                stage = part(stage, i, n, _STAGE, prefix=f"{name}: ")
+                yield from portion(stage, 0, _PICTURES, _STAGE)
         else:
             by_path = dict(zip(paths, names, strict=True))
             work = PicturesWork(out.absolute(), by_path, config, tuple(forms))
-            failed = yield from _by_workers(paths, names, work, engine)
-        return (yield from _tables_stage(out, config, forms, names, failed))
+            answers = _by_workers(paths, names, work, engine)
+            failed = yield from portion(answers, 0, _PICTURES, _STAGE)
+        rest = _tables_stage(out, config, forms, names, failed)
+        return (yield from portion(rest, _PICTURES, 1, _STAGE))
 
 
 @dataclass(frozen=True)
@@ -693,9 +700,9 @@ def _tables_stage(
     _remove_others(out, {name for scene in scenes for name in scene.names})
     # First, so that ids stay even when the rest is cancelled.
     write_tables(out, source.tables)
-    yield from write_forms_stage(source, forms)
+    yield from portion(write_forms_stage(source, forms), 0, _FORMS, _STAGE)
     notes = tuple(note for scene in scenes for note in scene.notes)
-    yield from write_page_stage(source, notes)
+    yield from portion(write_page_stage(source, notes), _FORMS, 1, _STAGE)
     by_split: dict[str, int] = dict.fromkeys(SPLITS, 0)
     for record in source.records():
         by_split[record.split] += 1

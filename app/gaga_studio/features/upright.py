@@ -31,6 +31,15 @@ def turn(session: Session) -> bool:
     return True
 
 
+def why_not_turned(session: Session) -> str:
+    """Needs a scene without photos, which say which way is up."""
+    if session.document is None:
+        return "No scene is open."
+    if session.cameras:
+        return "The photos say which way is up. Use Align to ground, or Rotate."
+    return ""
+
+
 def leave(session: Session) -> bool:
     """Remember that the file stands as it should: it is not asked about again."""
     _remember(session, is_turned=False)
@@ -82,8 +91,7 @@ def _turn(session: Session, *, is_content: bool) -> bool:
     scene = document.settled().scene
     edit = edits.move_scene(scene, _HALF_TURN, _TITLE)
     done = document.do(edit, is_content=is_content)
-    up = session.rig.up if session.cameras else None  # photos turn along, up does not
-    session.rig.frame_scene(*splat_box(scene), session.cameras, up=up)
+    session.rig.frame_scene(*splat_box(scene))
     return done
 
 

@@ -25,7 +25,7 @@ from gaga_core.io.json_file import read_json
 from gaga_core.io.masks.coco import decode_rle
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.meshes import TriangleMesh
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, part
 
 DATASET_FILE = "dataset.json"
 DATASET_VERSION = 1
@@ -168,10 +168,11 @@ def write_forms_stage(source: Source, forms: Sequence[Form]) -> Stage[None]:
         "yolo": _yolo_stage,
         "bop": _bop_stage,
     }
-    for form, names in OURS.items():
+    for i, (form, names) in enumerate(OURS.items()):
         if form in forms:
             with staging_folder(source.root) as staging:
-                yield from writers[form](source, staging)
+                stage = writers[form](source, staging)
+                yield from part(stage, i, len(OURS), _STAGE)
                 publish_all(staging, sorted(path.name for path in staging.iterdir()), source.root)
             continue
         for name in names:
@@ -369,8 +370,8 @@ def _bop_picture(
         )
         size = (record.height, record.width)
         whole, seen = decode_rle(one.whole_counts, size), decode_rle(one.counts, size)
-        for part, mask in (("mask", whole), ("mask_visib", seen)):
-            _save_mask(folder / part / f"{number:06d}_{k:06d}.png", mask)
+        for kind, mask in (("mask", whole), ("mask_visib", seen)):
+            _save_mask(folder / kind / f"{number:06d}_{k:06d}.png", mask)
         facts.append(
             {
                 "bbox_obj": one.whole_box,

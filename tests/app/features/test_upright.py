@@ -17,7 +17,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.project import save_project
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import upright
-from gaga_studio.features.commands import run
+from gaga_studio.features.commands import command, run
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 from tests.scenes import random_gaussians
@@ -156,3 +156,10 @@ def test_what_was_exported_standing_stands_when_it_is_opened_again(
     session = new_session()
     means = _opened(session, path)
     np.testing.assert_allclose(means @ session.rig.up, row.means[:, 2], atol=1e-4)
+
+
+def test_a_scene_with_photos_is_not_turned_onto_its_head(associated: Session) -> None:
+    before = associated.need().scene.frame.world
+    assert "photos say" in command(upright.COMMAND).enabled(associated)
+    assert not run(upright.COMMAND, associated)
+    np.testing.assert_array_equal(associated.need().scene.frame.world, before)

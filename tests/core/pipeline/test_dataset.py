@@ -21,7 +21,7 @@ from gaga_core.export.dataset.settings import DatasetConfig
 from gaga_core.io.masks.coco import compress_counts, decode_rle, encode_rle
 from gaga_core.pipeline.dataset import DatasetReport, dataset_stage
 from gaga_core.pipeline.settings import EngineConfig
-from gaga_core.progress import run_stage
+from gaga_core.progress import Progress, run_stage
 from gaga_core.raster.cpu.rasterizer import Outlines
 from gaga_core.raster.reference import ReferenceRasterizer
 from gaga_core.scene import edits
@@ -95,6 +95,17 @@ def test_labels_are_those_of_the_scene_drawn_by_the_reference(
             assert np.abs(pose[:3, 3] - middle).max() < 0.02  # of a box by splats, radius 0.28
             np.testing.assert_allclose(pose[:3, :3], camera.cam_from_world[:3, :3], atol=1e-12)
     assert n > 6
+
+
+def test_one_share_counts_pictures_and_labels(project: Project, tmp_path: Path) -> None:
+    """The labels began again at 0 when all pictures were there."""
+    seen: list[Progress] = []
+    stage = dataset_stage([project], tmp_path / "set", changed(moved=0.0, removed=0.0))
+    run_stage(stage, seen.append)
+    assert {step.stage for step in seen if step.total} == {"Make pictures"}
+    shares = [step.done / step.total for step in seen if step.total]
+    assert shares == sorted(shares)
+    assert any("COCO" in step.message for step in seen)
 
 
 def changed(**changes: float) -> DatasetConfig:
