@@ -320,8 +320,12 @@ class PhotoFind:
 
     def _training(self, config: ReconstructConfig) -> float:
         settings, n_pixels = config.train(), self.n_pixels(config)
-        before = settings.spent(n_pixels, self.iteration / settings.iterations)
+        before = settings.spent(n_pixels, self.behind(config))
         return (1 - before) * settings.cpu_seconds(n_pixels)
+
+    def behind(self, config: ReconstructConfig) -> float:
+        """Share 0..1 of the training's iterations that are done; other settings begin again."""
+        return self.iteration / config.train().iterations if config == self.going_on else 0.0
 
     def n_pixels(self, config: ReconstructConfig) -> int:
         """Pixels of a photo in the training."""
@@ -340,7 +344,8 @@ class Estimate:
     Each step is expected to take what it took here before, for this number of photos, pairs, and
     pixels; the longer it runs the more counts how long it takes now, by its later half: a machine
     that gets busy makes all slower that is left. What is to come is expected to be off by as much
-    as what was done, by a part of it where earlier runs are known. The share never goes back.
+    as what was done, by a part of it where earlier runs are known. The share never goes back; of a
+    training that goes on it is that of all its iterations, as where it stopped.
     """
 
     def __init__(
@@ -359,13 +364,14 @@ class Estimate:
         self._took: dict[str, float] = {}  # seconds
         self._now, self._part = "", 0.0  # the step that runs, and how far it is
         self._words: deque[tuple[float, float]] = deque()  # seconds and shares of its later half
-        self._share = 0.0
+        self._share = self._behind = found.behind(config)
 
     def follow(self, step: Progress) -> tuple[float, float]:
         """Take the newest word of a step; returns the share 0..1 of all, and seconds left."""
         at = self._clock()
         self._start = at if self._start < 0 else self._start
         share = min(step.done / step.total, 1.0) if step.total > 0 else 0.0
+        done = share if step.stage == TRAINS else 0.0
         if step.stage in self._expected:
             if step.stage == TRAINS:
                 share = (1 - _AFTERWARDS) * self._spent(share)
@@ -382,7 +388,9 @@ class Estimate:
             self._end_step(at)  # something between two steps
         left = self._left(at, self._part)
         elapsed = at - self._start
-        self._share = max(self._share, elapsed / max(elapsed + left, 1e-9))
+        if not self._behind:
+            done = elapsed / max(elapsed + left, 1e-9)
+        self._share = max(self._share, done)
         return self._share, left
 
     def rates(self) -> dict[str, float]:

@@ -232,8 +232,9 @@ def _estimated(
 
     ``speeds``: by how much longer than expected each step takes; the training as its splats grow.
     """
-    found = PhotoFind(Path("shots"), Path("scene"), 50, (1200, 800), iteration=iteration)
     config, now, seen = ReconstructConfig(), 0.0, []
+    found = PhotoFind(Path("shots"), Path("scene"), 50, (1200, 800))
+    found = replace(found, going_on=config if iteration else None, iteration=iteration)
     settings, n_pixels = config.train(), found.n_pixels(config)
     clock = [0.0]
     estimate = Estimate(found, config, rates, lambda: clock[0])
@@ -304,6 +305,22 @@ def test_what_a_machine_took_is_what_it_is_expected_to_take_next() -> None:
     assert again == pytest.approx(rates, rel=0.1)
     resumed, _ = _estimated(speeds, rates, iteration=ReconstructConfig().train().iterations // 2)
     assert _worst(resumed) < 1.5
+
+
+def test_the_share_of_a_training_that_goes_on_is_that_of_all_its_iterations() -> None:
+    """Its bar began at 0 next to "Go on training from 33 %"."""
+    config = ReconstructConfig()
+    found = PhotoFind(None, Path("scene"), 12, (1200, 800), is_placed=True, iteration=660)
+    found = replace(found, going_on=replace(config, iterations=2000))
+    assert found.going_on is not None
+    clock = iter(range(100))
+    estimate = Estimate(found, found.going_on, {}, lambda: float(next(clock)))
+    shares = [estimate.follow(Progress("Read photos", 0, 3))[0]]
+    shares += [estimate.follow(Progress(TRAINS, i, 2000))[0] for i in (660, 724, 1000, 2000)]
+    assert shares == [0.33, 0.33, 0.362, 0.5, 1.0]
+    again = Estimate(found, config, {}, lambda: 0.0)  # other settings
+    assert again.follow(Progress(TRAINS, 0, 2000))[0] == 0
+    assert found.seconds(config) == replace(found, iteration=0).seconds(config)
 
 
 # --- What is read again of a report, whatever its entries hold.
