@@ -119,6 +119,21 @@ def test_only_the_parts_that_are_asked_for_are_compiled(own_stamp: Path) -> None
     assert [step.stage for step in steps[n_before:]] == ["Work"]
 
 
+def test_what_is_compiled_takes_no_time_and_has_no_share(own_stamp: Path) -> None:
+    window = compile_kernels._STEPS["window"]
+    whole = compile_kernels.usual_seconds("window")
+    assert whole == pytest.approx(sum(cost for _, cost, _ in window) / 10)
+    stage = compile_kernels.warm_up_stage("window")
+    assert [next(stage).done for _ in range(2)] == [0, window[0][1]]
+    stage.close()  # cancelled in the second step
+    assert compile_kernels.usual_seconds("window") == pytest.approx(whole - window[0][1] / 10)
+    steps: list[Progress] = []
+    run_stage(compile_kernels.warm_up_stage("window"), steps.append)
+    assert [step.done for step in steps[:3]] == [0, 0, window[1][1]]
+    assert steps[-1].done == sum(cost for _, cost, _ in window[1:])
+    assert compile_kernels.usual_seconds("window") == 0
+
+
 def test_another_processor_or_numba_compiles_again(
     own_stamp: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
