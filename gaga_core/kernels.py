@@ -118,6 +118,7 @@ def exp_below_zero(x: np.float32) -> np.float32:
 
 
 # What kernels are for, in the order in which a window needs them.
+STAGE = "Prepare kernels"  # of progress
 Part = Literal["window", "grouping", "training", "export", "lod"]
 PARTS: tuple[Part, ...] = get_args(Part)
 

@@ -20,7 +20,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.io.splats.ply import write_ply
-from gaga_core.kernels import PARTS, Part, is_compiled, mark_compiled
+from gaga_core.kernels import PARTS, STAGE, Part, is_compiled, mark_compiled
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, T, run_stage
 from gaga_core.query.group_facts import group_digests, group_facts
@@ -36,7 +36,6 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.by_screen import pick, rectangle, screen
 from gaga_core.scene.selection.click import click_graph_stage
 
-STAGE = "Prepare kernels"
 _SIDE = 48  # pixels: several tiles
 _N_VIEWS = 3
 _TRAIN_STEPS = 24

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gaga_core import kernels
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras.cameras_json import write_cameras_json
@@ -239,8 +240,9 @@ def _tidied(workspace: Path) -> Iterator[None]:
 # --- Photos without splats: what a path holds, which run to continue, and how long it takes.
 
 
-# The steps that take long, in their order.
-FEATURES, MATCHES, PLACES, BACKGROUND, UNDISTORTS, SURFACES, TRAINS = STEPS = (
+# The steps that take long, in their order; kernels where they are not compiled yet.
+KERNELS, FEATURES, MATCHES, PLACES, BACKGROUND, UNDISTORTS, SURFACES, TRAINS = STEPS = (
+    kernels.STAGE,
     "Find features",
     "Match photos",
     "Place photos",
@@ -291,14 +293,23 @@ class PhotoFind:
         """Its name."""
         return (self.photos or self.scene).name
 
-    def seconds(self, config: ReconstructConfig, rates: Rates | None = None) -> float:
-        """Time that making splats takes here, on the processor; ``rates`` of earlier runs."""
-        return sum(self.expected(config, rates or {}).values())
+    def seconds(
+        self, config: ReconstructConfig, rates: Rates | None = None, kernels_s: float = 0.0
+    ) -> float:
+        """Time that making splats takes here, on the processor; see `expected`."""
+        return sum(self.expected(config, rates or {}, kernels_s).values())
 
-    def expected(self, config: ReconstructConfig, rates: Rates) -> dict[str, float]:
-        """Seconds of each of `STEPS` that is to be done, at what it took here before."""
+    def expected(
+        self, config: ReconstructConfig, rates: Rates, kernels_s: float = 0.0
+    ) -> dict[str, float]:
+        """Seconds of each of `STEPS` that is to be done.
+
+        ``rates``: what they took here before; ``kernels_s``: seconds that kernels usually still
+        take to compile.
+        """
+        work = {KERNELS: kernels_s} if kernels_s else {}
         rate = {step: rates.get(step, 1.0) for step in STEPS}
-        return {step: n * rate[step] for step, n in self._work(config).items()}
+        return {step: n * rate[step] for step, n in {**work, **self._work(config)}.items()}
 
     def _work(self, config: ReconstructConfig) -> dict[str, float]:
         """Seconds that each step would take on a machine like the one that was measured."""
@@ -354,8 +365,9 @@ class Estimate:
         config: ReconstructConfig,
         rates: Rates,
         clock: Callable[[], float] = time.monotonic,
+        kernels_s: float = 0.0,
     ) -> None:
-        self._expected = found.expected(config, rates)
+        self._expected = found.expected(config, rates, kernels_s)
         self._known, self._clock = dict(rates), clock
         settings, n_pixels = config.train(), found.n_pixels(config)
         self._spent = partial(settings.spent, n_pixels)

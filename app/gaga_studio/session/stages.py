@@ -55,6 +55,17 @@ def kernels_stage() -> Stage[None]:
         yield from warm_up_stage("window")
 
 
+def kernels_seconds(*parts: "Part") -> float:
+    """Seconds that what is not compiled yet of ``parts`` usually takes; 0 where all is."""
+    from gaga_core.kernels import is_compiled
+
+    if all(is_compiled(part) for part in parts):
+        return 0.0
+    from gaga_core.pipeline.compile_kernels import usual_seconds
+
+    return usual_seconds(*parts)
+
+
 def save_stage(
     project: Project, path: Path | None, copies_model: bool = False, overwrites: bool = False
 ) -> Stage[Path]:

@@ -95,7 +95,7 @@ def test_kernels_are_compiled_once_the_stage_has_ended(own_stamp: Path) -> None:
     stage = compile_kernels.warm_up_stage()
     first = next(stage)
     stage.close()  # cancelled
-    assert (first.stage, first.done) == (compile_kernels.STAGE, 0)
+    assert (first.stage, first.done) == (kernels.STAGE, 0)
     assert not kernels.is_compiled()
     steps: list[Progress] = []
     run_stage(compile_kernels.warm_up_stage(), steps.append)
@@ -159,7 +159,7 @@ def _work() -> Stage[str]:
 def test_work_waits_for_the_warm_up_only_the_first_time(
     own_stamp: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for stages in ([compile_kernels.STAGE, "Work"], ["Work"]):
+    for stages in ([kernels.STAGE, "Work"], ["Work"]):
         steps: list[Progress] = []
         assert run_stage(compile_kernels.after_warm_up(_work()), steps.append) == "done"
         assert list(dict.fromkeys(step.stage for step in steps)) == stages

@@ -22,6 +22,7 @@ from gaga_core.io.folder.scene_folder import (
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.pipeline.place import WORKSPACE, find_photos, notes_of, placement_of, read_entry
 from gaga_core.pipeline.reconstruct import (
+    KERNELS,
     STEPS,
     SURFACES,
     TRAINS,
@@ -226,7 +227,10 @@ def test_settings_are_checked() -> None:
 
 
 def _estimated(
-    speeds: Mapping[str, float], rates: Mapping[str, float], iteration: int = 0
+    speeds: Mapping[str, float],
+    rates: Mapping[str, float],
+    iteration: int = 0,
+    kernels_s: float = 30.0,
 ) -> tuple[list[tuple[float, float, float]], dict[str, float]]:
     """Share, seconds left and true seconds left at each word of a run, and the rates after it.
 
@@ -237,10 +241,11 @@ def _estimated(
     found = replace(found, going_on=config if iteration else None, iteration=iteration)
     settings, n_pixels = config.train(), found.n_pixels(config)
     clock = [0.0]
-    estimate = Estimate(found, config, rates, lambda: clock[0])
-    steps = {step: seconds * speeds[step] for step, seconds in found.expected(config, {}).items()}
-    whole = sum(steps.values()) + 2 * (len(STEPS) - 2)
-    for step in STEPS:
+    estimate = Estimate(found, config, rates, lambda: clock[0], kernels_s)
+    usual = found.expected(config, {}, kernels_s)
+    steps = {step: seconds * speeds[step] for step, seconds in usual.items()}
+    whole = sum(steps.values()) + 2 * (len(steps) - 2)
+    for step in steps:
         first = iteration / settings.iterations if step == TRAINS else 0.0
         start = settings.spent(n_pixels, first)
         for k in range(101):
@@ -297,7 +302,7 @@ def test_the_time_left_is_right_from_a_tenth_on_and_the_bar_never_goes_back(spee
 
 def test_what_a_machine_took_is_what_it_is_expected_to_take_next() -> None:
     """Steps that are off by different factors, which the first run could not know."""
-    speeds = dict(zip(STEPS, (3.0, 0.5, 6.0, 1.0, 2.0, 1.0, 2.0), strict=True))
+    speeds = dict(zip(STEPS, (1.0, 3.0, 0.5, 6.0, 1.0, 2.0, 1.0, 2.0), strict=True))
     first, rates = _estimated(speeds, {})
     assert _worst(first, since=0.0) > 1.5
     second, again = _estimated(speeds, rates)
@@ -305,6 +310,16 @@ def test_what_a_machine_took_is_what_it_is_expected_to_take_next() -> None:
     assert again == pytest.approx(rates, rel=0.1)
     resumed, _ = _estimated(speeds, rates, iteration=ReconstructConfig().train().iterations // 2)
     assert _worst(resumed) < 1.5
+
+
+def test_kernels_of_a_first_run_tell_how_busy_the_machine_is() -> None:
+    """They were not counted: 70 s, and half a minute later as many, and later twice as many."""
+    seen, rates = _estimated(dict.fromkeys(STEPS, 3.5), {})
+    after = [row for row in seen if row[2] < seen[0][2] - 30 * 3.5]
+    assert _worst(after, since=0.0) < 1.5
+    assert rates[KERNELS] == pytest.approx(3.5)
+    idle, _ = _estimated(dict.fromkeys(STEPS, 1.0), {})
+    assert _worst(idle, since=0.0) < 1.5
 
 
 def test_the_share_of_a_training_that_goes_on_is_that_of_all_its_iterations() -> None:

@@ -393,17 +393,6 @@ def _finding_seconds(scene: Scene, n_masks: int, preset: str) -> float:
     return _LEAST_SECONDS + n_masks * _SECONDS_PER_VIEW.get(preset, 1.0) * (0.1 + millions)
 
 
-def _kernel_seconds() -> float:
-    """Seconds that the kernels which finding objects needs still take to compile."""
-    from gaga_core.kernels import is_compiled
-
-    if is_compiled() and is_compiled("grouping"):
-        return 0.0
-    from gaga_core.pipeline.compile_kernels import usual_seconds
-
-    return usual_seconds("window", "grouping")
-
-
 def offer_of(
     project: Project, n_masks: int, preset: str, training_s: float = 0.0, rate: float = 1.0
 ) -> StageOffer:
@@ -421,7 +410,8 @@ def offer_of(
     if n_masks == 0:
         names = ", ".join(folder.mask_folders)
         return StageOffer(f"No file in masks/{names} has the name of a photo. Rename the masks.")
-    usual = _kernel_seconds() + _finding_seconds(scene, n_masks, preset)
+    kernels_s = stages.kernels_seconds("window", "grouping")
+    usual = kernels_s + _finding_seconds(scene, n_masks, preset)
     seconds = rate * usual + training_s
     return StageOffer(
         f"{_photos_have(n_masks)} masks but no objects yet.",
