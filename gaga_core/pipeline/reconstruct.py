@@ -406,13 +406,21 @@ class Estimate:
         return self._share, left
 
     def rates(self) -> dict[str, float]:
-        """The rates for the next run, when all is done."""
+        """The rates for the next run, when all is done, or when it was stopped."""
+        # A step that was stopped, and a training that was taken up, did a part only.
+        done = {step: 1 - self._began[step][1] for step in self._took}
+        if self._now:
+            done[self._now] = self._part - self._began[self._now][1]
+        if TRAINS in done:
+            whole = (1 - _AFTERWARDS) * (1 - self._spent(self._behind))
+            done[TRAINS] /= max(whole, 1e-6)
         self._end_step(self._clock())
         result = dict(self._known)
         for step, seconds in self._took.items():
+            if done[step] < _TELLING:
+                continue
             before = self._known.get(step, 1.0)
-            done = 1 - self._began[step][1]  # a training that was taken up did a part only
-            measured = seconds * before / max(self._expected[step] * done, 1e-6)
+            measured = seconds * before / max(self._expected[step] * done[step], 1e-6)
             measured = min(max(measured, 1 / _MOST_OFF), _MOST_OFF)
             weight = _LEARNED if step in self._known else 1.0
             result[step] = before + weight * (measured - before)

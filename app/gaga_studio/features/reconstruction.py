@@ -204,6 +204,7 @@ def make(
 
     def end() -> None:
         if session.training is training:
+            known.keep(estimate.rates())
             training.show()
             training.is_stopped = training.update is not None or former is not None
             session.training = training if training.is_stopped else None

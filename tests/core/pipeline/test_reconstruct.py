@@ -322,6 +322,34 @@ def test_kernels_of_a_first_run_tell_how_busy_the_machine_is() -> None:
     assert _worst(idle, since=0.0) < 1.5
 
 
+def test_a_stopped_training_tells_what_the_rest_takes() -> None:
+    """It went on with 47 s left and had 111 s at a quarter: nothing was kept of a stopped run."""
+    config, clock = ReconstructConfig(), [0.0]
+    found = PhotoFind(None, Path("scene"), 12, (1200, 800), is_placed=True)
+    settings, n_pixels = config.train(), found.n_pixels(config)
+    whole, last = 3.5 * found.seconds(config), settings.iterations // 3
+    estimate = Estimate(found, config, {}, lambda: clock[0])
+    for i in range(last + 1):
+        clock[0] = whole * settings.spent(n_pixels, i / settings.iterations)
+        estimate.follow(Progress(TRAINS, i, settings.iterations))
+    rates = estimate.rates()
+    assert rates == {TRAINS: pytest.approx(3.5, rel=0.1)}
+    rest = replace(found, going_on=config, iteration=last)
+    left = whole * (1 - settings.spent(n_pixels, last / settings.iterations))
+    later = rest.expected(config, rates)[TRAINS]
+    assert later == pytest.approx(left, rel=0.1)
+    goes_on = Estimate(rest, config, rates, lambda: clock[0])
+    for i in range(last, settings.iterations + 1):
+        clock[0] = whole * settings.spent(n_pixels, i / settings.iterations)
+        goes_on.follow(Progress(TRAINS, i, settings.iterations))
+    assert goes_on.rates() == {TRAINS: pytest.approx(3.5, rel=0.1)}
+    barely = Estimate(rest, config, rates, lambda: clock[0])
+    for i in (last, last + 1):
+        barely.follow(Progress(TRAINS, i, settings.iterations))
+        clock[0] += 1000
+    assert barely.rates() == rates, "what has hardly begun tells nothing"
+
+
 def test_the_share_of_a_training_that_goes_on_is_that_of_all_its_iterations() -> None:
     """Its bar began at 0 next to "Go on training from 33 %"."""
     config = ReconstructConfig()
