@@ -118,27 +118,28 @@ def exp_below_zero(x: np.float32) -> np.float32:
 
 
 # What kernels are for, in the order in which a window needs them.
+STAGE = "Prepare kernels"  # of progress
 Part = Literal["window", "grouping", "training", "export", "lod"]
 PARTS: tuple[Part, ...] = get_args(Part)
 
 
-def is_compiled(part: Part = "window") -> bool:
+def is_compiled(part: Part = "window", step: str = "") -> bool:
     """Whether `mark_compiled` was called for these kernels, Python, numba and this processor."""
-    return _stamp(part).is_file()
+    return _stamp(part, step).is_file()
 
 
-def mark_compiled(part: Part = "window") -> None:
-    """Note on the disk that a part of the kernels is compiled, so that no later start asks
-    again."""
-    stamp = _stamp(part)
+def mark_compiled(part: Part = "window", step: str = "") -> None:
+    """Note on the disk that a part of the kernels is compiled, or a ``step`` of it, so that no
+    later start asks again."""
+    stamp = _stamp(part, step)
     with contextlib.suppress(OSError):  # a disk that is full: the next start compiles what it lacks
         stamp.parent.mkdir(parents=True, exist_ok=True)
         stamp.touch()
 
 
-def _stamp(part: Part) -> Path:
-    """File that is there when a part is compiled: named by all that numba compiles for."""
+def _stamp(part: Part, step: str) -> Path:
+    """File that is there when it is compiled: named by all that numba compiles for."""
     cpu = llvmlite.binding.get_host_cpu_name()
     parts = (_DIGEST, platform.python_version(), numba.__version__, cpu, _FEATURES)
-    name = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    name = hashlib.sha256("\n".join((*parts, step)).encode()).hexdigest()[:16]
     return Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{part}-{name}"

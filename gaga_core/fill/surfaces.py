@@ -269,7 +269,7 @@ def seen_stage(
     mark = np.repeat(is_object.astype(np.float32)[:, None], 3, axis=1)
     frames = []
     for i, camera in enumerate(chosen):
-        yield Progress("Look behind the object", i, 3 * n, camera.name)
+        yield Progress("Look behind the object", 2 * i, 4 * n, camera.name)
         frame = rasterizer.render(gaussians, camera, channels=mark)
         shape = (camera.height, camera.width)
         rasterizer.vote(gaussians, camera, np.zeros(shape, np.int32), total)
@@ -277,7 +277,7 @@ def seen_stage(
     others = np.flatnonzero(~is_object)
     bare, alone = gaussians.take(others), np.zeros((len(others), 1), np.float32)
     for i, camera in enumerate(chosen):
-        yield Progress("Look behind the object", n + i, 3 * n, camera.name)
+        yield Progress("Look behind the object", 2 * n + i, 4 * n, camera.name)
         rasterizer.vote(bare, camera, np.zeros((camera.height, camera.width), np.int32), alone)
     known = total[:, 0] > config.seen
     known[others] &= total[others, 0] > config.seen_share * alone[:, 0]
@@ -286,7 +286,7 @@ def seen_stage(
     rest = gaussians.take(~is_object & known)
     views = []
     for i, (camera, frame) in enumerate(zip(chosen, frames, strict=True)):
-        yield Progress("Look behind the object", 2 * n + i, 3 * n, camera.name)
+        yield Progress("Look behind the object", 3 * n + i, 4 * n, camera.name)
         after = rasterizer.render(rest, camera)
         share = frame.image[:, :, 0]
         shown = camera, frame.median_depth, share > 0.5, share < _CLEAR

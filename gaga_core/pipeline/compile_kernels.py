@@ -20,7 +20,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.grouping.associate import AssociateConfig, associate_stage
 from gaga_core.io.splats.ply import write_ply
-from gaga_core.kernels import PARTS, Part, is_compiled, mark_compiled
+from gaga_core.kernels import PARTS, STAGE, Part, is_compiled, mark_compiled
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, T, run_stage
 from gaga_core.query.group_facts import group_digests, group_facts
@@ -36,7 +36,6 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.by_screen import pick, rectangle, screen
 from gaga_core.scene.selection.click import click_graph_stage
 
-STAGE = "Prepare kernels"
 _SIDE = 48  # pixels: several tiles
 _N_VIEWS = 3
 _TRAIN_STEPS = 24
@@ -61,18 +60,32 @@ def warm_up_stage(*parts: Part) -> Stage[None]:
     """Compile the kernels of ``parts`` (none: all), or load them from the disk.
 
     When a part has come to its end, `kernels.is_compiled` says so until the next upgrade.
-    Cancelling it loses nothing: what was compiled stays.
+    Cancelling it loses nothing: what was compiled stays, and has no share of the next bar.
     """
     sample = _sample()
     parts = parts or PARTS
-    total, done = sum(cost for part in parts for _, cost, _ in _STEPS[part]), 0
+    costs = {part: [_missing(part, step) for step in _STEPS[part]] for part in parts}
+    total, done = sum(map(sum, costs.values())), 0
     for part in parts:
-        for name, cost, step in _STEPS[part]:
+        for (name, _, work), cost in zip(_STEPS[part], costs[part], strict=True):
             yield Progress(STAGE, done, total, name)
-            step(sample)
+            work(sample)
+            mark_compiled(part, name)
             done += cost
         mark_compiled(part)
     yield Progress(STAGE, total, total)
+
+
+def usual_seconds(*parts: Part) -> float:
+    """Seconds that `warm_up_stage` of ``parts`` still takes on an idle core like the one that was
+    measured."""
+    missing = [part for part in parts if not is_compiled(part)]
+    return sum(_missing(part, step) for part in missing for step in _STEPS[part]) / 10
+
+
+def _missing(part: Part, step: "Step") -> int:
+    """Its cost; 0 where it is compiled."""
+    return 0 if is_compiled(part, step[0]) else step[1]
 
 
 def after_warm_up(stage: Stage[T], *parts: Part) -> Stage[T]:
@@ -206,7 +219,7 @@ def _associate(sample: _Sample, preset: str, *, are_regions: bool = False) -> ob
 
 
 # Cost: tenths of a second of the processor that it compiled for, all in this order from an empty
-# cache (x86-64, numba 0.68); only ratios count.
+# cache (x86-64, numba 0.68).
 Step = tuple[str, int, Callable[[_Sample], object]]
 # In the order in which a window needs them: clicks, outlines, the object list, names.
 _STEPS: dict[Part, tuple[Step, ...]] = {

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gaga_core import kernels
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras.cameras_json import write_cameras_json
@@ -254,8 +255,9 @@ def _tidied(workspace: Path) -> Iterator[None]:
 # --- Photos without splats: what a path holds, which run to continue, and how long it takes.
 
 
-# The steps that take long, in their order.
-FEATURES, MATCHES, PLACES, BACKGROUND, UNDISTORTS, SURFACES, TRAINS = STEPS = (
+# The steps that take long, in their order; kernels where they are not compiled yet.
+KERNELS, FEATURES, MATCHES, PLACES, BACKGROUND, UNDISTORTS, SURFACES, TRAINS = STEPS = (
+    kernels.STAGE,
     "Find features",
     "Match photos",
     "Place photos",
@@ -306,14 +308,23 @@ class PhotoFind:
         """Its name."""
         return (self.photos or self.scene).name
 
-    def seconds(self, config: ReconstructConfig, rates: Rates | None = None) -> float:
-        """Time that making splats takes here, on the processor; ``rates`` of earlier runs."""
-        return sum(self.expected(config, rates or {}).values())
+    def seconds(
+        self, config: ReconstructConfig, rates: Rates | None = None, kernels_s: float = 0.0
+    ) -> float:
+        """Time that making splats takes here, on the processor; see `expected`."""
+        return sum(self.expected(config, rates or {}, kernels_s).values())
 
-    def expected(self, config: ReconstructConfig, rates: Rates) -> dict[str, float]:
-        """Seconds of each of `STEPS` that is to be done, at what it took here before."""
+    def expected(
+        self, config: ReconstructConfig, rates: Rates, kernels_s: float = 0.0
+    ) -> dict[str, float]:
+        """Seconds of each of `STEPS` that is to be done.
+
+        ``rates``: what they took here before; ``kernels_s``: seconds that kernels usually still
+        take to compile.
+        """
+        work = {KERNELS: kernels_s} if kernels_s else {}
         rate = {step: rates.get(step, 1.0) for step in STEPS}
-        return {step: n * rate[step] for step, n in self._work(config).items()}
+        return {step: n * rate[step] for step, n in {**work, **self._work(config)}.items()}
 
     def _work(self, config: ReconstructConfig) -> dict[str, float]:
         """Seconds that each step would take on a machine like the one that was measured."""
@@ -335,8 +346,12 @@ class PhotoFind:
 
     def _training(self, config: ReconstructConfig) -> float:
         settings, n_pixels = config.train(), self.n_pixels(config)
-        before = settings.spent(n_pixels, self.iteration / settings.iterations)
+        before = settings.spent(n_pixels, self.behind(config))
         return (1 - before) * settings.cpu_seconds(n_pixels)
+
+    def behind(self, config: ReconstructConfig) -> float:
+        """Share 0..1 of the training's iterations that are done; other settings begin again."""
+        return self.iteration / config.train().iterations if config == self.going_on else 0.0
 
     def n_pixels(self, config: ReconstructConfig) -> int:
         """Pixels of a photo in the training."""
@@ -355,7 +370,8 @@ class Estimate:
     Each step is expected to take what it took here before, for this number of photos, pairs, and
     pixels; the longer it runs the more counts how long it takes now, by its later half: a machine
     that gets busy makes all slower that is left. What is to come is expected to be off by as much
-    as what was done, by a part of it where earlier runs are known. The share never goes back.
+    as what was done, by a part of it where earlier runs are known. The share never goes back; of a
+    training that goes on it is that of all its iterations, as where it stopped.
     """
 
     def __init__(
@@ -364,8 +380,9 @@ class Estimate:
         config: ReconstructConfig,
         rates: Rates,
         clock: Callable[[], float] = time.monotonic,
+        kernels_s: float = 0.0,
     ) -> None:
-        self._expected = found.expected(config, rates)
+        self._expected = found.expected(config, rates, kernels_s)
         self._known, self._clock = dict(rates), clock
         settings, n_pixels = config.train(), found.n_pixels(config)
         self._spent = partial(settings.spent, n_pixels)
@@ -374,13 +391,14 @@ class Estimate:
         self._took: dict[str, float] = {}  # seconds
         self._now, self._part = "", 0.0  # the step that runs, and how far it is
         self._words: deque[tuple[float, float]] = deque()  # seconds and shares of its later half
-        self._share = 0.0
+        self._share = self._behind = found.behind(config)
 
     def follow(self, step: Progress) -> tuple[float, float]:
         """Take the newest word of a step; returns the share 0..1 of all, and seconds left."""
         at = self._clock()
         self._start = at if self._start < 0 else self._start
         share = min(step.done / step.total, 1.0) if step.total > 0 else 0.0
+        done = share if step.stage == TRAINS else 0.0
         if step.stage in self._expected:
             if step.stage == TRAINS:
                 share = (1 - _AFTERWARDS) * self._spent(share)
@@ -397,17 +415,27 @@ class Estimate:
             self._end_step(at)  # something between two steps
         left = self._left(at, self._part)
         elapsed = at - self._start
-        self._share = max(self._share, elapsed / max(elapsed + left, 1e-9))
+        if not self._behind:
+            done = elapsed / max(elapsed + left, 1e-9)
+        self._share = max(self._share, done)
         return self._share, left
 
     def rates(self) -> dict[str, float]:
-        """The rates for the next run, when all is done."""
+        """The rates for the next run, when all is done, or when it was stopped."""
+        # A step that was stopped, and a training that was taken up, did a part only.
+        done = {step: 1 - self._began[step][1] for step in self._took}
+        if self._now:
+            done[self._now] = self._part - self._began[self._now][1]
+        if TRAINS in done:
+            whole = (1 - _AFTERWARDS) * (1 - self._spent(self._behind))
+            done[TRAINS] /= max(whole, 1e-6)
         self._end_step(self._clock())
         result = dict(self._known)
         for step, seconds in self._took.items():
+            if done[step] < _TELLING:
+                continue
             before = self._known.get(step, 1.0)
-            done = 1 - self._began[step][1]  # a training that was taken up did a part only
-            measured = seconds * before / max(self._expected[step] * done, 1e-6)
+            measured = seconds * before / max(self._expected[step] * done[step], 1e-6)
             measured = min(max(measured, 1 / _MOST_OFF), _MOST_OFF)
             weight = _LEARNED if step in self._known else 1.0
             result[step] = before + weight * (measured - before)

@@ -19,6 +19,7 @@ from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.camera_path import CameraPath, turntable
 from gaga_core.scene.orientation import upright_basis
 from gaga_studio.features.base import Command, ask, busy, setting
+from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, UserQuestion, choose_one, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, TrainingUpdate
@@ -26,11 +27,13 @@ from gaga_studio.system import paths
 
 if TYPE_CHECKING:
     from gaga_core.gaussians import Gaussians
+    from gaga_core.kernels import Part
     from gaga_core.pipeline.reconstruct import Estimate, PhotoFind, Reconstruction
     from gaga_core.pipeline.settings import ReconstructConfig
 
 T = TypeVar("T")
 TITLE = "Make splats"
+_PARTS: tuple["Part", ...] = ("window", "training")  # of the kernels: what it needs
 _STEPS = 1000  # of the job's bar
 _RATES = "rates.json"  # in the home of gaga-studio
 _LOG = logging.getLogger(__name__)
@@ -183,7 +186,8 @@ def make(
     if former is not None:
         training.take(former)
     known, aside = session.feature(KnownRates), place_aside(plan.scene)
-    estimate = Estimate(found, plan.config, known.rates)
+    kernels_s = stages.kernels_seconds(*_PARTS)
+    estimate = Estimate(found, plan.config, known.rates, kernels_s=kernels_s)
 
     def progress(payload: object) -> None:
         if isinstance(payload, TrainingUpdate) and training.take(payload):
@@ -203,6 +207,7 @@ def make(
 
     def end() -> None:
         if session.training is training:
+            known.keep(estimate.rates())
             training.show()
             training.is_stopped = training.update is not None or former is not None
             session.training = training if training.is_stopped else None
@@ -351,9 +356,7 @@ def _stage(
     from gaga_core.pipeline.reconstruct import reconstruct_scene
 
     yield Progress(TITLE, 0, 0, "Preparing")
-    yield from mapped(
-        after_warm_up(_nothing(), "window", "training"), _unknown
-    )  # it is not a part of the bar
+    yield from mapped(after_warm_up(_nothing(), *_PARTS), _in_steps(estimate))
     config = plan.config
     notes: tuple[str, ...] = ()
     if find_sparse(plan.scene) is None:
@@ -453,12 +456,7 @@ def tick(session: Session, dt: float, is_drawn: bool, picture_s: float) -> None:
 
 
 def _nothing() -> Stage[None]:
-    yield Progress(TITLE, 0, 0, "Preparing")
-
-
-def _unknown(step: Progress) -> Progress:
-    """What another job prepares as well has no share of this one."""
-    return Progress(TITLE, 0, 0, f"{step.stage}: {step.message}" if step.message else step.stage)
+    yield from ()
 
 
 def _in_steps(estimate: "Estimate") -> Callable[[Progress], Progress]:
@@ -518,7 +516,8 @@ def timed(
 
 def seconds_of(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -> float:
     """Seconds that making splats takes on this machine."""
-    return max(found.seconds(plan.config, session.feature(KnownRates).rates), 1.0)
+    rates, kernels_s = session.feature(KnownRates).rates, stages.kernels_seconds(*_PARTS)
+    return max(found.seconds(plan.config, rates, kernels_s), 1.0)
 
 
 def _gathered(seen: TrainingUpdate) -> Callable[[Progress], Progress]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from gaga_core.pipeline.reconstruct import PhotoFind
 
 T = TypeVar("T")
+_BAR = 1000  # steps of a bar
 
 
 def open_demo_stage(folder: Path) -> Stage[Project]:
@@ -53,6 +55,17 @@ def kernels_stage() -> Stage[None]:
         yield from warm_up_stage("window")
 
 
+def kernels_seconds(*parts: "Part") -> float:
+    """Seconds that what is not compiled yet of ``parts`` usually takes; 0 where all is."""
+    from gaga_core.kernels import is_compiled
+
+    if all(is_compiled(part) for part in parts):
+        return 0.0
+    from gaga_core.pipeline.compile_kernels import usual_seconds
+
+    return usual_seconds(*parts)
+
+
 def save_stage(
     project: Project, path: Path | None, copies_model: bool = False, overwrites: bool = False
 ) -> Stage[Path]:
@@ -72,19 +85,40 @@ def prepared(
     text: str = "Preparing",
     *,
     parts: "tuple[Part, ...]" = ("window", "grouping"),
+    usual_s: float = 0.0,
 ) -> Stage[T]:
     """Compile the kernels of ``parts`` where needed, then run the stage that ``make`` builds.
 
-    Kernels have no share of the bar, which would go back after them. All in
-    the job's thread: numba, torch and what ``make`` imports would slow the launch down.
+    With ``usual_s``, the seconds that the stage takes on a machine like the one on which kernels
+    were measured, both are one bar; without, kernels have no share of it: it would go back after
+    them. All in the job's thread: numba, torch and what ``make`` imports would slow the launch
+    down.
     """
     from gaga_core.kernels import is_compiled
-    from gaga_core.pipeline.compile_kernels import warm_up_stage
 
     yield Progress(title, 0, 0, text)
-    if missing := [part for part in parts if not is_compiled(part)]:
-        yield from mapped(warm_up_stage(*missing), lambda step: replace(step, done=0, total=0))
-    return (yield from make())
+    missing = [part for part in parts if not is_compiled(part)]
+    if not missing:
+        return (yield from make())
+    from gaga_core.pipeline.compile_kernels import usual_seconds, warm_up_stage
+
+    kernels, work = warm_up_stage(*missing), make()
+    if not usual_s:
+        yield from mapped(kernels, lambda step: replace(step, done=0, total=0))
+        return (yield from work)
+    kernels_s = usual_seconds(*missing)
+    share = kernels_s / (kernels_s + usual_s)
+    yield from mapped(kernels, partial(_within, title, 0.0, share))
+    return (yield from mapped(work, partial(_within, title, share, 1.0)))
+
+
+def _within(title: str, begin: float, end: float, step: Progress) -> Progress:
+    """Progress of the whole from ``begin`` to ``end``, in 0..1."""
+    message = step.message if step.stage == title else f"{step.stage}: {step.message}"
+    if step.total <= 0:
+        return replace(step, stage=title, message=message)
+    done = round(_BAR * (begin + (end - begin) * step.done / step.total))
+    return replace(step, stage=title, done=done, total=_BAR, message=message)
 
 
 def file_gaussians(scene: Scene) -> Gaussians:

@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.identity.field import load_identity
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.pipeline.compile_kernels import usual_seconds
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
+from gaga_core.progress import Progress, run_stage
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import commands, folders, objects
 from gaga_studio.features.commands import command, run
@@ -41,6 +44,29 @@ def test_what_the_presets_ask_for() -> None:
     config = GroupSettings(threshold=0.3, inlier_factor=2.0, order="coverage").config("paper")
     assert (config.threshold, config.gate.iqr_factor, config.order) == (0.3, 2.0, "coverage")
     assert GroupSettings().config("paper").depth == "expected"
+
+
+def test_kernels_that_are_not_compiled_count_in_the_time_and_in_the_bar(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A new installation promised 15 s, and stood a minute at a bar without a share."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))  # where it is noted what is compiled
+    usual, first = usual_seconds("window", "grouping"), association.stage_offer(session)
+    assert usual > 30
+    project, config = session.need().project, AssociateConfig()
+    stage = association.associate_project_stage(project, session.masks, config, usual_s=usual / 3)
+    steps: list[Progress] = []
+    run_stage(stage, steps.append)
+    assert {step.stage for step in steps} == {"Associate masks"}
+    shares = [step.done / step.total for step in steps[1:]]
+    assert shares == sorted(shares)
+    is_kernel = ["Prepare kernels" in step.message for step in steps[1:]]
+    assert shares[is_kernel.index(False)] == pytest.approx(0.75, abs=0.02)
+    assert 0.95 < shares[-1] <= 1
+    later = association.stage_offer(session)
+    assert first is not None
+    assert later is not None
+    assert first.seconds == pytest.approx(later.seconds + usual)
 
 
 def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Session) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.images import write_rgb
-from gaga_core.pipeline.reconstruct import look_at_photos, reconstruct_scene
+from gaga_core.pipeline.reconstruct import SURFACES, look_at_photos, reconstruct_scene
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing import ladder
 from gaga_core.placing.checks import Verdict
@@ -20,7 +20,7 @@ from gaga_core.scene.project import open_path_stage
 from gaga_studio.features import objects, reconstruction
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
-from gaga_studio.features.reconstruction import ReconstructionPlan
+from gaga_studio.features.reconstruction import KnownRates, ReconstructionPlan
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, TrainingUpdate, smoothed
@@ -109,6 +109,7 @@ def test_splats_are_shown_while_they_train_and_a_cancelled_training_goes_on(
     session.jobs.cancel()
     assert session.jobs.wait(300)
     assert training.is_stopped
+    assert SURFACES in session.feature(KnownRates).rates, "what was done tells of the next run"
     assert session.shown is training.scene, "it can still be looked at"
     reconstruction.leave_stopped(session)
     assert session.shown is None

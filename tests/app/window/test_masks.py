@@ -356,7 +356,7 @@ def test_photos_become_splats_before_the_eyes(
     drive(walk, path=scene, size=(1000, 640))
 
 
-def test_one_bar_for_all_steps_and_what_another_job_prepares_is_none_of_it(
+def test_one_bar_for_all_steps_from_the_kernels_on(
     display: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the rows of the window. Kernels are prepared until both jobs that do so have shown it."""
@@ -391,7 +391,7 @@ def test_one_bar_for_all_steps_and_what_another_job_prepares_is_none_of_it(
         own = [(job, text) for job, text in rows if job.stage == TITLE]
         prepared = [one for one in own if "Prepare kernels" in one[0].message]
         assert prepared
-        assert {text for _, text in prepared} == {"Make splats from 6 photos"}, "no share"
+        assert all("%" in text for _, text in prepared), "they are a part of it"
         shares = [job.fraction for job, _ in own if job.fraction >= 0]
         assert shares == sorted(shares)
         assert shares[0] < 0.2

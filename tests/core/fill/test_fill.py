@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster import choose
+from gaga_core.raster.base import Frame
+from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.history import History
@@ -80,6 +83,36 @@ def test_one_share_counts_all_that_is_done_and_never_goes_back(table: Table) -> 
     assert shares == sorted(shares)
     assert shares[0] == 0
     assert max(np.diff([*shares, 1.0])) < 0.35, "it moves while the hole is filled, too"
+
+
+class Counting(CpuRasterizer):
+    """Counts how often a view is drawn."""
+
+    n = 0
+
+    def render(self, *args: Any, **options: Any) -> Frame:
+        self.n += 1
+        return super().render(*args, **options)
+
+    def vote(self, *args: Any, **options: Any) -> None:
+        self.n += 1
+        super().vote(*args, **options)
+
+
+def test_the_share_goes_as_views_are_drawn(table: Table) -> None:
+    """Looking behind the object was said to be 30 % of it and is half: the time left grew."""
+    counting, shares, drawn = Counting(), [], []
+    scene = Scene.of(table.gaussians, table.labels)
+
+    def heard(step: Progress) -> None:
+        if step.message:  # a view behind the object
+            drawn.append(counting.n)
+            shares.append(step.done / step.total)
+
+    run_stage(fill_stage(scene, table.labels == BOX, table.cameras, counting), heard)
+    n = len(drawn) // 3
+    assert n > 5
+    np.testing.assert_allclose(shares, 0.5 * np.array(drawn) / (4 * n), atol=2e-3)
 
 
 def test_new_splats_are_like_those_around_and_of_their_group(table: Table, found: Filling) -> None:

@@ -95,7 +95,7 @@ def test_kernels_are_compiled_once_the_stage_has_ended(own_stamp: Path) -> None:
     stage = compile_kernels.warm_up_stage()
     first = next(stage)
     stage.close()  # cancelled
-    assert (first.stage, first.done) == (compile_kernels.STAGE, 0)
+    assert (first.stage, first.done) == (kernels.STAGE, 0)
     assert not kernels.is_compiled()
     steps: list[Progress] = []
     run_stage(compile_kernels.warm_up_stage(), steps.append)
@@ -117,6 +117,21 @@ def test_only_the_parts_that_are_asked_for_are_compiled(own_stamp: Path) -> None
     n_before = len(steps)
     run_stage(compile_kernels.after_warm_up(_work(), "window"), steps.append)
     assert [step.stage for step in steps[n_before:]] == ["Work"]
+
+
+def test_what_is_compiled_takes_no_time_and_has_no_share(own_stamp: Path) -> None:
+    window = compile_kernels._STEPS["window"]
+    whole = compile_kernels.usual_seconds("window")
+    assert whole == pytest.approx(sum(cost for _, cost, _ in window) / 10)
+    stage = compile_kernels.warm_up_stage("window")
+    assert [next(stage).done for _ in range(2)] == [0, window[0][1]]
+    stage.close()  # cancelled in the second step
+    assert compile_kernels.usual_seconds("window") == pytest.approx(whole - window[0][1] / 10)
+    steps: list[Progress] = []
+    run_stage(compile_kernels.warm_up_stage("window"), steps.append)
+    assert [step.done for step in steps[:3]] == [0, 0, window[1][1]]
+    assert steps[-1].done == sum(cost for _, cost, _ in window[1:])
+    assert compile_kernels.usual_seconds("window") == 0
 
 
 def test_another_processor_or_numba_compiles_again(
@@ -144,7 +159,7 @@ def _work() -> Stage[str]:
 def test_work_waits_for_the_warm_up_only_the_first_time(
     own_stamp: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for stages in ([compile_kernels.STAGE, "Work"], ["Work"]):
+    for stages in ([kernels.STAGE, "Work"], ["Work"]):
         steps: list[Progress] = []
         assert run_stage(compile_kernels.after_warm_up(_work()), steps.append) == "done"
         assert list(dict.fromkeys(step.stage for step in steps)) == stages

@@ -22,6 +22,7 @@ from gaga_core.io.folder.scene_folder import (
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.pipeline.place import WORKSPACE, find_photos, notes_of, placement_of, read_entry
 from gaga_core.pipeline.reconstruct import (
+    KERNELS,
     STEPS,
     SURFACES,
     TRAINS,
@@ -226,20 +227,25 @@ def test_settings_are_checked() -> None:
 
 
 def _estimated(
-    speeds: Mapping[str, float], rates: Mapping[str, float], iteration: int = 0
+    speeds: Mapping[str, float],
+    rates: Mapping[str, float],
+    iteration: int = 0,
+    kernels_s: float = 30.0,
 ) -> tuple[list[tuple[float, float, float]], dict[str, float]]:
     """Share, seconds left and true seconds left at each word of a run, and the rates after it.
 
     ``speeds``: by how much longer than expected each step takes; the training as its splats grow.
     """
-    found = PhotoFind(Path("shots"), Path("scene"), 50, (1200, 800), iteration=iteration)
     config, now, seen = ReconstructConfig(), 0.0, []
+    found = PhotoFind(Path("shots"), Path("scene"), 50, (1200, 800))
+    found = replace(found, going_on=config if iteration else None, iteration=iteration)
     settings, n_pixels = config.train(), found.n_pixels(config)
     clock = [0.0]
-    estimate = Estimate(found, config, rates, lambda: clock[0])
-    steps = {step: seconds * speeds[step] for step, seconds in found.expected(config, {}).items()}
-    whole = sum(steps.values()) + 2 * (len(STEPS) - 2)
-    for step in STEPS:
+    estimate = Estimate(found, config, rates, lambda: clock[0], kernels_s)
+    usual = found.expected(config, {}, kernels_s)
+    steps = {step: seconds * speeds[step] for step, seconds in usual.items()}
+    whole = sum(steps.values()) + 2 * (len(steps) - 2)
+    for step in steps:
         first = iteration / settings.iterations if step == TRAINS else 0.0
         start = settings.spent(n_pixels, first)
         for k in range(101):
@@ -296,7 +302,7 @@ def test_the_time_left_is_right_from_a_tenth_on_and_the_bar_never_goes_back(spee
 
 def test_what_a_machine_took_is_what_it_is_expected_to_take_next() -> None:
     """Steps that are off by different factors, which the first run could not know."""
-    speeds = dict(zip(STEPS, (3.0, 0.5, 6.0, 1.0, 2.0, 1.0, 2.0), strict=True))
+    speeds = dict(zip(STEPS, (1.0, 3.0, 0.5, 6.0, 1.0, 2.0, 1.0, 2.0), strict=True))
     first, rates = _estimated(speeds, {})
     assert _worst(first, since=0.0) > 1.5
     second, again = _estimated(speeds, rates)
@@ -304,6 +310,60 @@ def test_what_a_machine_took_is_what_it_is_expected_to_take_next() -> None:
     assert again == pytest.approx(rates, rel=0.1)
     resumed, _ = _estimated(speeds, rates, iteration=ReconstructConfig().train().iterations // 2)
     assert _worst(resumed) < 1.5
+
+
+def test_kernels_of_a_first_run_tell_how_busy_the_machine_is() -> None:
+    """They were not counted: 70 s, and half a minute later as many, and later twice as many."""
+    seen, rates = _estimated(dict.fromkeys(STEPS, 3.5), {})
+    after = [row for row in seen if row[2] < seen[0][2] - 30 * 3.5]
+    assert _worst(after, since=0.0) < 1.5
+    assert rates[KERNELS] == pytest.approx(3.5)
+    idle, _ = _estimated(dict.fromkeys(STEPS, 1.0), {})
+    assert _worst(idle, since=0.0) < 1.5
+
+
+def test_a_stopped_training_tells_what_the_rest_takes() -> None:
+    """It went on with 47 s left and had 111 s at a quarter: nothing was kept of a stopped run."""
+    config, clock = ReconstructConfig(), [0.0]
+    found = PhotoFind(None, Path("scene"), 12, (1200, 800), is_placed=True)
+    settings, n_pixels = config.train(), found.n_pixels(config)
+    whole, last = 3.5 * found.seconds(config), settings.iterations // 3
+    estimate = Estimate(found, config, {}, lambda: clock[0])
+    for i in range(last + 1):
+        clock[0] = whole * settings.spent(n_pixels, i / settings.iterations)
+        estimate.follow(Progress(TRAINS, i, settings.iterations))
+    rates = estimate.rates()
+    assert rates == {TRAINS: pytest.approx(3.5, rel=0.1)}
+    rest = replace(found, going_on=config, iteration=last)
+    left = whole * (1 - settings.spent(n_pixels, last / settings.iterations))
+    later = rest.expected(config, rates)[TRAINS]
+    assert later == pytest.approx(left, rel=0.1)
+    goes_on = Estimate(rest, config, rates, lambda: clock[0])
+    for i in range(last, settings.iterations + 1):
+        clock[0] = whole * settings.spent(n_pixels, i / settings.iterations)
+        goes_on.follow(Progress(TRAINS, i, settings.iterations))
+    assert goes_on.rates() == {TRAINS: pytest.approx(3.5, rel=0.1)}
+    barely = Estimate(rest, config, rates, lambda: clock[0])
+    for i in (last, last + 1):
+        barely.follow(Progress(TRAINS, i, settings.iterations))
+        clock[0] += 1000
+    assert barely.rates() == rates, "what has hardly begun tells nothing"
+
+
+def test_the_share_of_a_training_that_goes_on_is_that_of_all_its_iterations() -> None:
+    """Its bar began at 0 next to "Go on training from 33 %"."""
+    config = ReconstructConfig()
+    found = PhotoFind(None, Path("scene"), 12, (1200, 800), is_placed=True, iteration=660)
+    found = replace(found, going_on=replace(config, iterations=2000))
+    assert found.going_on is not None
+    clock = iter(range(100))
+    estimate = Estimate(found, found.going_on, {}, lambda: float(next(clock)))
+    shares = [estimate.follow(Progress("Read photos", 0, 3))[0]]
+    shares += [estimate.follow(Progress(TRAINS, i, 2000))[0] for i in (660, 724, 1000, 2000)]
+    assert shares == [0.33, 0.33, 0.362, 0.5, 1.0]
+    again = Estimate(found, config, {}, lambda: 0.0)  # other settings
+    assert again.follow(Progress(TRAINS, 0, 2000))[0] == 0
+    assert found.seconds(config) == replace(found, iteration=0).seconds(config)
 
 
 # --- What is read again of a report, whatever its entries hold.

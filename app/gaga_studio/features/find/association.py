@@ -143,7 +143,7 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
     def counted(stage: Stage[Association]) -> Stage[Association]:
         return timed(session, stage, _rate_name(preset), lambda _: usual)
 
-    stage = associate_project_stage(document.project, session.masks, config, counted)
+    stage = associate_project_stage(document.project, session.masks, config, counted, usual)
     progress, end = watch_bank(session)
 
     def done(result: Association) -> None:
@@ -209,11 +209,12 @@ def associate_project_stage(
     masks: MaskSet,
     config: AssociateConfig,
     counted: Callable[[Stage[Association]], Stage[Association]] = lambda stage: stage,
+    usual_s: float = 0.0,
 ) -> Stage[Association]:
     """Associate the masks of the train views (test views are for scores, as in ``gaga associate``).
 
     Works on the Gaussians of the file: the photos show them where they stood. ``counted`` measures
-    the stage without the kernels that are prepared before.
+    the stage without the kernels that are prepared before; ``usual_s``: see `stages.prepared`.
     """
     if project.folder is None or len(masks) == 0:
         raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
@@ -225,6 +226,7 @@ def associate_project_stage(
         "Associate masks",
         lambda: counted(associate_stage(gaussians, cameras, masks, choose(), config)),
         "Preparing (the first run takes a little longer)",
+        usual_s=usual_s,
     )
 
 
@@ -397,7 +399,8 @@ def offer_of(
     """Return the stage that a scene without groups needs.
 
     ``n_masks``: views with masks; ``training_s``: what identities take after the groups; ``rate``:
-    how many times as long as usual finding objects took on this machine.
+    how many times as long as usual finding objects took on this machine, which kernels that are
+    not compiled yet take, too.
     """
     folder, scene = project.folder, project.scene
     if folder is None:
@@ -407,7 +410,9 @@ def offer_of(
     if n_masks == 0:
         names = ", ".join(folder.mask_folders)
         return StageOffer(f"No file in masks/{names} has the name of a photo. Rename the masks.")
-    seconds = rate * _finding_seconds(scene, n_masks, preset) + training_s
+    kernels_s = stages.kernels_seconds("window", "grouping")
+    usual = kernels_s + _finding_seconds(scene, n_masks, preset)
+    seconds = rate * usual + training_s
     return StageOffer(
         f"{_photos_have(n_masks)} masks but no objects yet.",
         "Find objects",

@@ -427,10 +427,8 @@ def _fields(
 
 def _estimate(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -> None:
     """How long it takes."""
-    is_other = found.going_on is not None and plan.config != found.going_on
-    if is_other:
+    if found.going_on is not None and plan.config != found.going_on:
         widgets.dim("With other settings the training starts again.", wrap=True)
-        found = replace(found, iteration=0)
     about = association.StageOffer(
         "", "", seconds=reconstruction.seconds_of(session, found, plan)
     ).duration
