@@ -172,7 +172,7 @@ class Session:
         self.jobs = JobRunner(self.notify)
         self.hovering = Hovering()
         self.notices: tuple[Notice, ...] = ()  # oldest first
-        self.pending_question: UserQuestion | None = None  # shown as a modal; see `answer`
+        self._questions: list[UserQuestion] = []  # shown one after the other, as a modal
         self.request: Request | None = None  # what a command asks of the window
         self.should_quit = False
         self.live: BankSnapshot | None = None  # while an association runs
@@ -219,11 +219,20 @@ class Session:
             return  # it is said already, and a drag would say it in every frame
         self.notices = (*self.notices, notice)[-_MOST_NOTICES:]
 
+    @property
+    def pending_question(self) -> UserQuestion | None:
+        """The question that is shown; see `answer`. One more waits until this one is answered."""
+        return self._questions[0] if self._questions else None
+
+    @pending_question.setter
+    def pending_question(self, question: UserQuestion) -> None:
+        if all(other.text != question.text for other in self._questions):
+            self._questions.append(question)
+
     def answer(self, choice: str) -> None:
         """Answer the pending question."""
-        question, self.pending_question = self.pending_question, None
-        if question is not None:
-            question.on_choice(choice)
+        if self._questions:
+            self._questions.pop(0).on_choice(choice)
 
     def take_request(self) -> Request | None:
         """Return what a command asked of the window since the last call, or None."""
@@ -350,7 +359,8 @@ class Session:
             if self.document is not document:
                 return False
             question = self._save_question(document, error, path, then, how)
-            self.pending_question = question or self.pending_question
+            if question is not None:
+                self.pending_question = question
             return question is not None
 
         if not document.waiting:
@@ -370,7 +380,9 @@ class Session:
         changed = document.changed_file()
         if changed is not None:
             error = ModelChangedError(changed)
-            self.pending_question = self._save_question(document, error, None, None, HowToSave())
+            question = self._save_question(document, error, None, None, HowToSave())
+            if question is not None:
+                self.pending_question = question
         return changed is not None
 
     def _claim(self, document: Document) -> None:

@@ -15,7 +15,7 @@ from gaga_core.scene.project import open_path_stage
 from gaga_studio.features import files, objects, selection, transform
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
-from gaga_studio.session.notices import Level
+from gaga_studio.session.notices import Level, UserQuestion
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
@@ -439,3 +439,18 @@ def test_the_offer_counts_one_photo_as_one(
         assert offer is not None
         assert offer.reason.startswith(start)
         first.unlink(missing_ok=True)
+
+
+def test_a_question_waits_until_the_one_that_is_shown_is_answered(session: Session) -> None:
+    """The answer of a save took the place of "Quit?" under the mouse; the quit was forgotten."""
+    chosen: list[str] = []
+    for text in ("Quit?", "Save elsewhere?", "Quit?"):
+        session.pending_question = UserQuestion(text, ("Yes", "No"), chosen.append)
+    assert session.pending_question is not None
+    assert session.pending_question.text == "Quit?"
+    session.answer("Yes")
+    assert session.pending_question.text == "Save elsewhere?"
+    session.answer("No")
+    assert session.pending_question is None
+    session.answer("Yes")
+    assert chosen == ["Yes", "No"]
