@@ -246,7 +246,7 @@ def _understood(session: Session, search: SearchState) -> None:
     if n > 1 and wanted < imgui.get_content_region_avail().x:  # a low panel has few lines
         imgui.same_line()
     if n > 1 and widgets.button(
-        "Select all that fit", Face(f"Select all {n:,}"), hint="Add them", shortcut="Shift+Enter"
+        "Select all that fit", Face(f"Select all {n:,}"), shortcut="Shift+Enter"
     ):
         search_actions.take_all(session)
     is_short = not search.hits or search.unknown
