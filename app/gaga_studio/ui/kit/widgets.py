@@ -418,17 +418,17 @@ def elided(text: str, width: float) -> str:
     return text[:low] + "…"
 
 
-def two_lines(text: str, width: float) -> list[str]:
-    """``text`` on two lines of ``width`` pixels, parted at a space if possible, else cut."""
+def few_lines(text: str, width: float, most: int = 2) -> list[str]:
+    """``text`` on at most so many lines of ``width`` pixels, parted at spaces, the last one cut."""
     text = theme.plain(text).replace("\n", r"\n")
     words = text.split(" ")
     n = 1
     while n < len(words) and imgui.calc_text_size(" ".join(words[: n + 1])).x <= width:
         n += 1
     first, rest = " ".join(words[:n]), " ".join(words[n:])
-    if not rest or imgui.calc_text_size(first).x > width:
+    if most == 1 or not rest or imgui.calc_text_size(first).x > width:
         return [elided(text, width)]
-    return [first, elided(rest, width)]
+    return [first, *few_lines(rest, width, most - 1)]
 
 
 def line(text: str, color: ImVec4 | None = None) -> None:
