@@ -688,6 +688,7 @@ def test_a_low_window_with_large_text_says_what_matters(
         _answers_of_the_search(d)
         _header_of_the_list(d, tmp_path)
         _what_a_notice_says_first(d)
+        _long_error(d)
         _preview_behind_a_tab(d)
         _known_length(d)
 
@@ -759,7 +760,7 @@ def _header_of_the_list(d: Driver, folder: Path) -> None:
         d.capture_now(folder / "list.png")
         low, high = table.inner_rect.min, table.inner_rect.max
         header = low.x, low.y, high.x, low.y + imgui.get_font_size()
-        headers.append(np.array(Image.open(folder / "list.png").crop(tuple(map(int, header)))))
+        headers.append(np.array(Image.open(folder / "list.png").crop(header)))
     assert table.scroll.y == 40
     assert (headers[0] == headers[1]).all()
 
@@ -777,6 +778,17 @@ def _what_a_notice_says_first(d: Driver) -> None:
     d.session.notices = ()
 
 
+def _long_error(d: Driver) -> None:
+    """It ran out of the window; its end says what to do."""
+    path = "/home/someone/photos-scene/gaga-before-2/project.json"
+    d.session.notify(Level.ERROR, f"{path} changed since it was saved. " * 3 + "Move it away.")
+    d.frames(6)
+    card = d.engine.get_window_by_ref("//Notice 0")
+    assert card.pos.y + card.size.y <= d.corner[1] + d.size[1]
+    assert card.scroll_max.y > 0, "its end can be scrolled to"
+    d.session.notices = ()
+
+
 def _preview_behind_a_tab(d: Driver) -> None:
     """What applies a preview was behind the list."""
     d.select(1)
@@ -784,6 +796,7 @@ def _preview_behind_a_tab(d: Driver) -> None:
     panel = d.engine.get_window_by_ref("//Inspector")
     assert panel.hidden
     edit = edits.delete(d.scene, group_indices(d.scene, 1))
+    assert edit is not None
     d.on_main(lambda: d.session.need().show(edit, waits_as="Delete and fill"))
     d.frames(6)
     assert not panel.hidden
@@ -798,7 +811,10 @@ def _known_length(d: Driver) -> None:
     d.on_main(partial(commands.run, "tool.set_scale", d.session))
     points = [d.project(world_means(d.scene)[group_indices(d.scene, group)[0]]) for group in (1, 2)]
     for at in points:
-        d.on_main(partial(measure.add, d.session, d.session.pick(*at, *d.size).point))
+        found = d.session.pick(*at, *d.size)
+        assert found is not None
+        x, y, z = found.point.tolist()
+        d.on_main(partial(measure.add, d.session, (x, y, z)))
     d.frames(6)
     card = d.engine.window_info("//Viewport/Measure").window
     assert card.size.y < d.size[1] / 2

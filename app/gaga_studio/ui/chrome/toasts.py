@@ -65,7 +65,9 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
         size = state.sizes.get(id(notice), ImVec2(0, 0))  # until it has been drawn
         if slot and size.x == width and at.y + size.y > area.bottom:
             break  # its buttons would be out of reach
-        bottom = _card(session, state, notice, slot, (at, width, n_lines))
+        highest = max(area.bottom - at.y - em(0.4), em(4)) if is_low else em(20)
+        place = at, ImVec2(width, highest), n_lines
+        bottom = _card(session, state, notice, slot, place)
         state.sizes[id(notice)] = ImVec2(width, bottom - at.y)
         at.y = bottom + em(0.4)
 
@@ -87,13 +89,14 @@ def _card(
     state: ToastState,
     notice: Notice,
     slot: int,
-    place: tuple[ImVec2, float, int],
+    place: tuple[ImVec2, ImVec2, int],
 ) -> float:
-    """One card at ``place``: its upper right corner, its width, and lines in a low picture, else 0.
+    """One card at ``place``: its upper right corner, its width and greatest height, lines if low.
 
     Returns its lower edge.
     """
-    corner, width, n_lines = place
+    corner, most, n_lines = place
+    width = most.x
     is_low = n_lines > 0
     bottom = 0.0
 
@@ -138,6 +141,8 @@ def _card(
         bottom = imgui.get_window_pos().y + imgui.get_window_height()
 
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 0))
-    imgui.set_next_window_size_constraints(ImVec2(width, 0), ImVec2(width, em(20)))
-    widgets.floating_card(f"Notice {slot}", draw)
+    imgui.set_next_window_size_constraints(ImVec2(width, 0), most)
+    before = state.sizes.get(id(notice))
+    is_cut = is_low and before is not None and before.y >= most.y - 1
+    widgets.floating_card(f"Notice {slot}", draw, scrolls=is_cut)
     return bottom

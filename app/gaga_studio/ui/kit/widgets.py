@@ -478,13 +478,14 @@ def card(name: str, width: float, draw: Callable[[], object]) -> None:
     imgui.pop_style_color(2)
 
 
-def floating_card(name: str, draw: Callable[[], object]) -> None:
+def floating_card(name: str, draw: Callable[[], object], *, scrolls: bool = False) -> None:
     """A small window over the picture, where it was placed before, without a title."""
     imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
     imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
     imgui.push_style_var(imgui.StyleVar_.window_border_size, theme.scaled(1))
     imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(6))
-    imgui.begin(name, None, _CARD)
+    bar = imgui.WindowFlags_.always_vertical_scrollbar if scrolls else 0
+    imgui.begin(name, None, _CARD | bar)
     draw()
     imgui.end()
     imgui.pop_style_var(2)
