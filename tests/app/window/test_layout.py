@@ -932,7 +932,7 @@ def _what_lies_over_the_picture(d: Driver) -> None:
     long = "Exported 9,017 splats to /home/someone/exports/white flat object, large.ply."
     d.session.notify(Level.INFO, long, shows=Path("/home"))
     d.frames(6)
-    assert d.engine.get_window_by_ref("//Notice 0").size.y < 0.4 * d.size[1]
+    assert d.engine.get_window_by_ref("//Notice 0").size.y <= 0.5 * d.size[1]
     d.session.notices = ()
 
 
