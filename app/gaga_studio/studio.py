@@ -342,6 +342,7 @@ class Studio:
         self._backend = ""
         self._has_focus = True
         self._document: object = None
+        self._previewed = ""  # what waited to be applied in the frame before
         self._masks: object = None
         self._has_picture = False  # in the recent list, of the document
         self._named: tuple[int, ...] | None = None  # state whose names have their glyphs
@@ -519,6 +520,7 @@ class Studio:
         steps = partial(first_steps.draw, session, ui.area, self._steps, is_covered=is_covered)
         # One place for each: a failure is reported once while the same place keeps failing.
         call("Commands", self._answer_request)
+        call("Preview", self._show_preview)
         call("File dialog", ui.files.draw)
         call("Dialogs", lambda: sheets.draw(session, ui.palette))
         call("Preferences", lambda: preferences.draw(session, ui.preferences))
@@ -535,6 +537,14 @@ class Studio:
         call("What changed", lambda: changes.draw(session))
         call("First steps", steps)
         call("Notices", lambda: toasts.draw(session, ui.toasts, ui.area))
+
+    def _show_preview(self) -> None:
+        """Bring what applies or cancels a preview to the front as it begins to wait."""
+        document = self.session.document
+        waits = document.waiting if document is not None else ""
+        if waits and not self._previewed and self.session.view.show_panels:
+            _panel("Inspector")(self.session)
+        self._previewed = waits
 
     def _answer_request(self) -> None:
         request = self.session.take_request()

@@ -114,7 +114,7 @@ def _cameras_stage(session: Session, path: Path, options: ExportOptions) -> Stag
     def stage() -> Stage[str]:
         yield Progress("Export cameras", 0, 0)
         n = export_cameras(frozen, path, options)
-        return f"Exported {n:,} cameras to {paths.shown(path)}."
+        return f"Exported {path.name}: {n:,} cameras, in {paths.shown(path.parent)}."
 
     return stage()
 
@@ -319,14 +319,15 @@ def export_stage(
         manifest = yield from stage
         n_files, where = len(listed_files(manifest)), paths.shown(manifest.parent)
         files = "1 file" if n_files == 1 else f"{n_files:,} files"
-        said = f"Exported objects to {where} ({files} and {manifest.name})."
+        said = f"Exported {files} and {manifest.name} to {where}."
         if missing := read_manifest(manifest).left_out:
             said += f" Left out, without a surface: {', '.join(missing)}."
         psnr, of = least_psnr(manifest), "the object that lost most"
     else:
         kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
         made = yield from export_scene_stage(scene, path, what=kind, options=options)
-        said = f"Exported {made.n_splats:,} splats to {paths.shown(path)}."
+        where = paths.shown(path.parent)
+        said = f"Exported {path.name}: {made.n_splats:,} splats, in {where}."
         psnr, of = made.psnr, "the export"
     if psnr is None:
         return said

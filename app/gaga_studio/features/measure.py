@@ -34,6 +34,7 @@ class ClickedPoints:
     """Points clicked in a document with the tool Measure, or Align to ground."""
 
     points: tuple[Point, ...] = ()  # measured: in the frame of the opened file; ground: world
+    asks_length: bool = False  # the field of the known length takes the keyboard as it comes
     former_tool: ToolName = ToolName.PICK  # that comes back after the ground tool
 
 
@@ -46,6 +47,13 @@ def clicked(session: Session) -> ClickedPoints:
 def begin(session: Session) -> None:
     """Start the tool without a point."""
     session.tool, clicked(session).points = ToolName.MEASURE, ()
+    clicked(session).asks_length = False
+
+
+def begin_scale(session: Session) -> None:
+    """Start the tool to type a length: two clicks, then its number."""
+    begin(session)
+    clicked(session).asks_length = True
 
 
 def leave(session: Session) -> None:
@@ -199,7 +207,7 @@ def _tool(tool: ToolName, title: str, run: Callable[[Session], None]) -> Command
 
 COMMANDS: tuple[Command, ...] = (
     _tool(ToolName.MEASURE, "Measure lengths, angles and heights", begin),
-    Command("tool.set_scale", "Set scale by a known length", begin, enabled=no_scene),
+    Command("tool.set_scale", "Set scale by a known length", begin_scale, enabled=no_scene),
     _tool(ToolName.GROUND, "Align to ground by three points", begin_ground),
     Command("tool.origin_here", "Set the origin here", set_origin_here, enabled=nothing_pointed),
 )

@@ -49,11 +49,11 @@ def click(session: Session, u: float, v: float, width: int, height: int, how: Ho
     """
     found = session.pick(u, v, width, height)
     group = found.group if found is not None else 0
-    session.hint = NO_OBJECT if found is not None and group == 0 else ""
     if group:
         select_groups(session, (group,), how)
     elif how == "set":
         select_none(session)
+    session.hint = NO_OBJECT if found is not None and group == 0 else ""
     return group
 
 

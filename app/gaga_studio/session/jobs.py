@@ -101,7 +101,7 @@ class JobRunner:
             self._notify(Level.WARNING, text)
             return False
         if ahead:
-            self._notify(Level.HINT, f"{title} starts when {ahead[-1].title} is done.")
+            self._notify(Level.HINT, f"Waits for {ahead[-1].title}: {title}.")
         worker = _Worker(title, _Delivery(stage, on_progress, on_done, on_end))
         worker.gives_way = gives_way
         if self._worker is not None and self._worker.gives_way:

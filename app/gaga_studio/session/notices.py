@@ -43,7 +43,7 @@ class PreviewWaitsError(GagaError):
     """Something else was asked for while a preview waits to be applied or cancelled."""
 
     def __init__(self, name: str) -> None:
-        super().__init__(f"The preview of {name} waits: apply it, or cancel it with Esc.")
+        super().__init__(f"Apply or cancel (Esc) the preview of {name} first.")
 
 
 class Notifier(Protocol):

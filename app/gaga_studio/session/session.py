@@ -179,7 +179,7 @@ class Session:
         self.photos: PhotoFind | None = None  # opened, but without splats
         self.training: TrainingPreview | None = None  # while splats are made of them
         self.filter = ""  # of the object list
-        self.hint = ""  # about the last click, until the next one
+        self.hint = ""
         self.images: ImageSource | None = None
         self.render_requests: RenderRequests | None = None  # to OpenGL; the window gives one
         self.masks = MaskSet()  # of `provider`
@@ -199,6 +199,20 @@ class Session:
         return cast(T, self._features[kind])
 
     # --- messages
+
+    @property
+    def hint(self) -> str:
+        """What is said of the last click or command, until the next one or a changed selection."""
+        return self._hint if self._hint_of == self._state else ""
+
+    @hint.setter
+    def hint(self, text: str) -> None:
+        self._hint, self._hint_of = text, self._state
+
+    @property
+    def _state(self) -> tuple[Document | None, int]:
+        document = self.document
+        return document, document.history.state_id if document is not None else 0
 
     def notify(
         self,

@@ -102,7 +102,7 @@ def test_whatever_is_done_next_leaves_the_preview(
         session.notify(Level.HINT, str(error))
     assert cleanup.shown(session) is found
     assert session.need().history.cursor == cursor
-    assert "waits" in session.notices[-1].text
+    assert "preview of" in session.notices[-1].text
     assert run("object.clean_apply", session)
     assert (session.need().scene.placement == 0).all()
 

@@ -148,6 +148,12 @@ def test_what_cannot_be_clicked_is_told(looked: Session) -> None:
     assert titles(session) == []
 
 
+def test_what_was_made_an_object_is_not_offered_again(looked: Session) -> None:
+    Hand(looked).click_at(balls(looked)[0][0])
+    assert run("object.make", looked)
+    assert "one object already" in command("object.make").enabled(looked)
+
+
 def test_locked_splats_are_not_taken(looked: Session) -> None:
     session, hand = looked, Hand(looked)
     at = balls(session)[0][0]

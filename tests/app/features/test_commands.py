@@ -97,6 +97,13 @@ def test_a_disabled_command_does_nothing_but_tell(new_session: Callable[[], Sess
     assert session.hint == "No scene is open."
 
 
+def test_what_is_said_of_a_command_goes_when_the_selection_changes(associated: Session) -> None:
+    assert not run("edit.duplicate", associated)
+    assert "Nothing is selected" in associated.hint
+    selection.select_groups(associated, (int(associated.objects().ids[1]),))
+    assert associated.hint == ""
+
+
 def test_reasons_follow_the_selection(session: Session) -> None:
     association.associate(session)
     assert session.jobs.wait()

@@ -155,14 +155,14 @@ def test_enter_selects_the_best_and_arrows_move(associated: Session) -> None:
     assert search.at == len(groups) - 1
 
 
-def test_shift_enter_adds_all_that_fit_and_no_other(associated: Session) -> None:
+def test_shift_enter_selects_all_that_fit_and_no_other(associated: Session) -> None:
     ids = [int(group) for group in associated.objects().ids if group > 0]
     associated.need().do(name_groups(associated.need().scene, dict.fromkeys(ids[:3], "mug")))
     selection.select_groups(associated, (ids[4],))
     _ask(associated, "mug")
     assert set(associated.need().feature(SearchState).meant) == set(ids[:3])
     assert search_actions.take_all(associated)
-    assert set(associated.selected_groups()) == {*ids[:3], ids[4]}
+    assert set(associated.selected_groups()) == set(ids[:3]), "as many as the button says"
     _ask(associated, "zebra")
     assert not search_actions.take_all(associated)
 

@@ -318,5 +318,5 @@ def test_a_job_gives_way_to_one_that_concerns_something_else_and_exports_wait() 
     assert values[-2:] == [3, 5]
     assert said == [
         (Level.WARNING, "Open is still running. Wait for it, or cancel it."),
-        (Level.HINT, "Export starts when Open is done."),
+        (Level.HINT, "Waits for Open: Export."),
     ]

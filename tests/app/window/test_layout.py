@@ -20,8 +20,9 @@ from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
-from gaga_studio.features import camera, commands, objects, transform
+from gaga_studio.features import camera, commands, measure, objects, selection, transform
 from gaga_studio.features.find import memory_bank
+from gaga_studio.features.find.search import SearchState
 from gaga_studio.features.reconstruction import KnownRates
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
@@ -678,6 +679,153 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
 
 
+def test_a_low_window_with_large_text_says_what_matters(
+    display: str, grouped_copy: Path, tmp_path: Path
+) -> None:
+    def walk(d: Driver) -> None:
+        _file_that_is_replaced(d, tmp_path)
+        _titles_of_menus(d)
+        _answers_of_the_search(d)
+        _header_of_the_list(d, tmp_path)
+        _what_a_notice_says_first(d)
+        _long_error(d)
+        _preview_behind_a_tab(d)
+        _known_length(d)
+
+    settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
+    drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
+
+
+def _file_that_is_replaced(d: Driver, folder: Path) -> None:
+    """Only a sentence said so, below what was scrolled to."""
+    (folder / "there.ply").touch()
+    d.on_main(partial(commands.run, "file.export_scene", d.session))
+    d.frames(4)
+    for name, label in (("there.ply", "Replace file"), ("new.ply", "Export")):
+        d.studio.ui.export.path = str(folder / name)
+        with _buttons() as shown:
+            d.frames(2)
+        assert f"{label}###Export now" in shown
+        button = d.engine.item_info("//Export/###Export now")
+        assert button.rect_clipped.max.y == button.rect_full.max.y
+    d.keys(KEY.escape)
+
+
+def _titles_of_menus(d: Driver) -> None:
+    """A click on a title whose menu had opened under the mouse closed it."""
+    for title in ("Help", "View"):
+        low = d.engine.item_info(f"//##MainMenuBar/##MenuBar/{title}").rect_full.min
+        d.engine.mouse_move_to_pos(ImVec2(low.x + 10, low.y + 10))
+        d.frames(4)
+        if title == "Help":
+            d.engine.mouse_click(0)
+            d.frames(4)
+    assert d.studio.ui.menu.opened == "View", "the mouse opens it"
+    d.engine.mouse_click(0)
+    d.frames(4)
+    assert d.studio.ui.menu.opened == "View"
+    d.engine.mouse_click(0)
+    d.frames(4)
+    assert d.studio.ui.menu.opened == "", "its own click closes it"
+
+
+def _answers_of_the_search(d: Driver) -> None:
+    """Under the sentence and the button there were three pixels of the first row."""
+    d.focus("Objects")
+    d.keys(KEY.mod_ctrl, KEY.f)
+    d.engine.key_chars("green")
+    found = d.session.need().feature(SearchState)
+    d.until(lambda: len(found.meant) >= 2, "the green balls are found")
+    d.frames(4)
+    answer = d.engine.window_info("//Objects/Answer").window
+    row = answer.content_size.y / len(found.hits)
+    seen = answer.inner_clip_rect
+    assert seen.max.y - seen.min.y > row, "a whole row"
+    d.keys(KEY.escape)
+    d.keys(KEY.escape)
+
+
+def _header_of_the_list(d: Driver, folder: Path) -> None:
+    """The name of a folder that was scrolled away was drawn over it."""
+    d.select(1, 2)
+    d.on_main(partial(commands.run, "object.folder", d.session))
+    d.frames(4)
+    d.keys(KEY.escape)
+    d.select()
+    table = d.engine.window_info("//Objects/Table").window
+    headers = []
+    for scrolled in (0.0, 40.0):
+        d.on_main(partial(imgui.internal.set_scroll_y, table, scrolled))
+        d.engine.mouse_move_to_pos(ImVec2(4, 490))
+        d.capture_now(folder / "list.png")
+        low, high = table.inner_rect.min, table.inner_rect.max
+        header = low.x, low.y, high.x, low.y + imgui.get_font_size()
+        headers.append(np.array(Image.open(folder / "list.png").crop(header)))
+    assert table.scroll.y == 40
+    assert (headers[0] == headers[1]).all()
+
+
+def _what_a_notice_says_first(d: Driver) -> None:
+    """Two of them covered the picture, and said neither which file nor what to do."""
+    for name in ("first", "white flat object"):
+        path = Path("/tmp") / f"{name}.ply"
+        d.session.notify(Level.INFO, f"Exported {path.name}: 9,017 splats, in /tmp.", shows=path)
+    with _texts() as shown:
+        d.frames(4)
+    said = " ".join(text for text in shown if text)
+    assert "Exported white flat object.ply" in said.replace("  ", " ")
+    assert "first.ply" not in said
+    d.session.notices = ()
+
+
+def _long_error(d: Driver) -> None:
+    """It ran out of the window; its end says what to do."""
+    path = "/home/someone/photos-scene/gaga-before-2/project.json"
+    d.session.notify(Level.ERROR, f"{path} changed since it was saved. " * 3 + "Move it away.")
+    d.frames(6)
+    card = d.engine.get_window_by_ref("//Notice 0")
+    assert card.pos.y + card.size.y <= d.corner[1] + d.size[1]
+    assert card.scroll_max.y > 0, "its end can be scrolled to"
+    d.session.notices = ()
+
+
+def _preview_behind_a_tab(d: Driver) -> None:
+    """What applies a preview was behind the list."""
+    d.select(1)
+    d.focus("Objects")
+    panel = d.engine.get_window_by_ref("//Inspector")
+    assert panel.hidden
+    edit = edits.delete(d.scene, group_indices(d.scene, 1))
+    assert edit is not None
+    d.on_main(lambda: d.session.need().show(edit, waits_as="Delete and fill"))
+    d.frames(6)
+    assert not panel.hidden
+    d.on_main(lambda: selection.select_groups(d.session, (2,)))
+    assert d.session.notices[-1].text.startswith("Apply or cancel")
+    d.on_main(d.session.cancel_preview)
+    d.session.notices = ()
+
+
+def _known_length(d: Driver) -> None:
+    """Its card covered the picture, and a number that was typed changed the tool."""
+    d.on_main(partial(commands.run, "tool.set_scale", d.session))
+    points = [d.project(world_means(d.scene)[group_indices(d.scene, group)[0]]) for group in (1, 2)]
+    for at in points:
+        found = d.session.pick(*at, *d.size)
+        assert found is not None
+        x, y, z = found.point.tolist()
+        d.on_main(partial(measure.add, d.session, (x, y, z)))
+    d.frames(6)
+    card = d.engine.window_info("//Viewport/Measure").window
+    assert card.size.y < d.size[1] / 2
+    d.engine.key_chars("2.5")
+    d.keys(KEY.enter)
+    assert d.tool() is ToolName.MEASURE
+    assert d.history.entries()[-1].title == "Set scale"
+    assert measure.reading(d.session).lengths[0] == pytest.approx(2.5)
+    d.keys(KEY.escape)
+
+
 def _sizes_of_a_film(d: Driver) -> None:
     """The fourth was cut, the fifth out of reach."""
     for _ in range(2):
@@ -784,7 +932,7 @@ def _what_lies_over_the_picture(d: Driver) -> None:
     long = "Exported 9,017 splats to /home/someone/exports/white flat object, large.ply."
     d.session.notify(Level.INFO, long, shows=Path("/home"))
     d.frames(6)
-    assert d.engine.get_window_by_ref("//Notice 0").size.y < 0.4 * d.size[1]
+    assert d.engine.get_window_by_ref("//Notice 0").size.y <= 0.5 * d.size[1]
     d.session.notices = ()
 
 
@@ -856,9 +1004,18 @@ def _texts() -> Iterator[list[str]]:
         yield shown
 
 
-def _noting(shown: list[str], draw: Callable[[str], None], text: str) -> None:
+@contextmanager
+def _buttons() -> Iterator[list[str]]:
+    """The labels of all buttons that are drawn meanwhile."""
+    shown: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(imgui, "button", partial(_noting, shown, imgui.button))
+        yield shown
+
+
+def _noting(shown: list[str], draw: Callable[..., Any], text: str, *more: Any) -> Any:
     shown.append(text)
-    draw(text)
+    return draw(text, *more)
 
 
 def _history(d: Driver) -> None:

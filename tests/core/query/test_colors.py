@@ -21,6 +21,7 @@ def test_every_color_of_the_table_is_divided_among_the_names() -> None:
         ("20a030", "green"), ("103a18", "green"), ("20b0b0", "turquoise"), ("2050d0", "blue"),
         ("101c60", "blue"), ("8030b0", "purple"), ("f090b8", "pink"), ("6b4226", "brown"),
         ("0000ff", "blue"), ("000080", "blue"), ("4b0082", "purple"), ("8a2be2", "purple"),
+        ("0c0ff1", "blue"), ("0000a0", "blue"), ("5a5aff", "blue"),
         ("808080", "grey"), ("050505", "black"), ("fafafa", "white"), ("e4d4ac", "beige"),
     ],
 )  # fmt: skip
@@ -30,7 +31,8 @@ def test_plain_colors_have_their_names(code: str, name: str) -> None:
 
 @pytest.mark.parametrize("light", [0.45, 0.7, 0.85])
 @pytest.mark.parametrize(
-    ("code", "name"), [("d81e1e", "red"), ("1e56c8", "blue"), ("2a9a34", "green")]
+    ("code", "name"),
+    [("d81e1e", "red"), ("1e56c8", "blue"), ("0000ff", "blue"), ("2a9a34", "green")],
 )
 def test_shade_does_not_change_the_name_of_a_hue(code: str, name: str, light: float) -> None:
     assert _name(code, light) == name

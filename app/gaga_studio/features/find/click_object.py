@@ -405,10 +405,18 @@ def _depth(scene: Scene, camera: Camera) -> FloatArray:
     return choose("cpu").render(bake(scene), camera).median_depth
 
 
+def _one_already(session: Session) -> str:
+    """Needs something else than one whole object."""
+    table, groups = session.objects(), session.selected_groups()
+    row = table.row(groups[0]) if len(groups) == 1 else None
+    is_one = row is not None and table.counts[row] == len(session.selected_indices())
+    return "This is one object already." if is_one else ""
+
+
 def no_clicks(session: Session) -> str:
     """Needs splats that were selected with the tool Object."""
     if has_clicks(session) or is_clicking(session):
-        return no_selection(session)
+        return no_selection(session) or _one_already(session)
     return no_scene(session) or "Nothing was clicked. Click with the tool Object (O) first."
 
 

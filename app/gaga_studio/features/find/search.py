@@ -434,11 +434,11 @@ def take_hit(session: Session, at: int | None = None, *, flies: bool = True) -> 
 
 
 def take_all(session: Session) -> bool:
-    """Add all objects that answer the text to the selection."""
+    """Select all objects that answer the text."""
     meant = session.document.feature(SearchState).meant if session.document is not None else ()
     if not meant:
         return False
-    return selection.select_groups(session, meant, "add")
+    return selection.select_groups(session, meant)
 
 
 # --- models

@@ -73,7 +73,7 @@ class MenuState:
     """Which menu was open in the frame before."""
 
     opened: str = ""
-    by_hover: bool = False  # it opened as the mouse came from another one
+    by_hover: bool = False  # it opened as the mouse came from another one, without a click
 
 
 def draw(session: Session, state: MenuState, reset_layout: Callable[[], None]) -> None:
@@ -94,7 +94,8 @@ def draw(session: Session, state: MenuState, reset_layout: Callable[[], None]) -
             imgui.open_popup(title)
             state.opened, state.by_hover = title, False
         if is_open:
-            state.by_hover = bool(before) and (state.by_hover or title != before)
+            if title != before:  # between two menus there is a frame without one
+                state.by_hover = not imgui.is_mouse_down(imgui.MouseButton_.left)
             state.opened = title
             for command in menu:
                 if command.id in _LINE_BEFORE:

@@ -18,7 +18,8 @@ from gaga_studio.ui.kit.widgets import Face
 
 _SECONDS = {Level.HINT: 4.0, Level.INFO: 4.0, Level.WARNING: 8.0, Level.ERROR: float("inf")}
 _OFFER_SECONDS = 30.0  # with a button: it must be read and found
-_SHORT = (Level.HINT, Level.INFO)  # in a low picture: two lines, the rest in the tooltip
+_SHORT = (Level.HINT, Level.INFO)  # in a low picture: few lines, the rest in the tooltip
+_LINES = (2, 3)  # of these; where no other notice is
 _LOW = 14.0  # em: height of a picture of which a whole notice covers the most
 _MOST = 4  # on screen at once, where there is room; older ones wait
 _SIGNS = {
@@ -53,6 +54,10 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     state.closed &= known
     state.sizes = {notice: size for notice, size in state.sizes.items() if notice in known}
     state.are_passing = any(_seconds(notice) < float("inf") for notice in fresh)
+    is_low = area.height < em(_LOW)
+    if is_low:  # the newest, and what must be read
+        fresh = [one for one in fresh if one is fresh[-1] or not _is_short(one)]
+    n_lines = _LINES[len(fresh) == 1] if is_low else 0
     right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
     at = ImVec2(right, max(area.top, area.chip_bottom, area.card_bottom) + em(0.7))
     width = max(min(em(24), at.x - area.left - em(0.7)), em(12))
@@ -60,9 +65,15 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
         size = state.sizes.get(id(notice), ImVec2(0, 0))  # until it has been drawn
         if slot and size.x == width and at.y + size.y > area.bottom:
             break  # its buttons would be out of reach
-        bottom = _card(session, state, notice, slot, (at, width, area.height < em(_LOW)))
+        highest = max(area.bottom - at.y - em(0.4), em(4)) if is_low else em(20)
+        place = at, ImVec2(width, highest), n_lines
+        bottom = _card(session, state, notice, slot, place)
         state.sizes[id(notice)] = ImVec2(width, bottom - at.y)
         at.y = bottom + em(0.4)
+
+
+def _is_short(notice: Notice) -> bool:
+    return notice.level in _SHORT and not notice.otherwise
 
 
 def _seconds(notice: Notice) -> float:
@@ -78,13 +89,15 @@ def _card(
     state: ToastState,
     notice: Notice,
     slot: int,
-    place: tuple[ImVec2, float, bool],
+    place: tuple[ImVec2, ImVec2, int],
 ) -> float:
-    """One card at ``place``, its upper right corner, its width, and whether the picture is low.
+    """One card at ``place``: its upper right corner, its width and greatest height, lines if low.
 
     Returns its lower edge.
     """
-    corner, width, is_low = place
+    corner, most, n_lines = place
+    width = most.x
+    is_low = n_lines > 0
     bottom = 0.0
 
     def draw() -> None:
@@ -94,8 +107,8 @@ def _card(
         widgets.text(icon, color)
         imgui.same_line()
         room, left = width - em(5.4), imgui.get_cursor_pos_x()
-        if is_low and notice.level in _SHORT and not notice.otherwise:
-            for text in widgets.two_lines(notice.text, room):
+        if is_low and _is_short(notice):
+            for text in widgets.few_lines(notice.text, room, n_lines):
                 imgui.set_cursor_pos_x(left)
                 imgui.text_unformatted(text)
                 widgets.tooltip(notice.text)
@@ -128,6 +141,8 @@ def _card(
         bottom = imgui.get_window_pos().y + imgui.get_window_height()
 
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 0))
-    imgui.set_next_window_size_constraints(ImVec2(width, 0), ImVec2(width, em(20)))
-    widgets.floating_card(f"Notice {slot}", draw)
+    imgui.set_next_window_size_constraints(ImVec2(width, 0), most)
+    before = state.sizes.get(id(notice))
+    is_cut = is_low and before is not None and before.y >= most.y - 1
+    widgets.floating_card(f"Notice {slot}", draw, scrolls=is_cut)
     return bottom

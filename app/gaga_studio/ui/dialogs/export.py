@@ -437,8 +437,12 @@ def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
     else:
         imgui.text_unformatted(f"{n_things}{n_files}, about {size_text(summary.n_bytes)}")
     widgets.dim(said, wrap=True)
-    if not _is_folder(sheet) and _plan(sheet).path.is_file():
+    if _replaces(sheet):
         widgets.paragraph("The file that is there is replaced.")
+
+
+def _replaces(sheet: ExportSheet) -> bool:
+    return not _is_folder(sheet) and _plan(sheet).path.is_file()
 
 
 def size_text(n_bytes: int) -> str:
@@ -451,7 +455,8 @@ def size_text(n_bytes: int) -> str:
 
 def _buttons(session: Session, sheet: ExportSheet, summary: ExportSummary) -> None:
     imgui.dummy(ImVec2(0, em(0.3)))
-    face = Face("Export", width=em(8), primary=True)
+    # The button is in sight whatever is scrolled to.
+    face = Face("Replace file" if _replaces(sheet) else "Export", width=em(8), primary=True)
     if answer("Export now", face, why_not=_why_not(session, sheet, summary)):
         export.start(session, _plan(sheet))
 

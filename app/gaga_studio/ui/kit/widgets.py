@@ -418,17 +418,17 @@ def elided(text: str, width: float) -> str:
     return text[:low] + "…"
 
 
-def two_lines(text: str, width: float) -> list[str]:
-    """``text`` on two lines of ``width`` pixels, parted at a space if possible, else cut."""
+def few_lines(text: str, width: float, most: int = 2) -> list[str]:
+    """``text`` on at most so many lines of ``width`` pixels, parted at spaces, the last one cut."""
     text = theme.plain(text).replace("\n", r"\n")
     words = text.split(" ")
     n = 1
     while n < len(words) and imgui.calc_text_size(" ".join(words[: n + 1])).x <= width:
         n += 1
     first, rest = " ".join(words[:n]), " ".join(words[n:])
-    if not rest or imgui.calc_text_size(first).x > width:
+    if most == 1 or not rest or imgui.calc_text_size(first).x > width:
         return [elided(text, width)]
-    return [first, elided(rest, width)]
+    return [first, *few_lines(rest, width, most - 1)]
 
 
 def line(text: str, color: ImVec4 | None = None) -> None:
@@ -478,13 +478,14 @@ def card(name: str, width: float, draw: Callable[[], object]) -> None:
     imgui.pop_style_color(2)
 
 
-def floating_card(name: str, draw: Callable[[], object]) -> None:
+def floating_card(name: str, draw: Callable[[], object], *, scrolls: bool = False) -> None:
     """A small window over the picture, where it was placed before, without a title."""
     imgui.push_style_color(imgui.Col_.window_bg, theme.POPUP)
     imgui.push_style_color(imgui.Col_.border, theme.LINE_STRONG)
     imgui.push_style_var(imgui.StyleVar_.window_border_size, theme.scaled(1))
     imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(6))
-    imgui.begin(name, None, _CARD)
+    bar = imgui.WindowFlags_.always_vertical_scrollbar if scrolls else 0
+    imgui.begin(name, None, _CARD | bar)
     draw()
     imgui.end()
     imgui.pop_style_var(2)

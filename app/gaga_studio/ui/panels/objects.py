@@ -31,7 +31,6 @@ _TABLE_FLAGS = (
     | imgui.TableFlags_.no_pad_outer_x
     | imgui.TableFlags_.sizing_fixed_fit
 )
-_LOW = 11.0  # em: a lower panel has no line under the list
 
 
 @dataclass
@@ -62,13 +61,8 @@ def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: P
     if not search.draw(session, state.search, area, session.document, table):
         _list(session, session.document, state, masks, table)
     _highlight(session, state)
-    if not _is_low() or _is_dragging(session):
+    if not search.is_low() or _is_dragging(session):
         _foot(session, table)
-
-
-def _is_low() -> bool:
-    """Whether the panel has room for a few lines: they are the list's."""
-    return imgui.get_window_height() < em(_LOW)
 
 
 def _nothing_yet(session: Session) -> None:
@@ -245,7 +239,7 @@ def rename_selected(session: Session, state: ObjectListState) -> None:
 
 def _foot_height(session: Session) -> float:
     """Of what is under the list, pixels."""
-    if _is_low() and not _is_dragging(session):
+    if search.is_low() and not _is_dragging(session):
         return 0.0
     line = imgui.get_text_line_height()
     if _is_dragging(session):

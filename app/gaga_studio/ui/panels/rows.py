@@ -159,7 +159,7 @@ class Across:
 
     def text(self, left: float, top: float, color: int, text: str) -> None:
         """Draw ``text``, pixels from the upper left corner."""
-        window = imgui.internal.get_current_window().inner_clip_rect
+        window = imgui.internal.get_current_window().clip_rect  # of a cell: below the header
         edge = max(self.low.y, window.min.y), min(self.high.y, window.max.y)
         drawing = imgui.get_window_draw_list()
         drawing.push_clip_rect(ImVec2(self.low.x, edge[0]), ImVec2(self.high.x, edge[1]))
@@ -586,7 +586,7 @@ class ObjectRow:
             n, of = self.rows.table.n_selected[self.row], self.rows.table.counts[self.row]
             lines.append(f"{n:,} of {of:,}")
         elif lines[0] != self.name and self.height >= 2 * imgui.get_text_line_height():
-            lines = widgets.two_lines(self.name, room)
+            lines = widgets.few_lines(self.name, room)
         lower(self.height, len(lines))
         top = imgui.get_cursor_pos()
         for i, text in enumerate(lines):

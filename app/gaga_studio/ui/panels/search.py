@@ -125,6 +125,7 @@ def _drag(measure: Measure, now: Range, whole: Range) -> Range | None:
 
 _HINT = "Find an object"
 _MENU = "More ways to find"
+_LOW = 11.0  # em: a lower panel has no line under the list
 _ASKING = ("object.find_in_view", "object.index", "object.name_all")
 _KEYS = "Up and Down choose, Enter selects, Shift+Enter selects all that fit, Escape clears"
 
@@ -142,6 +143,11 @@ def focus(state: SearchBoxState) -> None:
     """Bring the keyboard to the box (Ctrl+F)."""
     state.wants_keyboard = True  # at the next frame
     imgui.set_window_focus("Objects")
+
+
+def is_low() -> bool:
+    """Whether the panel has room for a few lines: they are the list's."""
+    return imgui.get_window_height() < em(_LOW)
 
 
 def draw(
@@ -232,7 +238,9 @@ def _understood(session: Session, search: SearchState) -> None:
     if search.measured is None:
         widgets.dim("Looking at the objects…")
         return
-    if search.sentence:
+    n = len(search.meant)
+    is_told = n > 1 and is_low()  # by the button
+    if search.sentence and not is_told:
         widgets.dim(search.sentence, wrap=True)
     if search.problem:
         widgets.text(search.problem, theme.WARN, wrap=True)
@@ -241,12 +249,12 @@ def _understood(session: Session, search: SearchState) -> None:
     if search.n_left_out and not search.hits:
         widgets.text("The filter of the list leaves out all that fit.", theme.WARN, wrap=True)
         return
-    n = len(search.meant)
     wanted = imgui.calc_text_size(f"{search.sentence}Select all {n:,}").x + em(2.5)
-    if n > 1 and wanted < imgui.get_content_region_avail().x:  # a low panel has few lines
+    if n > 1 and not is_told and wanted < imgui.get_content_region_avail().x:
         imgui.same_line()
+    hint = search.sentence if is_told else "These and nothing else"
     if n > 1 and widgets.button(
-        "Select all that fit", Face(f"Select all {n:,}"), hint="Add them", shortcut="Shift+Enter"
+        "Select all that fit", Face(f"Select all {n:,}"), hint=hint, shortcut="Shift+Enter"
     ):
         search_actions.take_all(session)
     is_short = not search.hits or search.unknown
@@ -269,16 +277,16 @@ def _hits(session: Session, state: SearchBoxState, table: ObjectTable, search: S
         if session.need().feature(ObjectListView).filter.is_on
         else imgui.get_text_line_height()
     )
-    size = ImVec2(0, -foot - imgui.get_style().item_spacing.y - theme.scaled(2))
+    is_short = is_low()
+    size = ImVec2(0, 0 if is_short else -foot - imgui.get_style().item_spacing.y - theme.scaled(2))
     if imgui.begin_child("Answer", size):
-        _lines(session, state, table, search)
+        _lines(session, state, table, search, theme.scaled(34 if is_short else 48))
     imgui.end_child()
 
 
 def _lines(
-    session: Session, state: SearchBoxState, table: ObjectTable, search: SearchState
+    session: Session, state: SearchBoxState, table: ObjectTable, search: SearchState, high: float
 ) -> None:
-    high = theme.scaled(48)
     step = high + imgui.get_style().item_spacing.y
     if state.seen != search.at:
         state.seen = search.at

@@ -128,6 +128,7 @@ def parts(session: Session, camera: Camera, corner: ImVec2) -> None:
 # --- The points of the tool Measure with their lengths, and a card with the numbers and Set scale.
 
 _WIDTH = 15.0  # of the card, em
+_LOW = 14.0  # em: in a lower picture the card has what is said neither there nor in the status bar
 
 
 @dataclass
@@ -155,14 +156,21 @@ def draw_card(session: Session, state: MeasureState, corner: ImVec2, size: ImVec
     """What to click, the numbers, and the length that is known."""
     if session.tool is not ToolName.MEASURE or session.document is None:
         return
+    is_low = size.y < em(_LOW)
+    if is_low and not measure.reading(session).lengths:
+        return
     imgui.set_cursor_screen_pos(ImVec2(corner.x + em(0.7), corner.y + em(0.7)))
     back = theme.BACK
     imgui.push_style_color(imgui.Col_.child_bg, ImVec4(back.x, back.y, back.z, 0.85))
-    width = min(em(_WIDTH), size.x - em(1.4))
+    width = 0.0 if is_low else min(em(_WIDTH), size.x - em(1.4))
     flags = imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.always_use_window_padding
+    flags |= imgui.ChildFlags_.auto_resize_x if is_low else 0
     if imgui.begin_child("Measure", ImVec2(width, 0), flags):
-        widgets.line(measure.prompt(session))
-        _numbers(session)
+        if not is_low:
+            widgets.line(measure.prompt(session))
+            _numbers(session)
+        elif (angle := measure.reading(session).angle) is not None:
+            imgui.text_unformatted(_angle_text(angle))
         _known_length(session, state)
     imgui.end_child()
     imgui.pop_style_color()
@@ -173,23 +181,33 @@ def _numbers(session: Session) -> None:
     for i, length in enumerate(found.lengths, 1):
         widgets.line(f"{i} to {i + 1}: {measure.length(session, length)}")
     if found.angle is not None:
-        widgets.line(f"Angle at 2: {found.angle:.1f}°")
+        widgets.line(_angle_text(found.angle))
     for i, height in enumerate(found.heights, 1):
         widgets.dim(f"Height of {i}: {measure.length(session, height)}")
     if not found.heights:
         widgets.dim(measure.HELP, wrap=True)
 
 
+def _angle_text(angle: float) -> str:
+    return f"Angle at 2: {angle:.1f}°"
+
+
 def _known_length(session: Session, state: MeasureState) -> None:
     """Give the way from point 1 to point 2 a length: the scale of the scene."""
     if not measure.reading(session).lengths:
         return
+    points = measure.clicked(session)
+    if points.asks_length:
+        points.asks_length = False
+        imgui.set_keyboard_focus_here()
     imgui.set_next_item_width(em(5))
-    _, state.metres = imgui.input_float("##Known length", state.metres, 0, 0, "%.3f m")
+    flags = imgui.InputTextFlags_.auto_select_all
+    _, state.metres = imgui.input_float("##Known length", state.metres, 0, 0, "%.3f m", flags)
+    is_typed = imgui.is_item_deactivated() and widgets.enter_pressed()
     widgets.tooltip("The true length from point 1 to point 2")
     imgui.same_line()
     hint = "Scale the whole scene so that 1 to 2 has this length; lengths are metres then"
-    if widgets.button("Set scale", hint=hint):
+    if widgets.button("Set scale", hint=hint) or is_typed:
         measure.set_scale(session, state.metres)
 
 
