@@ -25,8 +25,9 @@ _PROTOTYPES: dict[str, tuple[str, ...]] = {
         "yellow": "f7dc1c d8b41a fff04a b09612 e0c83c 8a760e cfe01e b0c020 62540a 4c4204",
         "green": "2a9a34 1c6a28 6abf3a 124518 7a9a3a 5a7a4a 3f5a2a 9ad07a",
         "turquoise": "22b5b0 2f6f7d 18807c 70d8d0 12504e",
-        "blue": "1e56c8 16389a 3a86e0 0e2468 6a9ae0 3c5c9c 2e4560 9cc0ec 0000ff 00006e 6464ff",
-        "purple": "7a2aa8 8a2be2 56208a a05ad0 3a1460 7a4a7c b48ad8 62304f 7a4a5c 523040",
+        "blue": "1e56c8 16389a 3a86e0 0e2468 6a9ae0 3c5c9c 2e4560 9cc0ec "
+        "1010f0 1010a0 4c4cf4 04047a 08085c",
+        "purple": "7a2aa8 56208a a05ad0 3a1460 7a4a7c b48ad8 62304f 7a4a5c 523040 8228e6 5c10b4",
         "pink": "f06aa8 f4a8c0 e04a8a c8708c f8c8d4 ec9aa6 b05070",
         "brown": "7a4a20 5a3418 9a6a3a 3c2410 6b4a30 8a5a40 b98450",
         "beige": "e2cfa6 d0b88c f0e2c4 b8a27a c8a878",
