@@ -329,11 +329,13 @@ def _spz(content: bytes, rng: random.Random) -> bytes:
     if rng.random() < 0.2:  # many splats of nothing
         count = rng.choice((1 << 20, 20_000_000))
         raw[8:12] = struct.pack("<I", count)
-        return gzip.compress(bytes(raw[:16])) + gzip.compress(bytes(1 << 20)) * (count * 20 >> 20)
+        return gzip.compress(bytes(raw[:16]), mtime=0) + gzip.compress(bytes(1 << 20), mtime=0) * (
+            count * 20 >> 20
+        )
     at = rng.choice((0, 4, 8, 8, 8, 12, 13, 14, 15))
     size = 4 if at < 12 else 1
     raw[at : at + size] = (rng.choice(_COUNTS) % (1 << 8 * size)).to_bytes(size, "little")
-    return gzip.compress(bytes(raw))
+    return gzip.compress(bytes(raw), mtime=0)
 
 
 def _npy_head(content: bytes, rng: random.Random) -> bytes:

@@ -154,6 +154,7 @@ _NEEDS_MORE = {
     "file.make_splats_as",
     "file.go_on_training",
     "tool.leave_upright",
+    "tool.turn_upright",  # no photos, which say which way is up
     "camera.clear_path",
     "camera.save_path",
     "camera.film",

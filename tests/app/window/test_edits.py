@@ -111,7 +111,7 @@ def test_a_filling_stays_until_it_is_applied_or_cancelled(display: str, tmp_path
             d.settle()
             assert fill.shown(session) is found
             assert d.history.cursor == entries
-        assert [n.text for n in session.notices if "waits" in n.text], "it is said"
+        assert [n for n in session.notices if n.text.startswith("Apply or cancel")], "it is said"
         d.keys(KEY.mod_ctrl, KEY.w)
         d.click("Question/###Cancel")
         assert fill.shown(session) is found
@@ -205,7 +205,7 @@ def test_clean_up_and_apply(display: str, tmp_path: Path) -> None:
         d.click_picture(d.size[0] / 2, d.size[1] / 2)
         d.keys(KEY.mod_ctrl, KEY.d)
         assert cleanup.shown(session) is not None, "its seconds of work are not thrown away"
-        assert "waits" in session.notices[-1].text
+        assert session.notices[-1].text.startswith("Apply or cancel")
         assert session.selected_groups() == (GROUP,)
         d.keys(KEY.escape)
         assert not d.exists("Inspector/###Apply")

@@ -43,6 +43,8 @@ def begin_modal(name: str, width: float, *, dims: bool = True, is_possible: bool
     imgui.pop_style_var(2)
     if is_open:
         theme.dim_behind(dims)
+        if imgui.is_window_appearing():  # nothing in it was chosen by keys: Enter is its button
+            imgui.set_nav_cursor_visible(False)
     if is_open and not is_possible:
         imgui.close_current_popup()
         imgui.end_popup()
