@@ -28,7 +28,7 @@ from gaga_core.fill.inpaint import Inpainter
 from gaga_core.fill.shadows import foot_cells, gains, shadow_of, splat_gains, taken_cells
 from gaga_core.fill.surfaces import FillConfig, Seen, SeenView, seen_stage, surfaces_around
 from gaga_core.gaussians import Gaussians
-from gaga_core.progress import Progress, Stage, mapped
+from gaga_core.progress import Progress, Stage, portion
 from gaga_core.raster.base import Frame, Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.edits.placement import recolor
@@ -192,11 +192,6 @@ _COLORS, _LAID = 0.2, 0.6  # of what a hole takes: until its colors, and its spl
 
 def _at(share: float, message: str = "") -> Progress:
     return Progress(_STAGE, round(_STEPS * share), _STEPS, message)
-
-
-def _within(stage: Stage[T], begin: float, end: float) -> Stage[T]:
-    """Run ``stage``; its progress is that of the whole from ``begin`` to ``end``, in 0..1."""
-    return mapped(stage, lambda p: _at(begin + (end - begin) * p.done / max(p.total, 1), p.message))
 
 
 # --- Check a filled hole: what new splats change next to it is undone.
@@ -424,7 +419,7 @@ class Work:
             over = hidden & self._over_place(chart, own)
             goes = ((hidden | (small & ~self.is_object)) & under) | on_hole | over | within
             filled = self._fill_chart(chart, goes & ~self.locked, shadow)
-            n_filled += yield from _within(filled, begin, end)
+            n_filled += yield from portion(filled, begin, end, _STAGE)
 
     def _over_place(self, chart: Chart, own: DoubleArray) -> BoolArray:
         """Splats (N,) over the place of the splats ``own`` (K, 3) that stand there, up to their
@@ -447,7 +442,7 @@ class Work:
         if self.inpainter is None:
             color = continued_color(*surface)
         else:
-            color = yield from _within(self.inpainter.painted_stage(*surface), 0, 0)
+            color = yield from portion(self.inpainter.painted_stage(*surface), 0, 0, _STAGE)
         color = np.clip(color, 0, 1.5)
         base = smooth_base(chart.height[:, :, None], chart.known, chart.hole, _BASE)[:, :, 0]
         height = np.where(chart.hole, base, chart.height)
@@ -460,7 +455,7 @@ class Work:
         sh[:, 0] = dc_from_rgb((rgb_from_dc(self.gaussians.sh[:, 0]) * gain).astype(np.float32))
         rest = replace(self.gaussians, sh=sh).take(left)
         check = accepted_stage(rest, fresh, goes[left], chart, self.seen.views, self.rasterizer)
-        kept = yield from _within(check, _LAID, 1)
+        kept = yield from portion(check, _LAID, 1, _STAGE)
         if not kept.any():
             self.is_refused = True
             if shadow.is_cast:
@@ -632,7 +627,7 @@ def _filled(
     is_there = np.isfinite(scene.gaussians.means).all(axis=1)
     rows = np.flatnonzero((scene.visible | chosen) & is_there)
     labels = scene.labels[rows]
-    gaussians = yield from _within(bake_stage(scene, indices=rows), 0, 0)
+    gaussians = yield from portion(bake_stage(scene, indices=rows), 0, 0, _STAGE)
     is_object = chosen[rows]
     splats = gaussians.take(np.zeros(0, np.int64))
     if not is_object.any():  # the removal alone
@@ -642,14 +637,14 @@ def _filled(
     placed, made = _put_there(scene, rows)
     known = (placed | made) & ~is_object
     looks = seen_stage(gaussians, is_object, cameras, rasterizer, settings, known)
-    seen = yield from _within(looks, 0, _LOOKS)
+    seen = yield from portion(looks, 0, _LOOKS, _STAGE)
     work = Work(gaussians, labels, is_object, seen, rasterizer, settings)
     work.inpainter = inpainter
     work.locked |= placed | ((scene.state[rows] & np.uint8(State.LOCKED)) != 0)
     parts = _apart(gaussians.means.astype(np.float64), is_object, labels, settings.reach)
     for i, part in enumerate(parts):
         begin, end = (_LOOKS + (1 - _LOOKS) * k / len(parts) for k in (i, i + 1))
-        yield from _within(work.fill(part), begin, end)
+        yield from portion(work.fill(part), begin, end, _STAGE)
     stained = np.flatnonzero((work.gain > _VISIBLE).any(axis=1) & ~work.dropped)
     for piece in work.made:
         splats = joined(splats, piece)
