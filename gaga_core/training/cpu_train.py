@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray
-from gaga_core.camera import Camera
 from gaga_core.color import SH_C0, dc_from_rgb
 from gaga_core.gaussians import Gaussians
 from gaga_core.raster.base import Gradients, GradientSink, TrainableRasterizer, TrainStep
@@ -26,7 +25,7 @@ from gaga_core.training.engine import (
     thinned,
     turns_of,
 )
-from gaga_core.training.losses import photometric
+from gaga_core.training.losses import LEAST_COVERAGE, photometric, sampled_depth
 from gaga_core.training.optimizer import Splats, adam_step
 from gaga_core.training.views import TrainView
 
@@ -170,8 +169,6 @@ def _change_density(state: TrainState, setting: Setting, i: int) -> None:
 # Deng 2022 and Kerbl 2024 have it, from other sources of depth).
 
 
-_SIDE = 128  # pixels of the longest side: phones measure 256, smoothed over several
-_LEAST_COVERAGE = 0.05  # of a pixel whose depth is compared
 _COLUMNS = ("means", "quats", "log_scales", "logit_opacities")
 
 
@@ -197,7 +194,7 @@ def depth_gradients(
     depth."""
     if view.depth is None or weight <= 0 or not (view.depth > 0).any():
         return None
-    camera, measured = _sampled(view.camera, view.depth)
+    camera, measured = sampled_depth(view.camera, view.depth)
     known = measured > 0
     unit, forward = float(np.median(measured[known])), camera.cam_from_world[2]
     by_place = (forward / unit).astype(np.float32)
@@ -207,9 +204,9 @@ def depth_gradients(
     share = np.float32(weight / known.sum())
 
     def loss(image: FloatArray, target: FloatArray) -> tuple[float, FloatArray]:
-        covered = np.maximum(image[..., 1], _LEAST_COVERAGE)
+        covered = np.maximum(image[..., 1], LEAST_COVERAGE)
         off = image[..., 0] / covered - target[..., 0]
-        side = np.sign(off) * (known & (image[..., 1] > _LEAST_COVERAGE)) * share
+        side = np.sign(off) * (known & (image[..., 1] > LEAST_COVERAGE)) * share
         gradient = np.zeros_like(image)
         gradient[..., 0] = side / covered
         gradient[..., 1] = -side * image[..., 0] / covered**2
@@ -224,16 +221,3 @@ def depth_gradients(
     for name, column in columns.items():
         column[rows] = getattr(found, name)
     return DepthGradients(**columns)
-
-
-def _sampled(camera: Camera, depth: FloatArray) -> tuple[Camera, FloatArray]:
-    """Every n-th pixel of a depth map, and the camera whose pixels these are."""
-    height, width = depth.shape
-    step = -(-max(height, width) // _SIDE)
-    first = step // 2
-    sampled = np.ascontiguousarray(depth[first::step, first::step])
-    whole = camera.resized(width, height)
-    to_sampled = np.array([[1, 0, -first - 0.5], [0, 1, -first - 0.5], [0, 0, step]]) / step
-    to_sampled[:2, 2] += 0.5
-    K = to_sampled @ whole.K
-    return replace(whole, K=K, width=sampled.shape[1], height=sampled.shape[0]), sampled

@@ -27,8 +27,10 @@ from gaga_core.training.engine import (
     step_exposures,
     turns_of,
 )
+from gaga_core.training.losses import LEAST_COVERAGE, sampled_depth
 from gaga_core.training.optimizer import Rates, Splats, of_columns, with_degree
 from gaga_core.training.settings import TrainConfig
+from gaga_core.training.views import TrainView
 
 # Our columns under gsplat's names; SH is split into degree 0 and the rest.
 _NAMES = {
@@ -120,7 +122,8 @@ class CudaEngine:
             self._strategy.step_pre_backward(
                 self._params, self._optimizers, self._strategy_state, i, info
             )
-        (loss + self._decay(config)).backward()  # type: ignore[no-untyped-call]
+        more = self._decay(config) + self._depth_error(view, config.depth_at(i / config.iterations))
+        (loss + more).backward()  # type: ignore[no-untyped-call]
         setting.team.mean_in_place([p.grad for p in self._params.values() if p.grad is not None])
         self._step_exposures(state, turns, exposure)
         self._step_optimizers(rates_by_name(setting.rates(i / config.iterations)))
@@ -140,22 +143,49 @@ class CudaEngine:
     ) -> tuple[Tensor, dict[str, Any]]:
         p, config = self._params, self._setting.config
         share = config.dropout_at(moment, len(self._setting.views))
-        images, _, info = self._gsplat.rasterization(
-            means=p["means"],
-            quats=p["quats"],
-            scales=torch.exp(p["scales"]),
+        images, _, info = self._rasterize(
+            camera,
             opacities=thinned_opacities(torch.sigmoid(p["opacities"]), share),
             colors=torch.cat([p[_SH], p[_REST]], dim=1),
-            viewmats=self._send(camera.cam_from_world)[None],
-            Ks=self._send(camera.K)[None],
-            width=camera.width,
-            height=camera.height,
             sh_degree=config.degree_at(moment),
-            packed=False,
             rasterize_mode="antialiased" if config.antialiased else "classic",
             backgrounds=self._send(behind)[None],
         )
         return images[0], info
+
+    def _rasterize(self, camera: Camera, **looks: Any) -> Any:
+        """gsplat's pictures (1, H, W, C), alphas (1, H, W, 1) and info of the splats."""
+        return self._gsplat.rasterization(
+            means=self._params["means"],
+            quats=self._params["quats"],
+            scales=torch.exp(self._params["scales"]),
+            viewmats=self._send(camera.cam_from_world)[None],
+            Ks=self._send(camera.K)[None],
+            width=camera.width,
+            height=camera.height,
+            packed=False,
+            **looks,
+        )
+
+    def _depth_error(self, view: TrainView, weight: float) -> Tensor:
+        """``weight`` x the mean relative error of depth in a view, as `cpu_train.depth_gradients`
+        has its gradients; 0 where it has no depth."""
+        if view.depth is None or weight <= 0 or not (view.depth > 0).any():
+            return torch.zeros((), device=self._device)
+        camera, measured = sampled_depth(view.camera, view.depth)
+        known = measured > 0
+        unit = float(np.median(measured[known]))
+        by_place = self._send(camera.cam_from_world[2] / unit)
+        images, alphas, _ = self._rasterize(
+            camera,
+            opacities=torch.sigmoid(self._params["opacities"]),
+            colors=(self._params["means"] @ by_place[:3] + by_place[3])[:, None],
+            sh_degree=None,
+        )
+        alpha = alphas[0, ..., 0]
+        off = images[0, ..., 0] / alpha.clamp_min(LEAST_COVERAGE) - self._send(measured / unit)
+        counts = torch.from_numpy(known).to(self._device) & (alpha > LEAST_COVERAGE)
+        return weight / int(known.sum()) * torch.where(counts, off.abs(), 0.0).sum()
 
     def _decay(self, config: TrainConfig) -> Tensor:
         """The regularisers of the loss (MCMC)."""

@@ -1,13 +1,19 @@
-"""Differences of a rendered picture from a photo: the training loss, SSIM, PSNR."""
+"""Differences of a rendered picture from a photo: the training loss, SSIM, PSNR; and what measured
+depth is compared at."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, check_shape
+from gaga_core.camera import Camera
 from gaga_core.threads import run_kernel
 from gaga_core.training import losses_kernels as kernels
 from gaga_core.training.settings import DISSIMILARITY
 
+LEAST_COVERAGE = 0.05  # of a pixel whose depth is compared
 _ROWS = 32  # rows of one piece of work
+_DEPTH_SIDE = 128  # pixels of the longest side: phones measure 256, smoothed over several
 
 
 def photometric(
@@ -70,3 +76,16 @@ def _framed(image: FloatArray) -> FloatArray:
     inside = framed[kernels.REACH : -kernels.REACH, kernels.PAD : kernels.PAD + width]
     inside[:] = image.reshape(height, width)
     return framed
+
+
+def sampled_depth(camera: Camera, depth: FloatArray) -> tuple[Camera, FloatArray]:
+    """Every n-th pixel of a depth map, and the camera whose pixels these are."""
+    height, width = depth.shape
+    step = -(-max(height, width) // _DEPTH_SIDE)
+    first = step // 2
+    sampled = np.ascontiguousarray(depth[first::step, first::step])
+    whole = camera.resized(width, height)
+    to_sampled = np.array([[1, 0, -first - 0.5], [0, 1, -first - 0.5], [0, 0, step]]) / step
+    to_sampled[:2, 2] += 0.5
+    K = to_sampled @ whole.K
+    return replace(whole, K=K, width=sampled.shape[1], height=sampled.shape[0]), sampled

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from gaga_core.camera import Camera
+from gaga_core.color import SH_C0
 from tests import torch_reference
 
 Params = dict[str, torch.nn.Parameter]
@@ -46,17 +47,24 @@ def rasterization(
     Ks: Tensor,
     width: int,
     height: int,
-    sh_degree: int,
+    sh_degree: int | None,
     packed: bool,
-    rasterize_mode: str,
-    backgrounds: Tensor,
+    rasterize_mode: str = "classic",
+    backgrounds: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, dict[str, Any]]:
     n = len(means)
     assert not packed
     assert (means.shape, quats.shape, scales.shape) == ((n, 3), (n, 4), (n, 3))
     assert opacities.shape == (n,)
-    assert colors.shape[1] >= (sh_degree + 1) ** 2
-    assert (viewmats.shape, Ks.shape, backgrounds.shape) == ((1, 4, 4), (1, 3, 3), (1, 3))
+    assert (viewmats.shape, Ks.shape) == ((1, 4, 4), (1, 3, 3))
+    if sh_degree is None:  # what is drawn, in any number of channels
+        assert colors.shape == (n, 1)
+        sh = ((colors - 0.5) / SH_C0)[..., None].expand(n, 1, 3)
+    else:
+        sh = colors[:, : (sh_degree + 1) ** 2]
+        assert sh.shape == (n, (sh_degree + 1) ** 2, 3)
+    behind = torch.zeros(1, 3) if backgrounds is None else backgrounds
+    assert behind.shape == (1, 3)
     camera = Camera(Ks[0].double().numpy(), viewmats[0].double().numpy(), width, height)
     centres = torch.zeros(1, n, 2, requires_grad=True)
     shown = {
@@ -64,18 +72,20 @@ def rasterization(
         "quats": quats.double(),
         "log_scales": torch.log(scales.double()),
         "logit_opacities": torch.logit(opacities.double()),
-        "sh": colors[:, : (sh_degree + 1) ** 2].double(),
+        "sh": sh.double(),
         "shift": centres[0].double(),
     }
     assert rasterize_mode in ("classic", "antialiased")
     image, alpha = torch_reference.render(
         shown,
         camera,
-        backgrounds[0].double().numpy(),
+        behind[0].double().numpy(),
         antialiased=rasterize_mode == "antialiased",
     )
     info = {"means2d": centres, "radii": torch.ones(1, n, 2, dtype=torch.int32)}
     info |= {"width": width, "height": height, "n_cameras": 1}  # type: ignore[dict-item]
+    if sh_degree is None:
+        image = image[..., :1]
     return image.float()[None], alpha.float()[None, ..., None], info
 
 
