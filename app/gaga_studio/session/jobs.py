@@ -217,7 +217,9 @@ class JobRunner:
 
     def _next(self) -> None:
         if self._worker is None and self._waiting:
-            self._worker = self._waiting.popleft()
+            firm = (one for one in self._waiting if not one.gives_way)
+            self._worker = next(firm, self._waiting[0])
+            self._waiting.remove(self._worker)
             self._worker.start()
 
     def _next_save(self) -> None:
