@@ -285,6 +285,7 @@ class _Delivery(Generic[T]):
         # Times and shares of each step: its words since half of what it has done by now.
         self._words: dict[str, deque[tuple[float, float]]] = {}
         self._begun: dict[str, float] = {}  # share of each step's first word
+        self._steps: set[str] = set()  # those that were named, with a share or without
 
     def seconds_left(self) -> float | None:
         """Estimate of the time left in the present step; None while it is not known.
@@ -312,7 +313,7 @@ class _Delivery(Generic[T]):
     @property
     def is_of_step(self) -> bool:
         """Whether the share is that of one step of several."""
-        return len(self._words) > 1 and self.latest is not None and self.latest.left_s is None
+        return len(self._steps) > 1 and self.latest is not None and self.latest.left_s is None
 
     def step(self) -> bool:
         """One step of the stage, in the worker; False at its end."""
@@ -323,6 +324,7 @@ class _Delivery(Generic[T]):
             return False
         if progress.payload is not None:
             self._payload = progress.payload
+        self._steps.add(progress.stage)
         if progress.total > 0:
             share = progress.done / progress.total
             half = (self._begun.setdefault(progress.stage, share) + share) / 2

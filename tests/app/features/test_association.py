@@ -20,10 +20,11 @@ from gaga_core.progress import Progress, run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.project import decided_groups
 from gaga_core.scene.scene import Scene, Weight
-from gaga_studio.features import commands, folders, objects
+from gaga_studio.features import commands, folders, objects, selection
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.find.association import FindState, lift_mode
+from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode
@@ -72,6 +73,35 @@ def test_kernels_that_are_not_compiled_count_in_the_time_and_in_the_bar(
     assert first is not None
     assert later is not None
     assert first.seconds == pytest.approx(later.seconds + usual)
+
+
+def _split(session: Session) -> None:
+    """Split the largest object by its masks."""
+    selection.select_groups(session, (int(session.objects().ids[-1]),))
+    memory_bank.split_by_masks(session)
+
+
+@pytest.mark.parametrize("start", [association.lift, _split])
+def test_kernels_are_a_step_with_a_share_where_the_time_of_the_rest_is_not_known(
+    associated: Session,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    start: Callable[[Session], None],
+) -> None:
+    """A new installation stood at a bar without a share for a minute."""
+    _quickly(associated)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))  # where it is noted what is compiled
+    start(associated)
+    shown: list[Job] = []
+    while (job := associated.jobs.running) is not None:
+        shown += [job] if not shown or job != shown[-1] else []
+        associated.jobs.poll()
+    kernels = [job for job in shown if job.stage == "Prepare kernels"]
+    shares = [job.fraction for job in kernels]
+    assert shares == sorted(shares)
+    assert 0 <= shares[0] < 0.5
+    assert len(set(shares)) > 5
+    assert all(job.is_of_step for job in kernels), "it is named: the share is not that of the job"
 
 
 def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Session) -> None:
