@@ -6,6 +6,7 @@ Cancelling is closing the generator: between two steps ``GeneratorExit`` is rais
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, wait
 from contextlib import closing
@@ -20,6 +21,12 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _STEPS = 1000  # progress units of one part; parts differ in their number of steps
+# Of what a step has done, the share that tells its pace. Simulated steps of 60 and 400 words, whose
+# load becomes 2 or 3 times as much or as little on the way: afterwards the time left is wrong by
+# 1.29 and 1.17 times on average; with a half by 1.44 and 1.36; with 0.15 by 1.29 and 1.11, but then
+# by 1.26 instead of 1.20 where the load of 60 words stays. Two recorded drafts with such changes:
+# by 1.26 times, 1.34 with a half, 1.24 with 0.15; without changes all the same within 0.03.
+_RECENT = 0.25
 _TICK_S = 0.1  # how often a cancel is looked for while a thread is waited for
 _log = logging.getLogger(__name__)
 # Each thread has its own; who drives a stage sets a list here to hear what it says.
@@ -43,6 +50,46 @@ class Progress:
 
 
 Stage = Generator[Progress, None, T]
+
+
+class Pace:
+    """How fast a step goes: by the last part of what it has done.
+
+    The load of a machine changes, and the newest rate is that of what is left; a single word, which
+    may be a long or a short one, says little. What a resumed step had behind it says nothing.
+    """
+
+    def __init__(self) -> None:
+        # Times, in seconds, and shares 0..1 of its words, since `_RECENT` of what it has done.
+        self._words: deque[tuple[float, float]] = deque()
+        self.first = 0.0  # share of the first word
+
+    def hear(self, at: float, share: float) -> None:
+        """Take the newest word of the step."""
+        if not self._words:
+            self.first = share
+        self._words.append((at, share))
+        since = share - _RECENT * (share - self.first)
+        while len(self._words) > 1 and self._words[1][1] <= since:
+            self._words.popleft()
+
+    @property
+    def heard_at(self) -> float:
+        """Time of the newest word, which there must be."""
+        return self._words[-1][0]
+
+    @property
+    def seconds(self) -> float | None:
+        """How long a whole step takes at this pace; None before anything was done."""
+        if not self._words:
+            return None
+        (since, before), (at, share) = self._words[0], self._words[-1]
+        return (at - since) / (share - before) if share > before else None
+
+    @property
+    def done(self) -> float:
+        """Share that was done in the part that tells the pace."""
+        return self._words[-1][1] - self._words[0][1] if self._words else 0.0
 
 
 def say(text: str) -> None:

@@ -7,7 +7,7 @@ that most of its pixels show; masks of objects in no earlier mask are left, and 
 new views finds the groups among them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -322,32 +322,31 @@ class EditedGroups:
         return result
 
 
-def with_decisions(edited: EditedGroups, found: IntArray) -> tuple[IntArray, dict[int, int]]:
-    """Groups (N,) found again, ``found`` (N,), with those that a person changed as they were.
+def with_decisions(
+    former: IntArray,  # (N,) groups before, 0 = none
+    found: IntArray,  # (N,) groups found again
+    changed: IntArray,  # (C,) ids of former groups that a person changed, ascending
+    named: Collection[int] = (),  # ids of former groups that a person named
+) -> tuple[IntArray, dict[int, int]]:
+    """Groups (N,) found again, with those that a person decided on as they were.
 
-    A group is changed when Gaussians or masks were put into it by hand, or Gaussians out of it; it
-    stays whole, with a new id. A found group that is mostly part of changed ones is taken up by
-    that which holds most of it: its rim would join what was divided by hand. Also the new ids by
-    the former ones: of changed groups, and of others that are the same object, IoU over a half.
+    A changed group stays, splat for splat, with a new id; so does a named one that is not found
+    again. What is left of a found group that is mostly part of those is in no group: a rim, or what
+    a person left out. Also the new ids by the former ones: of groups that stay, and of others that
+    are the same object, IoU over a half.
     """
-    by_hand, in_bank = edited.by_hand, np.maximum(edited.bank.group, 0)
-    of_masks = np.array([d.group for d in edited.bank.log if d.by_hand], np.int32)
-    changed = np.concatenate([edited.labels[by_hand], in_bank[by_hand], of_masks])
-    changed = np.intersect1d(changed[changed > 0], edited.labels)
-    first = 1 + int(found.max(initial=0))  # id of the changed ones
-    new_ids = dict(zip(changed.tolist(), range(first, first + len(changed)), strict=True))
-    old, new, both = _shared(edited.labels, found)
-    of_old, of_new = np.bincount(edited.labels), np.bincount(found)
-    is_changed = np.isin(old, changed)
-    taken = np.bincount(new[is_changed], both[is_changed], first)
-    into = np.arange(first)
-    rows = np.flatnonzero(is_changed & (2 * taken > of_new)[new] & (new > 0))
-    for row in rows[::-1].tolist():
-        into[new[row]] = new_ids[int(old[row])]  # that which holds most of it comes last
-    result = into[found].astype(np.int32)
-    stays = np.isin(edited.labels, changed)
-    result[stays] = first + np.searchsorted(changed, edited.labels[stays])
+    old, new, both = _shared(former, found)
+    of_old, of_new = np.bincount(former), np.bincount(found)
     is_same = (2 * both > of_old[old] + of_new[new] - both) & (old > 0) & (new > 0)
+    lost = np.setdiff1d(np.array(sorted(named), np.int64), old[is_same])
+    stay = np.union1d(changed, np.intersect1d(lost, former[former > 0])).astype(np.int32)
+    first = 1 + int(found.max(initial=0))  # id of those that stay
+    new_ids = dict(zip(stay.tolist(), range(first, first + len(stay)), strict=True))
+    stays = np.isin(old, stay)
+    taken = np.bincount(new[stays], both[stays], first)
+    result = np.where(2 * taken > of_new, 0, np.arange(first))[found].astype(np.int32)
+    is_kept = np.isin(former, stay)
+    result[is_kept] = first + np.searchsorted(stay, former[is_kept])
     is_same &= np.isin(new, result)
     return result, dict(zip(old[is_same].tolist(), new[is_same].tolist(), strict=True)) | new_ids
 

@@ -9,7 +9,6 @@ import json
 import os
 import shutil
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
@@ -58,7 +57,7 @@ from gaga_core.placing.photos import (
 from gaga_core.placing.recordings import is_recording, look_at_recording
 from gaga_core.placing.undistort import ORIGINALS
 from gaga_core.placing.video import expected_frames
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Pace, Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.project import PROJECT_FILE, meant_in
@@ -368,8 +367,8 @@ class Estimate:
     """How far a reconstruction is, and how long it still takes: one estimate for all its steps.
 
     Each step is expected to take what it took here before, for this number of photos, pairs, and
-    pixels; the longer it runs the more counts how long it takes now, by its later half: a machine
-    that gets busy makes all slower that is left. What is to come is expected to be off by as much
+    pixels; the longer it runs the more counts how long it takes now, see `Pace`: a machine that
+    gets busy makes all slower that is left. What is to come is expected to be off by as much
     as what was done, by a part of it where earlier runs are known. The share never goes back; of a
     training that goes on it is that of all its iterations, as where it stopped.
     """
@@ -390,7 +389,7 @@ class Estimate:
         self._began: dict[str, tuple[float, float]] = {}  # seconds and share at its first word
         self._took: dict[str, float] = {}  # seconds
         self._now, self._part = "", 0.0  # the step that runs, and how far it is
-        self._words: deque[tuple[float, float]] = deque()  # seconds and shares of its later half
+        self._pace = Pace()
         self._share = self._behind = found.behind(config)
 
     def follow(self, step: Progress) -> tuple[float, float]:
@@ -405,11 +404,9 @@ class Estimate:
             if step.stage != self._now:
                 self._end_step(at)
                 self._now = step.stage
-                self._words.clear()
-            _, first = self._began.setdefault(step.stage, (at, share))
-            self._words.append((at, share))
-            while len(self._words) > 1 and self._words[1][1] <= (first + share) / 2:
-                self._words.popleft()
+                self._pace = Pace()
+            self._began.setdefault(step.stage, (at, share))
+            self._pace.hear(at, share)
             self._part = share
         elif self._now and self._now != TRAINS and step.total > 0:
             self._end_step(at)  # something between two steps
@@ -451,13 +448,13 @@ class Estimate:
         took, expected = sum(self._took.values()), sum(self._expected[s] for s in self._took)
         left = 0.0
         if self._now:
-            (began, first), (since, before) = self._began[self._now], self._words[0]
+            began, first = self._began[self._now]
+            seconds = self._pace.seconds
             part = (share - first) / max(1 - first, 1e-9)
             usual = self._expected[self._now]
-            trust = min(part / _TRUSTED, 1.0) if share > before else 0.0
+            trust = min(part / _TRUSTED, 1.0) if seconds is not None else 0.0
             guess = max(usual * self._off(took, expected), at - began)
-            rate = (at - since) / (share - before) if share > before else 0.0
-            whole = trust * rate * (1 - first) + (1 - trust) * guess
+            whole = trust * (seconds or 0.0) * (1 - first) + (1 - trust) * guess
             left = whole * (1 - part)
             took, expected = took + part * whole, expected + part * usual
         latest = max((STEPS.index(step) for step in self._began), default=-1)

@@ -601,13 +601,41 @@ def open_path_stage(path: Path) -> Stage[Project]:
     return (yield from _open_model(path))
 
 
+def _opened_groups(gaussians: Gaussians, path: Path, folder: SceneFolder | None) -> OpenedGroups:
+    if folder is not None and (folder.work / "labels.npz").is_file():
+        return groups_of_folder(folder.work, len(gaussians))
+    return groups_of_file(gaussians, path)
+
+
+def decided_groups(project: Project) -> IntArray:
+    """Ids, ascending, of groups that a person made, merged or split, or moved splats or masks of.
+
+    They are other rows of the opened file than those that were found, or with which it opened. A
+    published preset and identities do not tell which rows they found: there, what no mask names.
+    Raises ``GagaError`` when the file with which it opened is damaged.
+    """
+    scene = project.scene
+    n, bank = scene.n_opened, scene.bank
+    labels, of_masks = scene.labels[:n], np.zeros(0, np.int32)
+    if bank is None:
+        gaussians = scene.gaussians if n == len(scene) else scene.gaussians.take(np.arange(n))
+        before = _opened_groups(gaussians, project.model_path, project.folder).labels
+    else:
+        of_masks = np.array([d.group for d in bank.log if d.by_hand], np.int32)
+        before = np.maximum(bank.group, 0)
+        if bank.is_published or scene.identities.source == "identities":
+            named = np.array([decision.group for decision in bank.log], np.int32)
+            before = np.where(np.isin(labels, named), labels, np.int32(0))
+    moved = labels != before
+    return np.intersect1d(
+        np.concatenate([labels[moved], before[moved], of_masks]), labels[labels > 0]
+    )
+
+
 def _open_model(path: Path, folder: SceneFolder | None = None) -> Stage[Project]:
     digest = model_fingerprint(path)
     gaussians = yield from read_splats_stage(path)
-    if folder is not None and (folder.work / "labels.npz").is_file():
-        groups = groups_of_folder(folder.work, len(gaussians))
-    else:
-        groups = groups_of_file(gaussians, path)
+    groups = _opened_groups(gaussians, path, folder)
     frame = Frame(is_metric=folder is not None and folder.is_metric)
     scene = replace(Scene.of(gaussians), frame=frame, **vars(groups))
     return Project(scene, path, folder, model_fingerprint=digest)

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gaga_core.arrays import DoubleArray
-from gaga_core.camera import NEAR
+from gaga_core.camera import NEAR, Camera
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_studio.gpu import sorter
 from gaga_studio.gpu.sort_kernels import N_KEYS
@@ -201,3 +202,40 @@ def test_waiting_for_an_ended_sorter_returns() -> None:
     sorter.release()
     sorter.wait(1, timeout=30)
     assert sorter.take() is None
+
+
+def _seen(scene: Scene, camera: Camera, near: float, far: float) -> set[int]:
+    """Splats whose centres a camera sees between two depths, by numpy."""
+    pixels, depths = camera.project(scene.gaussians.means.astype(np.float64))
+    is_seen = camera.shows(pixels, depths) & (depths >= near) & (depths <= far)
+    return set(np.flatnonzero(is_seen).tolist())
+
+
+def test_what_an_order_covers_it_has() -> None:
+    """For cameras that turned, moved and zoomed by a little or much: nothing seen was culled."""
+    rng = np.random.default_rng(5)
+    points = random_gaussians(3000, extent=1.5)
+    scene = Scene.of(replace(points, log_scales=points.log_scales - np.float32(5)))
+    answers = []
+    for strength in np.repeat([0.003, 0.03, 0.1, 0.2, 1.0], 60):
+        old = replace(CAMERA, cam_from_world=_moved(CAMERA, rng, 0.5))
+        order = sort(replace(_job(scene), camera=old))
+        new = replace(old, cam_from_world=_moved(old, rng, strength))
+        new = new.resized(*rng.integers(60, 400, 2).tolist()) if rng.random() < 0.2 else new
+        covers = order.covers(new)
+        answers.append((strength, covers))
+        if covers:
+            assert _seen(scene, new, order.near, order.far) <= set(order.order.tolist())
+    assert all(covers for strength, covers in answers if strength < 0.01), "nothing to wait for"
+    assert sum(covers for strength, covers in answers if strength > 0.5) < 6
+    assert plain_order(_job(scene)).covers(new)
+
+
+def _moved(camera: Camera, rng: np.random.Generator, strength: float) -> DoubleArray:
+    """A pose that differs by a turn (radians) and a step of this strength."""
+    axis = rng.normal(size=3)
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec(strength * axis / np.linalg.norm(axis)).as_matrix()
+    pose[:3, 3] = strength * rng.normal(size=3)
+    moved: DoubleArray = pose @ camera.cam_from_world
+    return moved

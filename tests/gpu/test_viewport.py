@@ -59,6 +59,21 @@ def test_idle_draws_nothing(viewport: Viewport, scene: Scene) -> None:
     assert np.array_equal(viewport.read_pixels(), first)
 
 
+def test_a_jump_shows_the_whole_scene_where_drawing_is_slow(viewport: Viewport, gl: Any) -> None:
+    """The first picture after it was that of what the camera before had in sight."""
+    scene = Scene.of(random_gaussians(20_000, extent=3.0))
+    inside = np.eye(4)
+    turned = np.diag([-1.0, 1.0, -1.0, 1.0])  # looks the other way
+    cameras = [replace(CAMERA, cam_from_world=pose) for pose in (inside, turned) * 3]
+    whole = [_picture(viewport, scene, camera) for camera in cameras[:2]]
+    assert not np.array_equal(whole[0], whole[1])
+    for i, camera in enumerate(cameras):
+        viewport.slices.seconds = 60.0  # the last picture took long
+        viewport.draw(scene, camera, VIEW)
+        assert viewport.settled
+        np.testing.assert_array_equal(viewport.read_pixels(), whole[i % 2])
+
+
 def test_every_setting_draws_once(viewport: Viewport, scene: Scene) -> None:
     _picture(viewport, scene)
     settings = [

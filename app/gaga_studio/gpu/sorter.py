@@ -1,4 +1,4 @@
-"""Depth order of the splats, made in a thread of its own: drawing never waits for it."""
+"""Depth order of the splats, made in a thread of its own: only a jump waits for it."""
 
 import threading
 from collections.abc import Iterator
@@ -61,6 +61,25 @@ class DepthOrder:
     coarse: IntArray | None = None  # (L,) of these the most important of the coarse budget
     coarse_budget: int = 0
     coarse_threshold: float = -np.inf
+    camera: Camera | None = None  # for which it was culled; None: nothing was
+
+    def covers(self, camera: Camera) -> bool:
+        """Whether nothing that ``camera`` sees, in the depths between which nearly all lies, was
+        culled: its corners at these depths, so all between them, are within the margin."""
+        if self.camera is None:
+            return True
+        width, height = camera.width, camera.height
+        corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]])
+        rays = corners @ np.linalg.inv(camera.K).T
+        points = np.concatenate([rays * self.near, rays * self.far])  # (8, 3) of the camera
+        world_from_cam = np.linalg.inv(camera.cam_from_world)
+        pixels, depths = self.camera.project(
+            points @ world_from_cam[:3, :3].T + world_from_cam[:3, 3]
+        )
+        size = np.array([self.camera.width, self.camera.height])
+        margin = MARGIN * size.max()
+        is_within = (pixels >= -margin) & (pixels <= size + margin)
+        return bool((depths >= NEAR).all() and is_within.all())
 
     def thinned(self) -> "DepthOrder":
         """The order of the splats of the coarse budget, which there must be."""
@@ -100,7 +119,7 @@ class Sorter:
             return result
 
     def wait(self, ticket: int, timeout: float = 60.0) -> None:
-        """Until the job with this ticket is done: for tests and pictures that are saved."""
+        """Until the job with this ticket is done, at most ``timeout`` seconds."""
         with self._changed:
             self._changed.wait_for(lambda: self._done >= ticket or self._ended, timeout)
 
@@ -220,7 +239,14 @@ class SortColumns:
         )
         near, far = float(quantiles[0]), float(quantiles[1])
         result = DepthOrder(
-            job.ticket, order, len(job.gaussians), near, far, job.budget, chosen.threshold
+            job.ticket,
+            order,
+            len(job.gaussians),
+            near,
+            far,
+            job.budget,
+            chosen.threshold,
+            camera=job.camera,
         )
         coarse = self._choose(job, job.coarse_budget)
         if coarse.budget == 0:

@@ -174,8 +174,9 @@ class Viewport:
     ) -> int:
         """OpenGL name of the picture's texture (camera.width x camera.height, row 0 = bottom).
 
-        Never waits for the depth order: until the one of this camera is there, the last one is
-        used and ``settled`` is False; call again. ``wait`` waits: for tests and saved pictures.
+        Until the depth order of this camera is there, the last one is used and ``settled`` is
+        False; call again. Only where that one lacks a part of the picture it is waited for, as long
+        as the last picture took. ``wait`` waits in any case: for tests and saved pictures.
         A picture that takes longer than ``frame_s`` is drawn in parts, one a call; until it is
         whole, the last one is returned and ``settled`` is False. 0 = at once. A draft that is
         begun is finished before the next one, though the camera went on; others begin again.
@@ -304,6 +305,8 @@ class Viewport:
             self._sorter.submit(_job(self._ticket, shown, camera, view, self._lod))
         if wait:
             self._sorter.wait(self._ticket)
+        elif self._lacks(camera):
+            self._sorter.wait(self._ticket, self.slices.seconds)
         order = self._sorter.take()
         if order is not None and order.ticket >= self._valid_from:
             self._use(order)
@@ -311,6 +314,15 @@ class Viewport:
         if now is not None and now.coarse is not None and now.coarse_budget == view.splat_budget:
             # A motion begins: not with all splats, even while their order is the only one.
             self._use(now.thinned())
+
+    def _lacks(self, camera: Camera) -> bool:
+        """Whether a picture of ``camera`` would lack a part of the scene, and is to begin now.
+
+        After a jump, or in a flight on a slow machine. Its order is worth as long a wait as the
+        last picture took: on a slow machine far more than sorting does.
+        """
+        goes_on = self._parts is not None and self._is_draft
+        return self._order is not None and not goes_on and not self._order.covers(camera)
 
     def _pull_lod(
         self, tree: LodTree, scene: Scene, camera: Camera, view: ViewState, *, wait: bool

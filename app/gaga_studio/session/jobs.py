@@ -18,7 +18,7 @@ from typing import Generic, TypeVar
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_core.progress import Progress, Stage, heard
+from gaga_core.progress import Pace, Progress, Stage, heard
 from gaga_studio.session.notices import Level
 
 T = TypeVar("T")
@@ -217,7 +217,9 @@ class JobRunner:
 
     def _next(self) -> None:
         if self._worker is None and self._waiting:
-            self._worker = self._waiting.popleft()
+            firm = (one for one in self._waiting if not one.gives_way)
+            self._worker = next(firm, self._waiting[0])
+            self._waiting.remove(self._worker)
             self._worker.start()
 
     def _next_save(self) -> None:
@@ -280,37 +282,35 @@ class _Delivery(Generic[T]):
         self._value: T | None = None
         self._payload: object = None
         self.latest: Progress | None = None
-        # Times and shares of each step: its words since half of what it has done by now.
-        self._words: dict[str, deque[tuple[float, float]]] = {}
-        self._begun: dict[str, float] = {}  # share of each step's first word
+        self._paces: dict[str, Pace] = {}  # of the steps that have a share
+        self._steps: set[str] = set()  # those that were named, with a share or without
 
     def seconds_left(self) -> float | None:
         """Estimate of the time left in the present step; None while it is not known.
 
-        Goes on at the rate of the later half of what was done: a first word that waited for
-        kernels, what a resumed training had behind it and the steps before say nothing. It counts
-        down while no word comes, and grows again once that is overdue.
+        Goes on at the pace of the last part (`Pace`): a first word that waited for kernels, what a
+        resumed training had behind it and the steps before say nothing. It counts down while no
+        word comes, and grows again once that is overdue.
         """
         latest = self.latest
         if latest is None or latest.total <= 0:
             return None
         if latest.left_s is not None:
             return latest.left_s
-        share = min(latest.done / latest.total, 1.0)
-        words = self._words.get(latest.stage)
-        if words is None:
+        pace = self._paces.get(latest.stage)
+        seconds = pace.seconds if pace is not None else None
+        if pace is None or seconds is None:
             return None
-        begun, (since, before), (last, _) = self._begun[latest.stage], words[0], words[-1]
-        if share <= before or share - begun < _LEAST_FOR_ETA * (1 - begun):
+        ahead = 1 - min(latest.done / latest.total, 1.0)
+        if 1 - ahead - pace.first < _LEAST_FOR_ETA * (1 - pace.first):
             return None
-        ratio = (1 - share) / (share - before)
-        left = (last - since) * ratio - (time.monotonic() - last)
-        return left if left >= 0 else -left * ratio
+        left = seconds * ahead - (time.monotonic() - pace.heard_at)
+        return left if left >= 0 else -left * ahead / pace.done
 
     @property
     def is_of_step(self) -> bool:
         """Whether the share is that of one step of several."""
-        return len(self._words) > 1 and self.latest is not None and self.latest.left_s is None
+        return len(self._steps) > 1 and self.latest is not None and self.latest.left_s is None
 
     def step(self) -> bool:
         """One step of the stage, in the worker; False at its end."""
@@ -321,13 +321,10 @@ class _Delivery(Generic[T]):
             return False
         if progress.payload is not None:
             self._payload = progress.payload
+        self._steps.add(progress.stage)
         if progress.total > 0:
-            share = progress.done / progress.total
-            half = (self._begun.setdefault(progress.stage, share) + share) / 2
-            words = self._words.setdefault(progress.stage, deque())
-            words.append((time.monotonic(), share))
-            while len(words) > 1 and words[1][1] <= half:
-                words.popleft()
+            pace = self._paces.setdefault(progress.stage, Pace())
+            pace.hear(time.monotonic(), progress.done / progress.total)
         self.latest = progress
         return True
 

@@ -90,9 +90,8 @@ def prepared(
     """Compile the kernels of ``parts`` where needed, then run the stage that ``make`` builds.
 
     With ``usual_s``, the seconds that the stage takes on a machine like the one on which kernels
-    were measured, both are one bar; without, kernels have no share of it: it would go back after
-    them. All in the job's thread: numba, torch and what ``make`` imports would slow the launch
-    down.
+    were measured, both are one bar; without, kernels are a step with a share of its own. All in the
+    job's thread: numba, torch and what ``make`` imports would slow the launch down.
     """
     from gaga_core.kernels import is_compiled
 
@@ -104,7 +103,7 @@ def prepared(
 
     kernels, work = warm_up_stage(*missing), make()
     if not usual_s:
-        yield from mapped(kernels, lambda step: replace(step, done=0, total=0))
+        yield from kernels
         return (yield from work)
     kernels_s = usual_seconds(*missing)
     share = kernels_s / (kernels_s + usual_s)

@@ -7,22 +7,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.arrays import BoolArray
+from gaga_core.grouping.add_views import with_decisions
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.identity.field import load_identity
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.pipeline.compile_kernels import usual_seconds
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.progress import Progress, run_stage
-from gaga_core.scene.scene import Scene
-from gaga_studio.features import commands, folders, objects
+from gaga_core.scene import edits
+from gaga_core.scene.project import decided_groups
+from gaga_core.scene.scene import Scene, Weight
+from gaga_studio.features import commands, folders, objects, selection
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.find.association import FindState, lift_mode
+from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode
-from tests.app.looks import finish, scene_of, snapshot
+from tests.app.looks import finish, scene_of, snapshot, true_labels
 
 
 def _quickly(session: Session, iterations: int = 12) -> None:
@@ -67,6 +73,35 @@ def test_kernels_that_are_not_compiled_count_in_the_time_and_in_the_bar(
     assert first is not None
     assert later is not None
     assert first.seconds == pytest.approx(later.seconds + usual)
+
+
+def _split(session: Session) -> None:
+    """Split the largest object by its masks."""
+    selection.select_groups(session, (int(session.objects().ids[-1]),))
+    memory_bank.split_by_masks(session)
+
+
+@pytest.mark.parametrize("start", [association.lift, _split])
+def test_kernels_are_a_step_with_a_share_where_the_time_of_the_rest_is_not_known(
+    associated: Session,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    start: Callable[[Session], None],
+) -> None:
+    """A new installation stood at a bar without a share for a minute."""
+    _quickly(associated)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))  # where it is noted what is compiled
+    start(associated)
+    shown: list[Job] = []
+    while (job := associated.jobs.running) is not None:
+        shown += [job] if not shown or job != shown[-1] else []
+        associated.jobs.poll()
+    kernels = [job for job in shown if job.stage == "Prepare kernels"]
+    shares = [job.fraction for job in kernels]
+    assert shares == sorted(shares)
+    assert 0 <= shares[0] < 0.5
+    assert len(set(shares)) > 5
+    assert all(job.is_of_step for job in kernels), "it is named: the share is not that of the job"
 
 
 def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Session) -> None:
@@ -144,6 +179,109 @@ def test_cancel_keeps_the_groups_and_a_next_training_goes_on(session: Session) -
     association.lift(session)
     assert session.jobs.wait()
     assert scene.identities.source == "identities"
+
+
+def _pair(session: Session) -> BoolArray:
+    """Splats of two balls, which every search for objects finds as two."""
+    return np.isin(true_labels(), (1, 2))[: len(_scene(session))]
+
+
+def _make(session: Session, rows: BoolArray) -> int:
+    """An object of these splats, made by hand; its id."""
+    assert session.edit(lambda scene: edits.separate(scene, rows, "Make object"))
+    (group,) = np.unique(_scene(session).labels[rows]).tolist()
+    return int(group)
+
+
+def _is_whole(session: Session, rows: BoolArray) -> bool:
+    """Whether these splats and no others are one object."""
+    labels = _scene(session).labels
+    return labels[rows][0] > 0 and bool(np.array_equal(labels == labels[rows][0], rows))
+
+
+@pytest.mark.parametrize("is_named", [False, True])
+@pytest.mark.parametrize("presets", ["paper robust", "robust paper", "released paper"])
+def test_what_a_person_made_stays_when_objects_are_found(
+    session: Session, presets: str, is_named: bool
+) -> None:
+    """Without a memory bank, and with that of a published preset, it was dissolved."""
+    rows = _pair(session)
+    group = _make(session, rows)
+    assert not is_named or objects.rename(session, group, "pair")
+    assert objects.set_color(session, group, (1, 0, 0))
+    assert session.edit(lambda scene: edits.set_weight(scene, group, Weight("mass", 2.0)))
+    before = snapshot(_scene(session))
+    for preset in presets.split():
+        association.associate(session, preset=preset)
+        finish(session)
+        assert _is_whole(session, rows)
+        assert "1 of them stay" in session.notices[-1].text
+        scene = _scene(session)
+        now = int(scene.labels[rows][0])
+        assert scene.names == ({now: "pair"} if is_named else {})
+        assert (scene.colors, scene.weights) == ({now: (1, 0, 0)}, {now: Weight("mass", 2.0)})
+    for _ in presets.split():
+        session.undo()
+    assert snapshot(_scene(session)) == before
+    assert set(_scene(session).colors) == {group}
+
+
+def test_what_a_person_made_stays_when_labels_come_from_identities(session: Session) -> None:
+    _quickly(session)
+    association.associate(session)
+    finish(session)
+    rows = _pair(session)
+    _make(session, rows)
+    for _ in range(2):
+        association.associate(session)
+        finish(session)
+        assert _scene(session).identities.source == "identities"
+        assert _is_whole(session, rows)
+
+
+def test_groups_of_a_file_are_replaced_but_those_that_were_changed(
+    new_session: Callable[[], Session], scene_folder: Path
+) -> None:
+    splats = scene_folder / "point_cloud.ply"
+    truth = true_labels()
+    groups = np.where(truth == 5, 4, truth).astype(np.int32)  # 4 and 5 as one: wrong
+    write_ply(splats, replace(read_ply(splats), extra={"group": groups}))
+    session = new_session()
+    session.open(scene_folder)
+    finish(session)
+    assert np.array_equal(_scene(session).labels, groups)
+    session.edit(lambda scene: edits.merge_groups(scene, (1, 2)))
+    rows, untouched = groups == 1, truth == 4
+    rows |= groups == 2
+    association.associate(session, preset="robust")
+    finish(session)
+    assert _is_whole(session, rows)
+    assert "1 of them stay" in session.notices[-1].text
+    labels = _scene(session).labels
+    owners = [int(np.bincount(labels[part]).argmax()) for part in (untouched, truth == 5)]
+    assert owners[0] != owners[1]
+
+
+def test_an_object_with_a_name_is_improved_where_it_is_found_and_stays_where_not(
+    associated: Session,
+) -> None:
+    """Names went with what was found again, and with the object where nothing was."""
+    session = associated
+    scene = _scene(session)
+    ids = [int(g) for g in session.objects().ids if g > 0]
+    found, gone = ids[0], ids[1]
+    owned = scene.labels == found
+    assert objects.rename(session, found, "found")
+    assert objects.rename(session, gone, "gone")
+    rows = scene.labels == gone
+    fresh = np.where(rows, 0, scene.labels).astype(np.int32)
+    fresh[np.flatnonzero(owned)[:3]] = 0
+    labels, new_ids = with_decisions(
+        scene.labels, fresh, decided_groups(session.need().project), scene.names
+    )
+    assert new_ids[found] == found
+    assert np.array_equal(labels == found, fresh == found)
+    assert np.array_equal(labels == new_ids[gone], rows)
 
 
 @pytest.mark.parametrize("name", ["object.lift", "object.labels_identities"])

@@ -1,11 +1,14 @@
 """The tool Object: clicks become a selection, each one entry, and the selection an object."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
+from gaga_core.progress import Progress, Stage
+from gaga_core.scene import edits
 from gaga_studio.features.commands import command, for_shortcut, run
 from gaga_studio.features.find import click_object
 from gaga_studio.features.find.click_object import ClickState
@@ -123,6 +126,51 @@ def test_a_click_before_the_scene_was_looked_at_is_answered_later(session: Sessi
     assert session.jobs.wait()
     assert titles(session) == ["Click an object"]
     assert not click_object.waiting(session)
+
+
+@pytest.mark.parametrize("ends", ["is done", "is cancelled"])
+def test_a_click_waits_for_the_job_that_took_the_place_of_the_look(
+    session: Session, ends: str
+) -> None:
+    """*Find objects* dropped it."""
+    session.tool = ToolName.OBJECT
+    hand = Hand(session)
+    hand.click_at(balls(session)[0][0])
+    session.settings = replace(session.settings, preset="robust", identities="vote")
+    assert run("object.associate", session)
+    while (job := session.jobs.running) is not None and job.title != "Associate masks":
+        session.jobs.poll()
+    assert len(click_object.waiting(session)) == 1
+    if ends == "is cancelled":
+        session.jobs.cancel()
+    begun = []
+    while (job := session.jobs.running) is not None:
+        begun += [job.title] if job.title not in begun else []
+        session.jobs.poll()
+    found = ["Associate masks", "Lift groups to identities"] if ends == "is done" else []
+    assert titles(session) == [*found, "Click an object"]
+    assert begun[-1] == "Prepare clicks"
+    assert chosen_in_balls(session)[0] > 180
+    assert not click_object.waiting(session)
+
+
+def test_a_click_is_answered_in_the_scene_that_the_other_job_left(session: Session) -> None:
+    """The look at the scene that waited began before splats moved."""
+    session.tool = ToolName.OBJECT
+    Hand(session).click_at(balls(session)[0][0])
+
+    def moves() -> Stage[None]:
+        yield Progress("Move", 0, 1)
+
+    def move(_: None) -> None:
+        session.edit(lambda scene: edits.select(scene, np.arange(10), "set"))
+        assert run("edit.duplicate", session)
+
+    assert session.jobs.start("Move", moves(), on_done=move)
+    assert session.jobs.wait()
+    document = session.need()
+    assert titles(session)[-1] == "Click an object"
+    assert document.feature(ClickState).is_ready(document.scene)
 
 
 def test_cancelling_the_look_forgets_the_clicks(session: Session) -> None:

@@ -1,22 +1,25 @@
 """The search of the open scene: typed words, an index, a detector, names; what is said of them."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gaga_core.arrays import FloatArray, UInt8Array
+from gaga_core.arrays import FloatArray, IntArray, UInt8Array
 from gaga_core.pipeline.search import train_views
 from gaga_core.progress import run_stage
 from gaga_core.query.detector import Boxes, DetectConfig, as_boxes
+from gaga_core.scene import edits
 from gaga_core.scene.edits.objects import name_groups
 from gaga_studio.features import object_list, objects, selection, transform
+from gaga_studio.features.find import association
 from gaga_studio.features.find import search as search_actions
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.features.object_list import ListFilter, ObjectListView
 from gaga_studio.session.session import Session
+from tests.app.looks import describe, names_of
 
 _SIZE = (640, 480)
 _WORDS = {"ruby": (1.0, 0.0, 0.0), "leaf": (0.0, 1.0, 0.0), "sky": (0.0, 0.0, 1.0)}
@@ -181,6 +184,84 @@ def test_selecting_measures_nothing_again_but_editing_does(associated: Session) 
     assert groups[0] not in _ask(associated, "the largest")
     associated.undo()
     assert _ask(associated, "the largest") == groups
+
+
+def _half(session: Session) -> IntArray:
+    """Every second selected splat."""
+    return session.selected_indices()[::2]
+
+
+def _paint(session: Session) -> bool:
+    return transform.recolor(session, (0.9, 0.1, 0.9))
+
+
+def _grow(session: Session) -> bool:
+    return transform.move(session, np.diag([3.0, 3.0, 3.0, 1.0]))
+
+
+def _away(session: Session) -> bool:
+    matrix = np.eye(4)
+    matrix[:3, 3] = 4, 3, 2
+    return transform.move(session, matrix)
+
+
+def _next(session: Session) -> int:
+    """An object that is not selected."""
+    others = set(session.objects().ids.tolist()) - {0, *session.selected_groups()}
+    return min(others)
+
+
+def _merge(session: Session) -> bool:
+    return session.edit(
+        lambda s: edits.merge_groups(s, (*session.selected_groups(), _next(session)))
+    )
+
+
+def _find_again(session: Session) -> bool:
+    association.associate(session, preset="robust")
+    return session.jobs.wait()
+
+
+_EDITS: dict[str, Callable[[Session], bool]] = {
+    "recolor": _paint,
+    "scale": _grow,
+    "move": _away,
+    "merge": _merge,
+    "delete": objects.delete,
+    "hide": objects.hide,
+    "duplicate": transform.duplicate,
+    "separate": lambda s: s.edit(lambda scene: edits.separate(scene, _half(s))),
+    "assign": lambda s: objects.assign(s, _next(s), _half(s)),
+    "unassign": lambda s: objects.assign(s, 0, _half(s)),
+    "delete a part": lambda s: s.edit(lambda scene: edits.delete(scene, _half(s))),
+    "rename": lambda s: objects.rename(s, s.selected_groups()[0], "kettle"),
+    "name as another": lambda s: objects.rename(
+        s, s.selected_groups()[0], s.need().name_of(_next(s))
+    ),
+    "find again": _find_again,
+}
+
+
+@pytest.mark.parametrize("edit", list(_EDITS))
+def test_undo_and_redo_bring_back_what_objects_were_called(associated: Session, edit: str) -> None:
+    """Descriptions of the edited scene stayed where they were still true."""
+    session = associated
+    describe(session)
+    for group in [g for g in session.objects().ids.tolist() if g > 0][:3]:
+        selection.select_groups(session, (group,))
+        before, n = describe(session), session.need().history.cursor
+        assert _EDITS[edit](session)
+        after = describe(session)
+        while session.need().history.cursor > n:
+            assert session.undo()
+        search_actions.follow(session)
+        assert names_of(session) == before, "in the first frame"
+        assert describe(session) == before, "and when all is measured again"
+        while session.redo():
+            pass
+        assert describe(session) == after
+        while session.need().history.cursor > n:
+            session.undo()
 
 
 def test_a_search_ends_with_its_scene(associated: Session, scene_folder: Path) -> None:

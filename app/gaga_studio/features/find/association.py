@@ -1,7 +1,8 @@
 """Find objects: associate masks with settings, identities, and the stage that comes next."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.edits.objects import NO_IDENTITIES
 from gaga_core.scene.edits.splats import ids_of_added, spread
-from gaga_core.scene.project import Project
+from gaga_core.scene.project import Project, decided_groups
 from gaga_core.scene.scene import LabelSource, Scene
 from gaga_studio.features.base import Command, ask, needs, no_bank, no_masks, watch
 from gaga_studio.features.reconstruction import KnownRates, timed
@@ -34,6 +35,8 @@ from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import NO_OBJECTS_OF_A_FILE, Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
+
+T = TypeVar("T")
 
 # --- settings
 
@@ -95,6 +98,9 @@ def lift(session: Session, mode: LiftMode | None = None) -> None:
             return
         labels, confidence, colors = found.labels, found.confidence, found.colors
         scene = document.settled().scene
+        if used:  # what a person made is in no mask, so the classifier does not know it
+            now = scene.labels[: len(labels)]
+            labels = np.where(np.isin(now, decided_groups(document.project)), now, labels)
         document.do(edits.set_identities(scene, labels, confidence, colors, used=used))
         session.notify(Level.INFO, _text(bank, is_used=used))
 
@@ -159,29 +165,47 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
 
 
 def take_groups(document: Document, found: Association) -> str:
-    """Set the groups of the scene, but those that a person changed stay; return what there is."""
+    """Set the groups of the scene, but those that a person decided on stay; return what there is.
+
+    Names, colors, weights and folders go with the groups that are there again.
+    """
     # Numba and SciPy: imported when first needed, they take a part of the launch time.
-    from gaga_core.grouping.add_views import EditedGroups, with_decisions
+    from gaga_core.grouping.add_views import with_decisions
 
     scene = document.settled().scene
-    of_file, new_ids, n_kept = found.labels, dict[int, int](), 0
-    if scene.bank is not None and scene.identities.source == "votes":
-        now = scene.labels[: len(of_file)]
-        former = EditedGroups(scene.bank, now, None, edits.free_group(scene))
-        of_file, new_ids = with_decisions(former, found.labels)
-        n_kept = int(of_file.max(initial=0)) - int(found.labels.max(initial=0))
+    former, changed = scene.labels[: len(found.labels)], decided_groups(document.project)
+    of_file, new_ids = with_decisions(former, found.labels, changed, scene.names)
+    n_kept = int(of_file.max(initial=0)) - int(found.labels.max(initial=0))
     labels = spread(scene, of_file)  # duplicates follow their originals
     kept = new_ids | ids_of_added(scene, labels)
-    names = {new: scene.names[old] for old, new in kept.items() if old in scene.names}
-    order = scene.folders.renumbered(kept)
+    title, names = "Associate masks", _moved(scene.names, kept)
+    colors, weights = _moved(scene.colors, kept), _moved(scene.weights, kept)
     document.do(
-        edits.set_grouping(
-            scene, labels, found.bank, names, confidence=found.confidence, folders=order
+        edits.together(
+            title,
+            (
+                edits.set_grouping(
+                    scene,
+                    labels,
+                    found.bank,
+                    names,
+                    title,
+                    found.confidence,
+                    scene.folders.renumbered(kept),
+                ),
+                *(edits.set_color(scene, g, colors.get(g)) for g in {*scene.colors, *colors}),
+                *(edits.set_weight(scene, g, weights.get(g)) for g in {*scene.weights, *weights}),
+            ),
         )
     )
     text = f"Found {int((document.read.objects(None, False).ids > 0).sum())} objects."
     text += f" {n_kept} of them stay as you changed them." if n_kept else ""
     return text
+
+
+def _moved(table: Mapping[int, T], new_ids: Mapping[int, int]) -> dict[int, T]:
+    """The entries of the groups that have new ids, by these."""
+    return {new: table[old] for old, new in new_ids.items() if old in table}
 
 
 def watch_bank(session: Session) -> tuple[Callable[[object], None], Callable[[], None]]:

@@ -265,11 +265,16 @@ def is_clicking(session: Session) -> bool:
 @notifies
 def prepare(session: Session) -> bool:
     """Start to look at the scene; False when that is done already, or when another job runs."""
+    return _prepare(session)
+
+
+def _prepare(session: Session, *, waits: bool = False) -> bool:
     document = session.need()
     state, scene = document.feature(ClickState), replace(document.settled().scene)
     if state.is_preparing or state.is_ready(scene):
         return False
     key, cameras, up_to_date = key_of(scene), session.cameras, document
+    is_outdated = False
 
     def stage() -> "Stage[ClickGraph]":
         # Imported when first needed: numba and scipy take a large part of the launch time.
@@ -279,9 +284,13 @@ def prepare(session: Session) -> bool:
         return click_graph_stage(scene, views, choose())
 
     def done(graph: "ClickGraph") -> None:
+        nonlocal is_outdated
         if session.document is not up_to_date:
             return
         state.take(graph, key)
+        is_outdated = not state.is_ready(document.settled().scene)
+        if is_outdated:
+            return
         waiting, state.waiting = state.waiting, []
         for click, camera in waiting:
             _answer(document, click, camera)
@@ -289,13 +298,20 @@ def prepare(session: Session) -> bool:
             ask_model(session)
 
     def end() -> None:
-        n = len(state.waiting) if session.document is up_to_date else 0
-        state.is_preparing, state.waiting = False, []
-        if n:  # another job took the place
+        state.is_preparing = False
+        if session.document is not up_to_date or not state.waiting:
+            state.waiting = []
+        elif is_outdated or session.jobs.at_risk is not None:  # another job took the place
+            _prepare(session, waits=True)
+        else:
+            waiting, state.waiting = state.waiting, []
+            n = len(waiting)
             waited = "The click that waited is" if n == 1 else f"The {n} clicks that waited are"
             session.notify(Level.HINT, f"{waited} dropped. Click again.")
 
-    started = session.jobs.start(TITLE, stage(), on_done=done, on_end=end, gives_way=True)
+    started = session.jobs.start(
+        TITLE, stage(), on_done=done, on_end=end, gives_way=True, waits=waits
+    )
     state.is_preparing = started
     return started
 

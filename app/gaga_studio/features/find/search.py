@@ -2,7 +2,7 @@
 
 import time
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -104,7 +104,8 @@ class SearchState:
         self.problem = ""  # why a noun could not be looked up
         self.looks: Looks | None = None  # known before the rest is measured
         self.measured: SceneMeasurements | None = None
-        self.described: SceneMeasurements | None = None  # by which objects are called now
+        self.described: SceneMeasurements | None = None  # the newest of the scene as it was then
+        self.words: dict[int, Mapping[int, str]] = {}  # descriptions by `History.state_id`
         self.detector: Detector | None = None  # the one that was used last, loaded
         self.in_view = ""  # text whose answer came from a detector; "" = from words
         self._camera: Camera | None = None  # from where the text was typed
@@ -373,8 +374,7 @@ def follow(session: Session) -> None:
     key = search.key(document.scene, cameras)
     is_new = search.measured is None or search.measured.key != key
     rests = search.rests(key)
-    if not is_new:
-        _describe(document)
+    _describe(document, None if is_new else search.measured)
     if session.jobs.quiet is None:
         nouns = search.nouns_to_look_up()
         if is_new:
@@ -385,15 +385,21 @@ def follow(session: Session) -> None:
             session.jobs.start_quiet("Look up words", stage)
 
 
-def _describe(document: Document) -> None:
-    """Call groups without a name by what was measured of them."""
-    measured = document.feature(SearchState).measured
-    if measured is None or document.feature(SearchState).described is measured:
-        return
-    document.feature(SearchState).described = measured
-    scene = document.scene
-    if scene.described != measured.description.words:
-        scene.described = dict(measured.description.words)
+def _describe(document: Document, measured: SceneMeasurements | None) -> None:
+    """Call groups without a name by what was measured of them, once in a state of the history.
+
+    Undo and redo bring back what they were called: descriptions stay where they are still true, so
+    a measurement after undo may find other ones.
+    """
+    search, scene, history = document.feature(SearchState), document.scene, document.history
+    if measured is not None:
+        search.described = measured
+        if history.state_id not in search.words:
+            known = {s: search.words[s] for s in history.state_ids if s in search.words}
+            search.words = known | {history.state_id: measured.description.words}
+    words = search.words.get(history.state_id, scene.described)
+    if scene.described != words:
+        scene.described = dict(words)
         scene.revision.names += 1
 
 
