@@ -154,18 +154,29 @@ def test_a_maximized_window_is_maximized_at_the_next_start(tmp_path: Path) -> No
         d.on_main(lambda: glfw.maximize_window(handle))
         d.until(lambda: bool(d.on_main(attribute)), "it is maximized")
 
-    def restore(d: Driver) -> None:
+    def size() -> tuple[int, int]:
+        width, height = glfw.get_window_size(glfw_utils.glfw_window_hello_imgui())
+        return width, height
+
+    def is_again(d: Driver) -> None:
         d.until(lambda: bool(d.on_main(attribute)), "it is maximized again")
+        d.frames(10)
+
+    def restore(d: Driver) -> None:
+        is_again(d)
         handle = glfw_utils.glfw_window_hello_imgui()
+        assert d.on_main(size)[0] > 1000
         d.on_main(lambda: glfw.restore_window(handle))
         d.until(lambda: not d.on_main(attribute), "it is not")
+        d.until(lambda: d.on_main(size) == (1000, 640), "it is as large as it was before")
+        d.frames(4)
 
     def look(d: Driver) -> None:
         d.frames(10)
         assert not d.on_main(attribute)
 
     with xvfb(), openbox():
-        for walk in (maximize, restore, look):
+        for walk in (maximize, is_again, restore, look):
             drive(walk, size=(1000, 640), layout_file=layout)
 
 
