@@ -279,6 +279,16 @@ def test_escape_closes_what_is_on_top_and_a_click_opens_another_menu(
         d.keys(KEY.escape)
         assert not is_open(d)
         assert len(d.session.selected_indices()) == n
+        for text in ("One file is damaged.", "So is another."):
+            d.session.notify(Level.ERROR, text)
+        d.session.notify(Level.HINT, "This goes by itself.")
+        d.frames(4)
+        for n_cards in (3, 2, 1):
+            assert len([k for k in range(3) if d.exists(f"Notice {k}/###Close")]) == n_cards
+            assert len(d.session.selected_indices()) == n
+            d.keys(KEY.escape)
+        assert len(d.session.selected_indices()) == 0, "nothing is left on top"
+        assert d.exists("Notice 0/###Close"), "the hint is no error"
 
     drive(test, path=balls)
 
