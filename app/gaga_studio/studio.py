@@ -209,6 +209,7 @@ def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
         Request.MODELS: models.opens,
         Request.REDUCE: partial(reduce.opens, plan=ui.reduce),
         Request.CHANGES: changes.opens,
+        Request.PANELS_BACK: lambda _: window.put_panels_back(),
         Request.RENAME: partial(_rename, ui=ui),
         Request.TIMELINE: _panel(memory_bank.TIMELINE),
         Request.HISTORY: _panel("History"),
@@ -382,9 +383,7 @@ class Studio:
             style=theme.apply_style,
             before_frame=self._before_frame,
             keys=guarded("Keys", self._keys),
-            menu=guarded(
-                "Menu", lambda: menu.draw(session, self.ui.menu, self.window.reset_layout)
-            ),
+            menu=guarded("Menu", lambda: menu.draw(session, self.ui.menu)),
             tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, self.ui.area)),
             status=guarded("Status bar", self._status),
             overlay=self._overlay,

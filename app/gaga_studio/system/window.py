@@ -180,6 +180,11 @@ def _is_narrow(width: int) -> bool:
     return picture is not None and picture.size.x < _PICTURE_SHARE * width
 
 
+def put_panels_back() -> None:
+    """Put every panel back to its place."""
+    hello_imgui.get_runner_params().docking_params.layout_reset = True
+
+
 def remembered(settings_file: Path | None) -> frozenset[str]:
     """Names of the layouts that the settings file holds as they were left."""
     try:
@@ -312,10 +317,6 @@ class Window:
     def close(self) -> None:
         """End the program after this frame."""
         hello_imgui.get_runner_params().app_shall_exit = True
-
-    def reset_layout(self) -> None:
-        """Put every panel back to its place."""
-        hello_imgui.get_runner_params().docking_params.layout_reset = True
 
     def _callbacks(self, callbacks: hello_imgui.RunnerCallbacks) -> None:
         hooks = self.hooks

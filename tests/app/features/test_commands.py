@@ -40,6 +40,7 @@ _ALWAYS = {
     "file.quit",
     "edit.preferences",
     "view.panels",
+    "view.panels_back",
     "view.info",
     "view.background",
     "view.cube",

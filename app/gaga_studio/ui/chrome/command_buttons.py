@@ -33,6 +33,7 @@ ICONS = {
     "object.worst_view": icons.IMAGES,
     "view.timeline": icons.HISTORY,
     "view.history": icons.HISTORY,
+    "view.panels_back": icons.RESET,
     "view.next_photo": icons.LATER,
     "view.previous_photo": icons.EARLIER,
     "tool.origin_here": icons.HOME,
