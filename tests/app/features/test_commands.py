@@ -35,7 +35,6 @@ _ALWAYS = {
     "file.open_photos",
     "file.open_folder",
     "file.open_file",
-    "file.make_splats",  # asks for photos
     "file.demo",
     "file.quit",
     "edit.preferences",
@@ -152,6 +151,7 @@ _NEEDS_MORE = {
     "object.make",
     *(f"camera.bookmark_{key}" for key in range(1, 10)),
     "camera.play",
+    "file.make_splats",
     "file.make_splats_as",
     "file.go_on_training",
     "tool.leave_upright",

@@ -72,7 +72,7 @@ def test_nothing_open_offers_four_ways(display: str, balls: Path, tmp_path: Path
         assert d.session.photos.photos == photos, "a photo stands for its folder"
         d.on_main(d.session.close)
         d.frames(3)
-        d.menu("File/###Make splats from photos")
+        d.menu("File/###Start from photos or a film…")
         d.answer_path(photos)
         assert d.session.photos is None, "it is entered"
         d.keys(KEY.enter)
@@ -857,11 +857,11 @@ def _tooltips() -> Iterator[list[str]]:
     shown: list[str] = []
     real = widgets.tooltip
 
-    def tooltip(text: str, shortcut: str = "") -> None:
+    def tooltip(text: str, shortcut: str = "", **kwargs: bool) -> None:
         flags = imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled
         if text and imgui.is_item_hovered(flags):
             shown.append(text)
-        real(text, shortcut)
+        real(text, shortcut, **kwargs)
 
     widgets.tooltip = tooltip
     try:
