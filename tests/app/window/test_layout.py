@@ -1217,6 +1217,10 @@ def _disabled_commands_say_why(d: Driver) -> None:
         d.engine.menu_action(hover, f"{menu}/###{chosen.title}")
         d.check(command_id)
         assert _tooltip(d), f"{chosen.title} does not say why it is off"
+        if menu == "Find":
+            for one in commands.MENUS[menu]:
+                item = f"##Menu_00/###{one.title}"
+                assert not d.exists(item) or not _overlap(d, "//##Tooltip_00", item), item
         d.keys(KEY.escape)
         d.keys(KEY.escape)
     style.hover_delay_short, style.hover_stationary_delay = before
@@ -1295,6 +1299,22 @@ def _nothing_covers_what_opened_it(d: Driver) -> None:
         d.engine.mouse_move(f"//{item}")
         assert _tooltip(d)
         assert not _overlap(d, "//##Tooltip_00", item), item
+    for _ in range(4):
+        d.on_main(lambda: commands.run("camera.add_bookmark", d.session))
+    d.focus("Bookmarks")
+    names = [f"Bookmarks/**/###{mark.name}" for mark in camera.bookmarks(d.session)]
+    d.focus("History")
+    titles = [entry.title for entry in d.history.entries()]
+    entries = [f"History/**/###{title}" for title in titles if titles.count(title) == 1]
+    assert len(entries) > 1
+    for panel, rows in (("Bookmarks", names), ("History", entries)):
+        d.focus(panel)
+        for row in rows:
+            if d.exists(row):
+                d.engine.mouse_move(f"//{row}")
+                assert _tooltip(d), row
+                over = [name for name in rows if _overlap(d, "//##Tooltip_00", name)]
+                assert over == [], "it covers no row of the list"
     style.hover_delay_short, style.hover_stationary_delay = before
     for item in ("Objects/###Filter", "Objects/###More ways to find"):
         d.click(item)

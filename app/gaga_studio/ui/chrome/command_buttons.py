@@ -222,7 +222,7 @@ def command_item(session: Session, command_id: str) -> None:
     keys = commands.shortcut_of(command, session)
     if imgui.menu_item(label, keys, is_on, not why_not)[0]:
         commands.run(command_id, session)
-    widgets.tooltip(why_not or ("" if shown == title else title))
+    widgets.tooltip(why_not or ("" if shown == title else title), of_row=True)
 
 
 def object_menu(session: Session) -> None:

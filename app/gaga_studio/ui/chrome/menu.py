@@ -147,7 +147,8 @@ def _mask_folders(session: Session) -> None:
         _items(session, listed)
         imgui.end_menu()
     if not listed:
-        widgets.tooltip("There is one mask folder at most, so there is nothing to choose.")
+        why_not = "There is one mask folder at most, so there is nothing to choose."
+        widgets.tooltip(why_not, of_row=True)
 
 
 def _items(session: Session, listed: Sequence[Command]) -> None:

@@ -232,7 +232,7 @@ def _palette_line(
         label = f"{icon}  {shown}###{command.id}"
         flags = imgui.SelectableFlags_.no_auto_close_popups
         clicked, _ = imgui.selectable(label, is_current, flags)
-    widgets.tooltip(why_not or ("" if shown == title else title))
+    widgets.tooltip(why_not or ("" if shown == title else title), of_row=True)
     if is_current and moved:
         imgui.set_scroll_here_y()
     imgui.same_line(room - imgui.calc_text_size(right).x)
