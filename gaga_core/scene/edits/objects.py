@@ -133,7 +133,7 @@ def set_grouping(
     labels: IntArray,
     bank: MemoryBank | None,
     names: Mapping[int, str] | None = None,
-    title: str = "Associate masks",
+    title: str = "Find objects",
     confidence: FloatArray | None = None,
     folders: Folders | None = None,
 ) -> Edit | None:

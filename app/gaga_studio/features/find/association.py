@@ -38,6 +38,9 @@ from gaga_studio.session.view import Mode, ToolName
 # --- settings
 
 
+TITLE = "Find objects"  # of the command, its task and its entry in the history
+
+
 @dataclass
 class FindState:
     """Feature of a session: how objects are found until the program ends."""
@@ -155,7 +158,7 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
             session.notify(Level.WARNING, note)
         lift_after_finding(session, preset)
 
-    session.jobs.start("Associate masks", stage, progress, done, end)
+    session.jobs.start(TITLE, stage, progress, done, end)
 
 
 def take_groups(document: Document, found: Association) -> str:
@@ -223,7 +226,7 @@ def associate_project_stage(
     config = with_silhouettes(config, project.folder, masks)
 
     return stages.prepared(
-        "Associate masks",
+        TITLE,
         lambda: counted(associate_stage(gaussians, cameras, masks, choose(), config)),
         "Preparing (the first run takes a little longer)",
         usual_s=usual_s,
@@ -300,7 +303,7 @@ def _labels(source: LabelSource) -> Command:
 COMMANDS: tuple[Command, ...] = (
     Command(
         "object.associate",
-        "Find objects (associate masks)",
+        TITLE,
         associate,
         "Ctrl+G",
         enabled=no_masks,
@@ -415,7 +418,7 @@ def offer_of(
     seconds = rate * usual + training_s
     return StageOffer(
         f"{_photos_have(n_masks)} masks but no objects yet.",
-        "Find objects",
+        TITLE,
         "object.associate",
         seconds,
     )
