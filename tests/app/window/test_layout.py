@@ -16,10 +16,12 @@ from imgui_bundle import ImVec2, ImVec4, glfw_utils, imgui
 from PIL import Image
 
 from gaga_core.io.splats.splat_files import SplatFormat
+from gaga_core.pipeline.place import PlacementReport
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
+from gaga_core.training.train import Measured, TrainUpdate
 from gaga_studio.features import camera, commands, measure, objects, selection, transform
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.find.search import SearchState
@@ -966,6 +968,48 @@ def _training(d: Driver) -> None:
     assert not d.exists("//Viewport/**/###Visible surface")
     d.session.training = None
     d.session.tool = ToolName.PICK
+
+
+def test_the_card_of_a_training_is_whole_and_its_curves_leave_the_numbers_free(
+    display: str, grouped_copy: Path, tmp_path: Path
+) -> None:
+    upright, mask = tmp_path / "upright.png", tmp_path / "mask.png"
+    Image.new("RGB", (90, 160), (90, 120, 60)).save(upright)
+    Image.new("L", (90, 160), 255).save(mask)
+    names = tuple(f"photo {k}" for k in range(30))
+    out = dict.fromkeys(names[:5], "It shows nothing that another photo shows")
+    placement = PlacementReport(names, out, ((6, 7, 90),), (upright, mask))
+    losses = np.concatenate([np.full(50, 3.0), np.full(50, 0.1)]).astype(np.float32)
+    measured = tuple(Measured(at, 10.0 + at / 10, 0.5) for at in (20, 60, 100))
+    update = TrainUpdate(100, losses, 1234, measured)
+
+    def walk(d: Driver) -> None:
+        for size in ((1280, 720), (1000, 640)):
+            d.resize(*size)
+            d.session.training = TrainingPreview(
+                "photos", 100, scene=d.scene, update=update, placement=placement
+            )
+            d.frames(8)
+            card = d.engine.window_info("//Viewport/Training").window
+            picture = d.engine.get_window_by_ref("//Viewport").rect()
+            assert card.rect().max.y <= picture.max.y, "the rest is scrolled to"
+            assert d.engine.item_info("//**/###Stop here").rect_full.max.y < card.rect().max.y
+            d.capture_now(tmp_path / "window.png")
+            with Image.open(tmp_path / "window.png") as image:
+                seen = np.asarray(image.convert("RGB")).astype(int)
+            inner = card.work_rect
+            area = seen[int(inner.min.y) : int(card.rect().max.y)]
+            area = area[:, int(inner.max.x) - int(0.9 * _em(d)) : int(inner.max.x)]
+            colorful = np.ptp(area, axis=2) > 40
+            assert not colorful.any(axis=1).any(), "a curve runs through the numbers of its range"
+        d.session.training = None
+
+    drive(walk, path=grouped_copy, size=(1280, 720))
+
+
+def _em(d: Driver) -> float:
+    """Size of the letters, pixels."""
+    return float(d.on_main(imgui.get_font_size))
 
 
 def _edge(d: Driver, folder: Path) -> float:
