@@ -635,6 +635,7 @@ class Studio:
             self.left = Viewport(self._ctx)
         self._shows_left = True
         scene, view, labels = found
+        camera = split_view.camera_in(scene, self.session.need().scene, camera)
         self.left.use_tree(level_of_detail.tree_of(self.session))
         scale = imgui.get_io().display_framebuffer_scale.x
         return self.left.draw(
