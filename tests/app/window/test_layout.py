@@ -29,6 +29,7 @@ from gaga_studio.features.reconstruction import KnownRates
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName, TrainingPreview
+from gaga_studio.studio import _panel
 from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.dialogs.files import FileDialog, PathKind
 from gaga_studio.ui.kit import theme
@@ -274,7 +275,9 @@ def _titles_of_panels_are_whole(d: Driver) -> None:
     def titles() -> list[str]:
         nodes = [d.engine.get_window_by_ref(f"//{n}").dock_node for n in ("Objects", "Inspector")]
         for node in nodes:
-            assert all(tab.width >= tab.content_width for tab in node.tab_bar.tabs)
+            bar = node.tab_bar
+            assert all(tab.width >= tab.content_width for tab in bar.tabs)
+            assert bar.width_all_tabs <= bar.bar_rect.max.x - bar.bar_rect.min.x, "all are seen"
         return [window.name for node in nodes for window in node.windows]
 
     shown = titles()
@@ -687,6 +690,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _what_lies_over_the_picture(d)
         _names_in_the_list(d)
         _training(d)
+        _the_title_in_front_is_whole(d)
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
@@ -956,6 +960,24 @@ def _names_in_the_list(d: Driver) -> None:
     with _texts() as shown:
         d.frames(2)
     assert any(text.startswith("wooden cha") for text in shown)
+
+
+def _the_title_in_front_is_whole(d: Driver) -> None:
+    """Eight tabs were cut to a few letters each: now they are scrolled to."""
+    node = d.engine.get_window_by_ref("//Objects").dock_node
+    bar = node.tab_bar
+    assert bar.width_all_tabs > bar.bar_rect.max.x - bar.bar_rect.min.x, "no room for all"
+    titles = [window.name for window in node.windows]
+    for title in titles:
+        d.on_main(partial(_panel(title), d.session))
+        d.frames(6)
+        d.until(lambda: bar.scrolling_anim == bar.scrolling_target, "it is scrolled to")
+        shown = next(one for one in bar.tabs if one.id_ == bar.visible_tab_id)
+        assert d.engine.get_window_by_ref(f"//{title}").tab_id == shown.id_
+        assert shown.width >= shown.content_width
+        begin = bar.bar_rect.min.x + shown.offset - bar.scrolling_anim
+        assert bar.bar_rect.min.x - 1 <= begin
+        assert begin + shown.width <= bar.bar_rect.max.x + 1
 
 
 def _training(d: Driver) -> None:
