@@ -42,7 +42,7 @@ class Progress:
     """
 
     stage: str  # "Associate masks"
-    done: int
+    done: float  # whole steps, and the share of the present one where it is known
     total: int  # 0 when unknown
     message: str = ""
     payload: object = None

@@ -209,6 +209,7 @@ def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
         Request.MODELS: models.opens,
         Request.REDUCE: partial(reduce.opens, plan=ui.reduce),
         Request.CHANGES: changes.opens,
+        Request.PANELS_BACK: lambda _: window.put_panels_back(),
         Request.RENAME: partial(_rename, ui=ui),
         Request.TIMELINE: _panel(memory_bank.TIMELINE),
         Request.HISTORY: _panel("History"),
@@ -382,9 +383,7 @@ class Studio:
             style=theme.apply_style,
             before_frame=self._before_frame,
             keys=guarded("Keys", self._keys),
-            menu=guarded(
-                "Menu", lambda: menu.draw(session, self.ui.menu, self.window.reset_layout)
-            ),
+            menu=guarded("Menu", lambda: menu.draw(session, self.ui.menu)),
             tool_bar=guarded("Tool bar", lambda: toolbar.draw(session, self.ui.area)),
             status=guarded("Status bar", self._status),
             overlay=self._overlay,
@@ -562,13 +561,15 @@ class Studio:
         status.draw(self.session, hint, figures)
 
     def _escape(self) -> bool:
-        """End a preview or a gesture, or close the compared photo; whether there was one."""
+        """End a preview or a gesture, or close an error or a card; whether there was one."""
         if any(one.cancel(self.session) for one in (cleanup, fill, add_scene)):
             return True
         if self.session.view.playback.is_playing:
             self.session.view.playback.is_playing = False
             return True
         if self.picture.cancel(self.session):
+            return True
+        if toasts.close_error(self.session, self.ui.toasts):
             return True
         if bank.timeline_of(self.session).is_open:
             bank.close_timeline(self.session)
@@ -634,6 +635,7 @@ class Studio:
             self.left = Viewport(self._ctx)
         self._shows_left = True
         scene, view, labels = found
+        camera = split_view.camera_in(scene, self.session.need().scene, camera)
         self.left.use_tree(level_of_detail.tree_of(self.session))
         scale = imgui.get_io().display_framebuffer_scale.x
         return self.left.draw(

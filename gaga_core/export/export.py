@@ -278,7 +278,8 @@ def export_objects_stage(
             psnr = None
             if isinstance(form, MeshExport):
                 try:
-                    mesh = yield from as_step(step, object_mesh_stage(gaussians, form, options.up))
+                    solid = object_mesh_stage(gaussians, form, options.up)
+                    mesh = yield from as_step(step, solid, 1)
                 except GagaError:  # it has no such solid: the others are written
                     left_out.append(entry.name)
                     continue
@@ -288,7 +289,9 @@ def export_objects_stage(
                 write_mesh(staging / entry.file, mesh, form.file, entry.name)
             else:
                 fewer = _decimated(gaussians, scene.labels[splats], options, alone=True)
-                gaussians, rows, psnr = yield from as_step(step, fewer)
+                merging = int(options.decimate < 1)  # takes the most of it, else writing does
+                gaussians, rows, psnr = yield from as_step(step, fewer, merging)
+                step = replace(step, done=i + merging)
                 if form is SplatFormat.HTML:  # the page of one object begins with all of it
                     alone = replace(options, page=PageContent(title=entry.name))
                     page = gaussians, staging / entry.file, alone, origin
@@ -296,7 +299,7 @@ def export_objects_stage(
                 else:
                     placed = _as_written(gaussians, origin, form, options)
                     stage = write_splats_stage(staging / entry.file, placed, form)
-                yield from as_step(step, stage)
+                yield from as_step(step, stage, 1 - merging)
             written.append(_described(entry, options.applied(gaussians, origin), psnr))
         if not written:
             raise GagaError("None of these objects has a surface, so there is nothing to export.")
@@ -322,10 +325,20 @@ def export_objects_stage(
     return folder / name
 
 
-def as_step(step: Progress, stage: Stage[T]) -> Stage[T]:
-    """Run ``stage`` as a part of ``step``: it can be cancelled, and the bar moves by objects."""
+def as_step(step: Progress, stage: Stage[T], width: float = 0) -> Stage[T]:
+    """Run ``stage`` as a part of ``step``: it can be cancelled.
+
+    The bar moves over ``width`` steps as the stage goes on, and never back.
+    """
+    share = 0.0
+
+    def change(inner: Progress) -> Progress:
+        nonlocal share
+        share = max(share, min(inner.done / inner.total, 1.0) if inner.total > 0 else 0.0)
+        return replace(step, done=step.done + width * share)
+
     yield step
-    return (yield from mapped(stage, lambda _: step))
+    return (yield from mapped(stage, change))
 
 
 def _objects(

@@ -632,7 +632,7 @@ def _models_stage(out: Path, base: _Base, total: int) -> Stage[None]:
         own = base.gaussians.take(item.splats)
         stage = proxy_mesh_stage(own, choose("cpu"), up=up, config=config, is_soft=True)
         try:
-            mesh = yield from as_step(step, stage)
+            mesh = yield from as_step(step, stage, _PICTURES_OF_MODEL)
         except GagaError:  # too few splats, or nearly transparent ones
             colors = np.rint(255 * np.clip(rgb_from_dc(own.sh[:, 0]), 0, 1)).astype(np.uint8)
             mesh = TriangleMesh(own.means, np.zeros((0, 3), np.int32), colors)

@@ -161,7 +161,8 @@ _ORDER = {
         view.frame_all view.home view.front view.back view.left view.right view.top view.bottom
         view.next_photo view.previous_photo view.fly view.frusta view.outline view.box
         view.lights_masks view.mask_gate view.timeline view.lod view.build_lod view.panels
-        view.history view.turn_in_training view.info""",
+        view.history view.turn_in_training view.info
+        view.panels_back""",
     "Camera": f"""view.ortho view.cube camera.faster camera.slower camera.add_bookmark
         {" ".join(camera.RECALL)} {" ".join(camera.SET)} camera.swipe camera.split_groups
         camera.split_photo_groups camera.split_truth camera.split_errors camera.split_before
@@ -180,9 +181,17 @@ MENUS: Mapping[str, tuple[Command, ...]] = {
     title: tuple(_BY_ID[id_] for id_ in ids.split()) for title, ids in _ORDER.items()
 }
 COMMANDS = tuple(command for menu in MENUS.values() for command in menu)
-_MENU_OF = {command.id: title for title, menu in MENUS.items() for command in menu}
 if len(COMMANDS) != len(_ALL):
-    raise ValueError(f"in no menu: {sorted(_BY_ID.keys() - _MENU_OF.keys())}")
+    raise ValueError(f"in no menu: {sorted(_BY_ID.keys() - {c.id for c in COMMANDS})}")
+
+
+OPEN_RECENT, USE_MASKS = "Open recent", "Use the masks of"
+
+
+def all_menus(session: Session) -> Mapping[str, tuple[Command, ...]]:
+    """The menus, and the submenus whose commands hang on what is there, by title."""
+    more = {OPEN_RECENT: files.recent(session), USE_MASKS: masks.folder_commands(session)}
+    return {**MENUS, **more}
 
 
 def _own_keys(chosen: Command) -> Keys:
@@ -197,11 +206,6 @@ _BY_KEYS = {
     profile: {keys: _BY_ID[id_] for id_, listed in table.items() for keys in listed}
     for profile, table in PROFILES.items()
 }
-
-
-def menu_of(chosen: Command) -> str:
-    """Title of the menu that holds a command."""
-    return _MENU_OF[chosen.id]
 
 
 def command(command_id: str) -> Command:
@@ -221,7 +225,7 @@ def for_shortcut(keys: str, session: Session) -> Command | None:
 
 def keys_of(chosen: Command, session: Session) -> Keys:
     """Return every shortcut of a command in the profile that the user chose."""
-    return PROFILES[_profile(session)][chosen.id]
+    return PROFILES[_profile(session)].get(chosen.id, ())
 
 
 def shortcut_of(chosen: Command, session: Session) -> str:
@@ -236,7 +240,11 @@ def _profile(session: Session) -> str:
 
 def run(command_id: str, session: Session) -> bool:
     """Run a command if it can be run; a disabled one leaves its reason as the hint."""
-    chosen = _BY_ID[command_id]
+    return run_one(_BY_ID[command_id], session)
+
+
+def run_one(chosen: Command, session: Session) -> bool:
+    """Run a command of `all_menus`, as `run` does."""
     session.hint = chosen.enabled(session)
     if session.hint:
         return False

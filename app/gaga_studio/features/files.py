@@ -19,6 +19,7 @@ from gaga_studio.features import level_of_detail
 from gaga_studio.features.base import Command, ask, busy, needs, no_scene, not_saveable
 from gaga_studio.session.notices import Level, Request, choose_one, notifies
 from gaga_studio.session.session import Session
+from gaga_studio.system import paths
 
 
 @notifies
@@ -113,6 +114,19 @@ def add_splats(session: Session, path: Path, *more: Path) -> None:
         level_of_detail.offer(session)
 
     session.jobs.start(f"Add {path.name}", read_added_stage(path), on_done=done)
+
+
+def recent(session: Session) -> tuple[Command, ...]:
+    """A command for each scene that was open lately."""
+
+    def open_it(name: str) -> Command:
+        path = Path(name)
+        title = f"{path.name}, in {paths.shown(path.parent)}"
+        return Command(
+            f"file.recent {name}", name, lambda s: s.open(path), describe=lambda _: title
+        )
+
+    return tuple(map(open_it, session.settings.recent))
 
 
 _no_edits = needs(lambda session: session.need().history.can_undo, "Nothing has been edited yet.")

@@ -57,14 +57,9 @@ class _Refused:
 
 def why_not(session: Session) -> str:
     """Return why no splats can be made now; "" when they can."""
-    return busy(session) or (too_few(session.photos) if session.photos is not None else "")
-
-
-def why_no_settings(session: Session) -> str:
-    """Return why there is nothing to set; "" when there is."""
     if session.photos is None:
-        return "No photos without splats are open. Open a folder of photos, or a video."
-    return why_not(session)
+        return "No photos without splats are open. Use Start from photos or a film first."
+    return busy(session) or too_few(session.photos)
 
 
 def open_photos(session: Session, path: Path) -> None:
@@ -97,7 +92,7 @@ def title(session: Session) -> str:
     """ "Make splats from 50 photos" or "Continue training"."""
     found = session.photos
     if found is None:
-        return "Make splats from photos"
+        return "Make splats"
     if found.going_on is not None:
         return "Continue training"
     plural = "" if found.n_photos == 1 else "s"
@@ -167,10 +162,7 @@ def make(
     A training that goes on shows its ``former`` splats until there are new ones.
     """
     found = session.photos
-    if found is None:  # they are chosen first
-        session.request = Request.OPEN_PHOTOS
-        return
-    if why_not(session):
+    if found is None or why_not(session):
         session.notify(Level.WARNING, why_not(session))
         return
     plan = plan or plan_of(found)
@@ -566,7 +558,7 @@ def plan_with(plan: ReconstructionPlan, name: str, value: object) -> Reconstruct
 
 COMMANDS: tuple[Command, ...] = (
     ask("file.open_photos", "Start from photos or a film…", Request.OPEN_PHOTOS),
-    Command("file.make_splats", "Make splats from photos", make, enabled=why_not, describe=title),
+    Command("file.make_splats", "Make splats", make, enabled=why_not, describe=title),
     Command(
         "file.go_on_training",
         "Go on training",
@@ -575,5 +567,5 @@ COMMANDS: tuple[Command, ...] = (
         describe=go_on_title,
     ),
     setting("view.turn_in_training", "Turn the picture while training", "turns_in_training"),
-    ask("file.make_splats_as", "Make splats as…", Request.MAKE_SPLATS, enabled=why_no_settings),
+    ask("file.make_splats_as", "Make splats as…", Request.MAKE_SPLATS, enabled=why_not),
 )

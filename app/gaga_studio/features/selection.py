@@ -18,7 +18,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits import How
 from gaga_core.scene.objects import group_indices, uncertain
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection import algebra, by_value, by_volume
 from gaga_core.scene.selection.by_value import Histogram
 from gaga_core.scene.tint import mean_color
@@ -42,6 +42,11 @@ if TYPE_CHECKING:
 NO_OBJECT = "This belongs to no object. Make it one with the tool Object (O)."
 
 
+def locked_hint(name: str) -> str:
+    """What a click on something locked is answered with: ``name`` of it."""
+    return f"Locked: {name}. The lock in its row of Objects or Unlock all frees it."
+
+
 def click(session: Session, u: float, v: float, width: int, height: int, how: How = "set") -> int:
     """Select the object at a pixel, add or remove it; return its group, 0 for none.
 
@@ -51,18 +56,26 @@ def click(session: Session, u: float, v: float, width: int, height: int, how: Ho
     group = found.group if found is not None else 0
     if group:
         select_groups(session, (group,), how)
-    elif how == "set":
+        return group
+    if how == "set":
         select_none(session)
-    session.hint = NO_OBJECT if found is not None and group == 0 else ""
+    session.hint = NO_OBJECT if found is not None else ""
     return group
 
 
 @notifies
 def select_groups(session: Session, groups: Sequence[int], how: How = "set") -> bool:
-    """Select whole objects, add or remove them; the first one comes into the inspector."""
+    """Select whole objects, add or remove them; the first one comes into the inspector.
+
+    Where all of them are locked, the hint says so.
+    """
     document, verb = session.need(), "Deselect" if how == "remove" else "Select"
     title = f"{verb} {document.names_of(groups)}"
-    done = document.select(group_indices(document.scene, groups), how, title)
+    splats = group_indices(document.scene, groups)
+    done = document.select(splats, how, title)
+    is_kept = how != "remove" and len(splats) > 0
+    is_kept = is_kept and bool(document.scene.has(State.LOCKED)[splats].all())
+    session.hint = locked_hint(document.names_of(groups)) if is_kept else ""
     if how != "remove" and groups:
         document.focus = int(groups[0])
     return done

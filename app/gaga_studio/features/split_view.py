@@ -13,6 +13,7 @@ from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.masks import resize_labels
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.edits.splats import spread
+from gaga_core.scene.frame import carried_camera
 from gaga_core.scene.scene import Revision, Scene
 from gaga_studio.features import camera as navigation
 from gaga_studio.features.base import Command, busy, no_photos, watch
@@ -208,6 +209,14 @@ def left_drawn(
         found = (document.scene, replace(view, mode=Mode.GROUPS), labels)
         return found if labels is not None else None
     return None
+
+
+def camera_in(other: Scene, scene: Scene, camera: Camera) -> Camera:
+    """``camera`` of ``scene`` where it stands in ``other``, which was moved or scaled as a whole
+    since then, or before: things are in the same place of both pictures."""
+    if other.frame is scene.frame:
+        return camera
+    return carried_camera(camera, other.frame.world @ np.linalg.inv(scene.frame.world))
 
 
 def scene_before(session: Session) -> Scene | None:

@@ -229,6 +229,7 @@ COMMANDS: tuple[Command, ...] = (
         "job.cancel", "Cancel the running task", lambda s: s.jobs.cancel(), enabled=_not_running
     ),
     ask("edit.preferences", "Preferences…", Request.PREFERENCES, "Ctrl+,"),
+    ask("view.panels_back", "Put panels back", Request.PANELS_BACK),
     ask("view.history", "History", Request.HISTORY, enabled=no_scene),
     ask("help.palette", "Find a command…", Request.COMMAND_LIST, "F3", ("Ctrl+P",)),
     ask("help.shortcuts", "Keys and mouse", Request.SHORTCUTS, "F1"),

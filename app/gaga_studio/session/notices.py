@@ -121,6 +121,7 @@ class Request(Enum):
     SAVE_PICTURE = auto()
     OBJECT_MENU = auto()  # of the object under the mouse
     SCENE_MENU = auto()  # where no object is under the mouse
+    PANELS_BACK = auto()  # all to their places
     # A text field that takes the keyboard.
     RENAME = auto()
     FIND = auto()

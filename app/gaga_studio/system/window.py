@@ -35,7 +35,8 @@ _PICTURE_SHARE = 0.55  # of the width of a compact window that the picture has a
 _STACKED = (
     330.0  # pixels at 96 dpi: in a lower window two panels, one below the other, show no list
 )
-_MAXIMIZED, _YES = "Maximized", "yes"  # in the settings file; the toolkit keeps size and place
+# In the settings file; the toolkit keeps size and place, of a maximized window the large one.
+_MAXIMIZED, _YES, _FREE_SIZE = "Maximized", "yes", "Size while not maximized"
 _LEAST = 80  # pixels: a remembered picture that is smaller is lost
 _PICTURE = re.compile(r"\[Window\]\[Viewport\]\n(?:(?!\[).*\n)*?Size=(\d+),(\d+)")
 
@@ -179,6 +180,11 @@ def _is_narrow(width: int) -> bool:
     return picture is not None and picture.size.x < _PICTURE_SHARE * width
 
 
+def put_panels_back() -> None:
+    """Put every panel back to its place."""
+    hello_imgui.get_runner_params().docking_params.layout_reset = True
+
+
 def remembered(settings_file: Path | None) -> frozenset[str]:
     """Names of the layouts that the settings file holds as they were left."""
     try:
@@ -259,6 +265,8 @@ class Window:
     _layout: Layout = field(init=False)
     _title: str = ""
     _key_queue: KeyQueue = field(default_factory=KeyQueue)
+    _size: tuple[int, int] = (0, 0)  # in the frame before
+    _free_size: tuple[int, int] | None = None  # the last one while it was not maximized
     _callbacks_of_glfw: tuple[object, ...] = ()  # GLFW keeps no reference to them: we must
 
     def __post_init__(self) -> None:
@@ -310,10 +318,6 @@ class Window:
         """End the program after this frame."""
         hello_imgui.get_runner_params().app_shall_exit = True
 
-    def reset_layout(self) -> None:
-        """Put every panel back to its place."""
-        hello_imgui.get_runner_params().docking_params.layout_reset = True
-
     def _callbacks(self, callbacks: hello_imgui.RunnerCallbacks) -> None:
         hooks = self.hooks
         callbacks.load_additional_fonts = hooks.fonts
@@ -347,6 +351,9 @@ class Window:
         glfw.set_mouse_button_callback(handle, _on_button)
         glfw.set_window_size_limits(handle, 480, 320, glfw.DONT_CARE, glfw.DONT_CARE)
         if self._remembers and hello_imgui.load_user_pref(_MAXIMIZED) == _YES:
+            free = re.fullmatch(r"(\d+) (\d+)", hello_imgui.load_user_pref(_FREE_SIZE))
+            if free is not None:  # what it goes back to
+                glfw.set_window_size(handle, int(free[1]), int(free[2]))
             glfw.maximize_window(handle)
         self.hooks.started()
 
@@ -355,6 +362,8 @@ class Window:
             handle = glfw_utils.glfw_window_hello_imgui()
             is_maximized = glfw.get_window_attrib(handle, glfw.MAXIMIZED)
             hello_imgui.save_user_pref(_MAXIMIZED, _YES if is_maximized else "no")
+            if self._free_size is not None:
+                hello_imgui.save_user_pref(_FREE_SIZE, "{} {}".format(*self._free_size))
         self.hooks.ending()
 
     @property
@@ -367,6 +376,7 @@ class Window:
 
     def _before_frame(self) -> None:
         self._key_queue.before_frame()
+        self._note_size()
         _walk_with_keys()
         rate = 0.0 if self.keys_wait else self.hooks.frame_rate()
         idling = hello_imgui.get_runner_params().fps_idling
@@ -377,6 +387,14 @@ class Window:
         self._layout.fit(imgui.get_io().display_size, scale)
         self._show_panels(self.hooks.panels_shown())
         self.hooks.before_frame()
+
+    def _note_size(self) -> None:
+        """Note the size to go back to. One that has just changed may be of a window that is about
+        to say that it is maximized."""
+        handle = glfw_utils.glfw_window_hello_imgui()
+        before, self._size = self._size, glfw.get_window_size(handle)
+        if self._size == before and not glfw.get_window_attrib(handle, glfw.MAXIMIZED):
+            self._free_size = self._size
 
     def _show_panels(self, shown: bool) -> None:
         """Show the panels that have a place, or the picture alone."""

@@ -1,5 +1,6 @@
 """Builders of edits of objects: their groups, names, colors and levels, and named selections."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -71,6 +72,24 @@ def name_groups(
     return SetNames.of(scene, after, title)
 
 
+def shown_names(scene: Scene) -> set[str]:
+    """What objects are called now, by a person or by their descriptions, in lower case."""
+    return {name.casefold() for name in (*scene.names.values(), *scene.described.values())}
+
+
+def numbered(name: str, used: set[str]) -> str:
+    """The first free of "mug 2", "mug 3" for another "mug", and for another "mug 5" if there is a
+    mug of another number, or without one. It is ``used`` from now on."""
+    base = re.sub(r" \d+$", "", name)
+    family = re.compile(rf"{re.escape(base.casefold())}(?: \d+)?")
+    has_others = any(family.fullmatch(other) for other in used - {name.casefold()})
+    stem, k = base if has_others else name, 2
+    while f"{stem} {k}".casefold() in used:
+        k += 1
+    used.add(f"{stem} {k}".casefold())
+    return f"{stem} {k}"
+
+
 def set_color(
     scene: Scene, group: int, rgb: Sequence[float] | None, title: str = "Color"
 ) -> SetColor | None:
@@ -114,7 +133,7 @@ def set_grouping(
     labels: IntArray,
     bank: MemoryBank | None,
     names: Mapping[int, str] | None = None,
-    title: str = "Associate masks",
+    title: str = "Find objects",
     confidence: FloatArray | None = None,
     folders: Folders | None = None,
 ) -> Edit | None:
@@ -195,12 +214,14 @@ def _parted(
     new: Sequence[int],
     edits: Iterable[Edit | None],
     title: str,
-    names: Sequence[str] = (),
+    end: str = "",
 ) -> Edit | None:
     """Edits that part ``new`` groups from a group: with names after its own, and where it is."""
-    name = scene.names.get(group)
-    ends = names or [str(i + 2) for i in range(len(new))]
-    named = {id_: f"{name} {end}" for id_, end in zip(new, ends, strict=True)} if name else {}
+    name, used, named = scene.names.get(group), shown_names(scene), dict[int, str]()
+    stem = f"{name} {end}".strip()
+    for id_ in new if name else ():
+        named[id_] = numbered(stem, used) if stem.casefold() in used else stem
+        used.add(named[id_].casefold())
     homes = inherit_folders(scene, dict.fromkeys(new, group))
     return together(title, (*edits, name_groups(scene, named, "Rename"), homes))
 
@@ -218,7 +239,7 @@ def separate(scene: Scene, indices: AnyArray, title: str = "Separate") -> Edit |
             return None
     group = free_group(scene)
     labels = set_labels(scene, splats, group, title)
-    return _parted(scene, left, [group], [labels], title, ["part"])
+    return _parted(scene, left, [group], [labels], title, "part")
 
 
 def split(scene: Scene, group: int, least: int = 50, title: str = "Split") -> Edit | None:

@@ -1,7 +1,6 @@
 """Builders of edits that move, recolor and copy splats, and that move the scene as a whole."""
 
-import re
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from gaga_core.arrays import AnyArray, DoubleArray, IntArray
 from gaga_core.errors import GagaError
 from gaga_core.geometry import compose_affine
 from gaga_core.scene.edits.folders import inherit_folders
-from gaga_core.scene.edits.objects import free_group, set_weight
+from gaga_core.scene.edits.objects import free_group, numbered, set_weight, shown_names
 from gaga_core.scene.edits.splats import select
 from gaga_core.scene.edits.values import (
     AppendCopies,
@@ -285,20 +284,10 @@ def _copied_groups(scene: Scene, splats: AnyArray) -> tuple[IntArray, tuple[Edit
     fresh = free_group(scene) + np.arange(len(whole), dtype=np.int32)
     target = np.arange(n_labels, dtype=np.int32)
     target[whole] = fresh
-    used, names = set(scene.names.values()), {}
+    used, names = shown_names(scene), {}
     for old, new in zip(whole.tolist(), fresh.tolist(), strict=True):
         if old in scene.names:
-            names[new] = _next_name(scene.names[old], used)
-            used.add(names[new])
+            names[new] = numbered(scene.names[old], used)
     origins = dict(zip(fresh.tolist(), whole.tolist(), strict=True))
     weights = (set_weight(scene, new, scene.weights.get(old)) for new, old in origins.items())
     return target[labels], (SetNames.of(scene, names), inherit_folders(scene, origins), *weights)
-
-
-def _next_name(name: str, used: Set[str]) -> str:
-    """The first free of "mug 2", "mug 3" for a copy of "mug", and of "mug 2" if there is a mug."""
-    base = re.sub(r" \d+$", "", name)
-    stem, k = base if base in used else name, 2
-    while f"{stem} {k}" in used:
-        k += 1
-    return f"{stem} {k}"

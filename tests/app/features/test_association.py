@@ -63,7 +63,7 @@ def test_kernels_that_are_not_compiled_count_in_the_time_and_in_the_bar(
     stage = association.associate_project_stage(project, session.masks, config, usual_s=usual / 3)
     steps: list[Progress] = []
     run_stage(stage, steps.append)
-    assert {step.stage for step in steps} == {"Associate masks"}
+    assert {step.stage for step in steps} == {association.TITLE}
     shares = [step.done / step.total for step in steps[1:]]
     assert shares == sorted(shares)
     is_kernel = ["Prepare kernels" in step.message for step in steps[1:]]

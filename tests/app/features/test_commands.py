@@ -35,11 +35,11 @@ _ALWAYS = {
     "file.open_photos",
     "file.open_folder",
     "file.open_file",
-    "file.make_splats",  # asks for photos
     "file.demo",
     "file.quit",
     "edit.preferences",
     "view.panels",
+    "view.panels_back",
     "view.info",
     "view.background",
     "view.cube",
@@ -107,6 +107,7 @@ def test_what_is_said_of_a_command_goes_when_the_selection_changes(associated: S
 def test_reasons_follow_the_selection(session: Session) -> None:
     association.associate(session)
     assert session.jobs.wait()
+    assert session.need().history.entries()[-1].title == command("object.associate").title
     first, second = session.objects().ids[1:3]
     assert "Nothing is selected" in command("edit.delete").enabled(session)
     assert command("object.merge").enabled(session)
@@ -133,7 +134,9 @@ def test_a_film_needs_a_path_or_photos_that_are_here(session: Session) -> None:
 
 
 def test_while_a_job_runs_what_needs_one_says_so(session: Session) -> None:
-    association.associate(session)
+    run("object.associate", session)
+    assert session.jobs.running is not None
+    assert session.jobs.running.title == command("object.associate").title
     assert "running" in command("file.save_picture").enabled(session)
     assert not command("file.export_scene").enabled(session), "it waits"
     assert not command("file.save").enabled(session)
@@ -151,6 +154,7 @@ _NEEDS_MORE = {
     "object.make",
     *(f"camera.bookmark_{key}" for key in range(1, 10)),
     "camera.play",
+    "file.make_splats",
     "file.make_splats_as",
     "file.go_on_training",
     "tool.leave_upright",

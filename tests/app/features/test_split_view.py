@@ -10,7 +10,10 @@ import pytest
 from gaga_core.evaluate.photo_film import _VERDICTS, Verdict, truth_picture
 from gaga_core.io.images import read_rgb
 from gaga_core.io.masks.label_maps import read_labels, write_labels
+from gaga_core.scene import edits
+from gaga_core.scene.orientation import ground_map
 from gaga_core.scene.scene import State
+from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import objects, selection, split_view
 from gaga_studio.features.commands import command, run
 from gaga_studio.session.session import Session
@@ -60,6 +63,31 @@ def test_before_is_the_scene_without_its_last_edit(associated: Session) -> None:
     other = split_view.scene_before(session)
     assert other is not None
     assert other is not before
+
+
+@pytest.mark.parametrize("how", ["scale", "ground"])
+def test_things_are_in_the_same_place_of_both_sides(associated: Session, how: str) -> None:
+    session, scene = associated, associated.need().scene
+    start = world_means(scene).astype(np.float64)
+    before = session.rig.camera(640, 480)
+    if how == "scale":
+        edit = edits.set_scale(scene, 2.0, 0.5, np.zeros(3))
+    else:
+        points = np.array([[0, 0, 0], [1, 0.2, 0.3], [-0.3, 1, 0.1]])
+        moved = ground_map(points, session.rig.up, session.rig.seen_from)
+        edit = edits.move_scene(scene, moved, "Align to ground")
+    assert session.need().do(edit)
+    session.tick(0.0)
+    split_view.compare_version(session, session.history.cursor - 1)  # type: ignore[union-attr]
+    found = split_view.left_drawn(session, session.view)
+    assert found is not None
+    camera = session.rig.camera(640, 480)
+    left = split_view.camera_in(found[0], scene, camera)
+    here = camera.project(world_means(scene).astype(np.float64))[0]
+    there = left.project(world_means(found[0]).astype(np.float64))[0]
+    np.testing.assert_allclose(here, there, atol=0.05)
+    np.testing.assert_allclose(world_means(found[0]), start, atol=1e-5)
+    assert split_view.camera_in(scene, scene, before) is before
 
 
 def test_the_other_preset_keeps_the_ids_of_what_is_alike(associated: Session) -> None:

@@ -334,7 +334,7 @@ def test_association_shows_the_bank_and_is_one_edit(session: Session) -> None:
     assert found <= set(objects_of(session))
     assert len(found) == 5
     assert session.history is not None
-    assert [e.title for e in session.history.entries()] == ["Associate masks"]
+    assert [e.title for e in session.history.entries()] == ["Find objects"]
     n_objects = len(objects_of(session))
     assert session.notices[-1].text == f"Found {n_objects} objects."
     group = objects_of(session)[0]

@@ -77,6 +77,27 @@ def test_shift_adds_control_removes_and_a_click_on_nothing_clears(associated: Se
     assert associated.selected_groups() == ()
 
 
+@pytest.mark.parametrize("tool", [ToolName.PICK, ToolName.OBJECT])
+@pytest.mark.parametrize("keys", [KeyState(), KeyState(shift=True)])
+def test_a_click_on_what_is_locked_says_so_until_something_else_is_clicked(
+    associated: Session, tool: ToolName, keys: KeyState
+) -> None:
+    group, at = _apart(associated)
+    objects.set_locked(associated, group, True)
+    run("object.separate", associated)  # nothing is selected: another thing to say
+    associated.tool = tool
+    hand = Hand(associated)
+    hand.click_at(at, keys)
+    assert associated.selected_groups() == ()
+    said = status_text(associated, hand.controller.tool(associated))
+    assert said == selection.locked_hint(associated.need().name_of(group))
+    assert run("object.unlock_all", associated)
+    hand.click_at(at, keys)
+    assert associated.jobs.wait()
+    assert associated.selected_groups() != ()
+    assert "ocked" not in status_text(associated, hand.controller.tool(associated))
+
+
 def test_the_first_click_where_there_are_no_objects_is_the_tool_objects(session: Session) -> None:
     hand, at = Hand(session), surface(session)
 

@@ -19,6 +19,7 @@ _BY_MOUSE = {Request.OBJECT_MENU, Request.SCENE_MENU, Request.OBJECT_MASKS}
 _LATER = {Request.TIMELINE, Request.CAMERA_PATH}  # when what they show was made
 _PANELS = {Request.HISTORY, *_LATER}  # come to the front
 _KEYBOARD = {Request.RENAME, Request.FIND, Request.FIND_IN_VIEW}  # open nothing
+_AT_ONCE = {Request.PANELS_BACK}
 
 
 def test_every_request_has_exactly_one_dialog() -> None:
@@ -66,7 +67,7 @@ def test_each_request_opens_one_thing(display: str, grouped_scene: Path) -> None
         files = d.studio.ui.files
         any_popup = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
         for request in Request:
-            if request in _KEYBOARD | _PANELS | {Request.MAKE_SPLATS}:  # it needs photos alone
+            if request in _KEYBOARD | _PANELS | _AT_ONCE | {Request.MAKE_SPLATS}:  # of photos
                 continue
             d.session.request = request
             d.frames(4)

@@ -193,12 +193,12 @@ def test_opening_a_scene_prepares_the_kernels_beside(
     ("seconds", "text"), [(0.2, "1 s"), (12.2, "12 s"), (61, "61 s"), (200, "3 min 20 s")]
 )
 def test_a_running_job_says_what_how_far_and_how_long(seconds: float, text: str) -> None:
-    job = Job("Associate masks", "Associate masks", "", -1.0, None, False)
-    assert status.job_text(job) == "Associate masks", "not known how far"
+    job = Job("Find objects", "Find objects", "", -1.0, None, False)
+    assert status.job_text(job) == "Find objects", "not known how far"
     prepares = replace(job, stage="Prepare kernels")
-    assert status.job_text(prepares) == "Associate masks: prepare kernels"
+    assert status.job_text(prepares) == "Find objects: prepare kernels"
     job = replace(job, fraction=0.456)
-    assert status.job_text(replace(job, is_of_step=True)) == "Associate masks  46 %", "not twice"
-    assert status.job_text(job) == "Associate masks  46 %"
-    assert status.job_text(replace(job, eta_s=seconds)) == f"Associate masks  46 %, {text} left"
-    assert status.job_text(replace(job, is_cancelling=True)) == "Associate masks: stopping"
+    assert status.job_text(replace(job, is_of_step=True)) == "Find objects  46 %", "not twice"
+    assert status.job_text(job) == "Find objects  46 %"
+    assert status.job_text(replace(job, eta_s=seconds)) == f"Find objects  46 %, {text} left"
+    assert status.job_text(replace(job, is_cancelling=True)) == "Find objects: stopping"

@@ -16,10 +16,12 @@ from imgui_bundle import ImVec2, ImVec4, glfw_utils, imgui
 from PIL import Image
 
 from gaga_core.io.splats.splat_files import SplatFormat
+from gaga_core.pipeline.place import PlacementReport
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
+from gaga_core.training.train import Measured, TrainUpdate
 from gaga_studio.features import camera, commands, measure, objects, selection, transform
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.find.search import SearchState
@@ -27,6 +29,7 @@ from gaga_studio.features.reconstruction import KnownRates
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName, TrainingPreview
+from gaga_studio.studio import _panel
 from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.dialogs.files import FileDialog, PathKind
 from gaga_studio.ui.kit import theme
@@ -154,18 +157,29 @@ def test_a_maximized_window_is_maximized_at_the_next_start(tmp_path: Path) -> No
         d.on_main(lambda: glfw.maximize_window(handle))
         d.until(lambda: bool(d.on_main(attribute)), "it is maximized")
 
-    def restore(d: Driver) -> None:
+    def size() -> tuple[int, int]:
+        width, height = glfw.get_window_size(glfw_utils.glfw_window_hello_imgui())
+        return width, height
+
+    def is_again(d: Driver) -> None:
         d.until(lambda: bool(d.on_main(attribute)), "it is maximized again")
+        d.frames(10)
+
+    def restore(d: Driver) -> None:
+        is_again(d)
         handle = glfw_utils.glfw_window_hello_imgui()
+        assert d.on_main(size)[0] > 1000
         d.on_main(lambda: glfw.restore_window(handle))
         d.until(lambda: not d.on_main(attribute), "it is not")
+        d.until(lambda: d.on_main(size) == (1000, 640), "it is as large as it was before")
+        d.frames(4)
 
     def look(d: Driver) -> None:
         d.frames(10)
         assert not d.on_main(attribute)
 
     with xvfb(), openbox():
-        for walk in (maximize, restore, look):
+        for walk in (maximize, is_again, restore, look):
             drive(walk, size=(1000, 640), layout_file=layout)
 
 
@@ -261,7 +275,9 @@ def _titles_of_panels_are_whole(d: Driver) -> None:
     def titles() -> list[str]:
         nodes = [d.engine.get_window_by_ref(f"//{n}").dock_node for n in ("Objects", "Inspector")]
         for node in nodes:
-            assert all(tab.width >= tab.content_width for tab in node.tab_bar.tabs)
+            bar = node.tab_bar
+            assert all(tab.width >= tab.content_width for tab in bar.tabs)
+            assert bar.width_all_tabs <= bar.bar_rect.max.x - bar.bar_rect.min.x, "all are seen"
         return [window.name for node in nodes for window in node.windows]
 
     shown = titles()
@@ -674,6 +690,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _what_lies_over_the_picture(d)
         _names_in_the_list(d)
         _training(d)
+        _the_title_in_front_is_whole(d)
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
@@ -945,6 +962,24 @@ def _names_in_the_list(d: Driver) -> None:
     assert any(text.startswith("wooden cha") for text in shown)
 
 
+def _the_title_in_front_is_whole(d: Driver) -> None:
+    """Eight tabs were cut to a few letters each: now they are scrolled to."""
+    node = d.engine.get_window_by_ref("//Objects").dock_node
+    bar = node.tab_bar
+    assert bar.width_all_tabs > bar.bar_rect.max.x - bar.bar_rect.min.x, "no room for all"
+    titles = [window.name for window in node.windows]
+    for title in titles:
+        d.on_main(partial(_panel(title), d.session))
+        d.frames(6)
+        d.until(lambda: bar.scrolling_anim == bar.scrolling_target, "it is scrolled to")
+        shown = next(one for one in bar.tabs if one.id_ == bar.visible_tab_id)
+        assert d.engine.get_window_by_ref(f"//{title}").tab_id == shown.id_
+        assert shown.width >= shown.content_width
+        begin = bar.bar_rect.min.x + shown.offset - bar.scrolling_anim
+        assert bar.bar_rect.min.x - 1 <= begin
+        assert begin + shown.width <= bar.bar_rect.max.x + 1
+
+
 def _training(d: Driver) -> None:
     """Options of a tool that was taken before lay under the card of a training."""
     d.session.tool = ToolName.LASSO
@@ -955,6 +990,48 @@ def _training(d: Driver) -> None:
     assert not d.exists("//Viewport/**/###Visible surface")
     d.session.training = None
     d.session.tool = ToolName.PICK
+
+
+def test_the_card_of_a_training_is_whole_and_its_curves_leave_the_numbers_free(
+    display: str, grouped_copy: Path, tmp_path: Path
+) -> None:
+    upright, mask = tmp_path / "upright.png", tmp_path / "mask.png"
+    Image.new("RGB", (90, 160), (90, 120, 60)).save(upright)
+    Image.new("L", (90, 160), 255).save(mask)
+    names = tuple(f"photo {k}" for k in range(30))
+    out = dict.fromkeys(names[:5], "It shows nothing that another photo shows")
+    placement = PlacementReport(names, out, ((6, 7, 90),), (upright, mask))
+    losses = np.concatenate([np.full(50, 3.0), np.full(50, 0.1)]).astype(np.float32)
+    measured = tuple(Measured(at, 10.0 + at / 10, 0.5) for at in (20, 60, 100))
+    update = TrainUpdate(100, losses, 1234, measured)
+
+    def walk(d: Driver) -> None:
+        for size in ((1280, 720), (1000, 640)):
+            d.resize(*size)
+            d.session.training = TrainingPreview(
+                "photos", 100, scene=d.scene, update=update, placement=placement
+            )
+            d.frames(8)
+            card = d.engine.window_info("//Viewport/Training").window
+            picture = d.engine.get_window_by_ref("//Viewport").rect()
+            assert card.rect().max.y <= picture.max.y, "the rest is scrolled to"
+            assert d.engine.item_info("//**/###Stop here").rect_full.max.y < card.rect().max.y
+            d.capture_now(tmp_path / "window.png")
+            with Image.open(tmp_path / "window.png") as image:
+                seen = np.asarray(image.convert("RGB")).astype(int)
+            inner = card.work_rect
+            area = seen[int(inner.min.y) : int(card.rect().max.y)]
+            area = area[:, int(inner.max.x) - int(0.9 * _em(d)) : int(inner.max.x)]
+            colorful = np.ptp(area, axis=2) > 40
+            assert not colorful.any(axis=1).any(), "a curve runs through the numbers of its range"
+        d.session.training = None
+
+    drive(walk, path=grouped_copy, size=(1280, 720))
+
+
+def _em(d: Driver) -> float:
+    """Size of the letters, pixels."""
+    return float(d.on_main(imgui.get_font_size))
 
 
 def _edge(d: Driver, folder: Path) -> float:
@@ -1206,6 +1283,10 @@ def _disabled_commands_say_why(d: Driver) -> None:
         d.engine.menu_action(hover, f"{menu}/###{chosen.title}")
         d.check(command_id)
         assert _tooltip(d), f"{chosen.title} does not say why it is off"
+        if menu == "Find":
+            for one in commands.MENUS[menu]:
+                item = f"##Menu_00/###{one.title}"
+                assert not d.exists(item) or not _overlap(d, "//##Tooltip_00", item), item
         d.keys(KEY.escape)
         d.keys(KEY.escape)
     style.hover_delay_short, style.hover_stationary_delay = before
@@ -1284,6 +1365,22 @@ def _nothing_covers_what_opened_it(d: Driver) -> None:
         d.engine.mouse_move(f"//{item}")
         assert _tooltip(d)
         assert not _overlap(d, "//##Tooltip_00", item), item
+    for _ in range(4):
+        d.on_main(lambda: commands.run("camera.add_bookmark", d.session))
+    d.focus("Bookmarks")
+    names = [f"Bookmarks/**/###{mark.name}" for mark in camera.bookmarks(d.session)]
+    d.focus("History")
+    titles = [entry.title for entry in d.history.entries()]
+    entries = [f"History/**/###{title}" for title in titles if titles.count(title) == 1]
+    assert len(entries) > 1
+    for panel, rows in (("Bookmarks", names), ("History", entries)):
+        d.focus(panel)
+        for row in rows:
+            if d.exists(row):
+                d.engine.mouse_move(f"//{row}")
+                assert _tooltip(d), row
+                over = [name for name in rows if _overlap(d, "//##Tooltip_00", name)]
+                assert over == [], "it covers no row of the list"
     style.hover_delay_short, style.hover_stationary_delay = before
     for item in ("Objects/###Filter", "Objects/###More ways to find"):
         d.click(item)

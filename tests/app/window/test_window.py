@@ -12,6 +12,7 @@ from functools import partial
 from itertools import product
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.system import paths
 from gaga_studio.ui.chrome import menu, toolbar
 from gaga_studio.ui.dialogs import files, sheets
-from gaga_studio.ui.kit import widgets
+from gaga_studio.ui.kit import icons, widgets
 from gaga_studio.ui.kit.textures import groups_of_view
 from gaga_studio.ui.panels import inspector
 from tests.app.folders import write_scene
@@ -71,7 +72,7 @@ def test_nothing_open_offers_four_ways(display: str, balls: Path, tmp_path: Path
         assert d.session.photos.photos == photos, "a photo stands for its folder"
         d.on_main(d.session.close)
         d.frames(3)
-        d.menu("File/###Make splats from photos")
+        d.menu("File/###Start from photos or a film…")
         d.answer_path(photos)
         assert d.session.photos is None, "it is entered"
         d.keys(KEY.enter)
@@ -125,7 +126,7 @@ def test_a_name_with_control_characters_is_drawn_one_way(
         d.resize(1600, 900)  # where there is room for a title
         assert drawn[0].strip() == plain_text(bad.name)
         recent = plain_text(str(bad)).replace("\\", "\\\\").replace("/", "\\/")
-        d.menu(f"###File/###Open recent/{recent}")
+        d.menu(f"###File/###Open recent/###{recent}")
         d.settle()
         assert d.session.title == bad.name
         proposed = export.proposed(d.session, "scene", SplatFormat.PLY)
@@ -279,6 +280,16 @@ def test_escape_closes_what_is_on_top_and_a_click_opens_another_menu(
         d.keys(KEY.escape)
         assert not is_open(d)
         assert len(d.session.selected_indices()) == n
+        for text in ("One file is damaged.", "So is another."):
+            d.session.notify(Level.ERROR, text)
+        d.session.notify(Level.HINT, "This goes by itself.")
+        d.frames(4)
+        for n_cards in (3, 2, 1):
+            assert len([k for k in range(3) if d.exists(f"Notice {k}/###Close")]) == n_cards
+            assert len(d.session.selected_indices()) == n
+            d.keys(KEY.escape)
+        assert len(d.session.selected_indices()) == 0, "nothing is left on top"
+        assert d.exists("Notice 0/###Close"), "the hint is no error"
 
     drive(test, path=balls)
 
@@ -747,6 +758,64 @@ def test_disabled_commands_say_why_and_an_empty_list_offers_objects(
     drive(walk, size=(520, 760))
 
 
+def test_every_entry_of_the_menus_is_in_the_palette(
+    display: str, balls: Path, grouped_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Submenus and what hangs on the scene, too: recent files, mask folders."""
+    shutil.copytree(grouped_copy / "masks" / "made", grouped_copy / "masks" / "others")
+    drawn, submenus, lines = set[str](), dict[str, list[str]](), set[str]()
+
+    def entry(label: str) -> str:
+        return label.partition("###")[0].lstrip(icons.BLANK).split("  ", 1)[-1].strip()
+
+    def listening(name: str, hear: Callable[[str], object]) -> None:
+        real = getattr(imgui, name)
+
+        def call(label: str, *args: Any, **kwargs: Any) -> Any:
+            hear(label)
+            return real(label, *args, **kwargs)
+
+        monkeypatch.setattr(imgui, name, call)
+
+    def walk(d: Driver) -> None:
+        d.on_main(lambda: d.session.open(balls))
+        d.settle()
+        d.on_main(lambda: d.session.open(grouped_copy))
+        d.settle()
+        within = [""]
+        for name in ("menu_item", "menu_item_simple"):
+            listening(name, lambda label: drawn.add(entry(label)))
+        listening("begin_menu", lambda label: submenus.setdefault(within[0], []).append(label))
+        for title in MENUS:
+            within[0] = title
+            d.engine.set_ref("//##MainMenuBar")
+            hover = imgui.test_engine.TestAction.hover
+            d.engine.menu_action(hover, f"{title}/")
+            d.frames(4)
+            below = {text for text in submenus.get(title, ()) if "###" in text}
+            for label in sorted(below):
+                d.engine.set_ref("//##MainMenuBar")
+                d.engine.menu_action(hover, f"{title}/###{label.partition('###')[2]}/")
+                d.frames(4)
+            d.keys(KEY.escape)
+            d.keys(KEY.escape)
+        front = commands.command("view.front").title
+        recent = f"{balls.name}, in {paths.shown(balls.parent)}"
+        assert {recent, "others", "Put panels back", front} <= drawn
+        assert len(drawn) > 0.9 * len(commands.COMMANDS)
+        listening("selectable", lambda label: lines.add(entry(label)))
+        d.on_main(lambda: commands.run("help.palette", d.session))
+        d.frames(4)
+        cut = tuple(line.removesuffix("…") for line in lines if line.endswith("…"))
+        assert {text for text in drawn - lines if not text.startswith(cut)} == set()
+        d.engine.key_chars("recent balls")
+        d.keys(KEY.enter)
+        d.settle()
+        assert d.session.need().name == balls.name
+
+    drive(walk, size=(1500, 950))
+
+
 def _no_offer_while_a_job_runs(d: Driver) -> None:
     card, button, ends = "Viewport/**/###Not now", "Objects/###Find objects", Event()
     assert d.exists(card)
@@ -788,11 +857,11 @@ def _tooltips() -> Iterator[list[str]]:
     shown: list[str] = []
     real = widgets.tooltip
 
-    def tooltip(text: str, shortcut: str = "") -> None:
+    def tooltip(text: str, shortcut: str = "", **kwargs: bool) -> None:
         flags = imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled
         if text and imgui.is_item_hovered(flags):
             shown.append(text)
-        real(text, shortcut)
+        real(text, shortcut, **kwargs)
 
     widgets.tooltip = tooltip
     try:

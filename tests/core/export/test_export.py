@@ -27,7 +27,7 @@ from gaga_core.io.splats import ply
 from gaga_core.io.splats.glb import Buffers
 from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.io.splats.splat_files import SplatFormat, read_splats
-from gaga_core.progress import run_stage
+from gaga_core.progress import Progress, run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.history import History
@@ -325,6 +325,23 @@ def test_solids_stand_for_objects_in_the_place_and_size_of_the_files(tmp_path: P
     mesh = MeshExport(MeshForm.MESH, MeshFile.GLB, MeshConfig(8))
     with pytest.raises(GagaError, match="None of these objects has a surface"):
         run_stage(export_objects_stage(scene, tmp_path / "d", form=mesh))
+
+
+@pytest.mark.parametrize("form", [*MeshForm, SplatFormat.PLY, "merged"])
+def test_the_bar_moves_while_an_object_is_written_and_never_back(form: Any, tmp_path: Path) -> None:
+    n = 3000
+    scene = Scene.of(random_gaussians(n), np.arange(n, dtype=np.int32) // (n // 2) + 1)
+    how = MeshExport(form, config=MeshConfig(16)) if form in list(MeshForm) else SplatFormat.PLY
+    options = ExportOptions(decimate=0.3 if form == "merged" else 1.0)
+    steps = list[Progress]()
+    stage = export_objects_stage(scene, tmp_path / "out", form=how, options=options)
+    run_stage(stage, steps.append)
+    shares = [step.done / step.total for step in steps]
+    assert shares == sorted(shares)
+    assert shares[-1] <= 1
+    if form not in (MeshForm.BOX, SplatFormat.PLY):  # those take no time
+        for k in (0, 1):
+            assert len({share for share in shares if k / 2 < share < (k + 1) / 2}) > 1
 
 
 def test_each_file_is_described_by_the_export_that_wrote_it_last(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from gaga_core.export.simulation.bodies import (
     upright_place,
     without,
 )
+from gaga_core.export.simulation.export import STEP as BODIES
 from gaga_core.export.simulation.export import (
     SimulationExport,
     export_simulation_stage,
@@ -285,7 +286,11 @@ def test_what_is_not_chosen_stays_in_the_way() -> None:
     how = SimulationExport(
         config=replace(_CONFIG, parts=1), mesh=MeshConfig(voxels=32), up=(0, -1, 0)
     )
-    world = run_stage(world_stage(Scene.of(splats, labels), how, (1,)))
+    steps = list[Progress]()
+    world = run_stage(world_stage(Scene.of(splats, labels), how, (1,)), steps.append)
+    shares = [step.done / step.total for step in steps if step.stage == BODIES]
+    assert shares == sorted(shares)
+    assert len({share for share in shares if 0 < share < 1}) > 4, "the bar moves within a body"
     assert [body.id for body in world.bodies] == [1]
     assert len(world.static.boxes) == 1
     ground = world.static.ground

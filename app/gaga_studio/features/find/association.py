@@ -41,6 +41,9 @@ T = TypeVar("T")
 # --- settings
 
 
+TITLE = "Find objects"  # of the command, its task and its entry in the history
+
+
 @dataclass
 class FindState:
     """Feature of a session: how objects are found until the program ends."""
@@ -161,7 +164,7 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
             session.notify(Level.WARNING, note)
         lift_after_finding(session, preset)
 
-    session.jobs.start("Associate masks", stage, progress, done, end)
+    session.jobs.start(TITLE, stage, progress, done, end)
 
 
 def take_groups(document: Document, found: Association) -> str:
@@ -247,7 +250,7 @@ def associate_project_stage(
     config = with_silhouettes(config, project.folder, masks)
 
     return stages.prepared(
-        "Associate masks",
+        TITLE,
         lambda: counted(associate_stage(gaussians, cameras, masks, choose(), config)),
         "Preparing (the first run takes a little longer)",
         usual_s=usual_s,
@@ -324,7 +327,7 @@ def _labels(source: LabelSource) -> Command:
 COMMANDS: tuple[Command, ...] = (
     Command(
         "object.associate",
-        "Find objects (associate masks)",
+        TITLE,
         associate,
         "Ctrl+G",
         enabled=no_masks,
@@ -439,7 +442,7 @@ def offer_of(
     seconds = rate * usual + training_s
     return StageOffer(
         f"{_photos_have(n_masks)} masks but no objects yet.",
-        "Find objects",
+        TITLE,
         "object.associate",
         seconds,
     )

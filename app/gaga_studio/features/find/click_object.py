@@ -15,9 +15,10 @@ from gaga_core.progress import Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection import algebra
 from gaga_core.segmentation.choose import ProviderEntry, promptable_models
+from gaga_studio.features import selection
 from gaga_studio.features.base import Command, no_scene, no_selection
 from gaga_studio.features.find.association import FindState
 from gaga_studio.features.find.masks import ModelsState
@@ -325,6 +326,10 @@ def click(session: Session, u: float, v: float, width: int, height: int, *, is_o
     found = session.pick(u, v, width, height)
     if found is None or found.weights.sum() < _LEAST:
         session.hint = _NOTHING_HERE
+        return False
+    scene = document.scene
+    if is_on and scene.has(State.LOCKED)[found.splat]:
+        session.hint = selection.locked_hint(document.name_of(int(scene.labels[found.splat])))
         return False
     if not is_on and not has_clicks(session) and not document.feature(ClickState).waiting:
         session.hint = "Click the object first, then what does not belong to it."

@@ -355,6 +355,21 @@ def mask_folders(session: Session) -> tuple[str, ...]:
     return tuple(folder.mask_folders) if folder is not None else ()
 
 
+def folder_commands(session: Session) -> tuple[Command, ...]:
+    """A command for each mask folder to choose from; none where there is one at most."""
+
+    def use(name: str) -> Command:
+        return Command(
+            f"object.masks_of {name}",
+            name,
+            lambda session: choose(session, name),
+            is_on=lambda session: session.provider == name,
+        )
+
+    folders = mask_folders(session)
+    return tuple(map(use, folders)) if len(folders) > 1 else ()
+
+
 @notifies
 def choose(session: Session, name: str) -> bool:
     """Use the masks of this folder from now on; False, and a notice, when it is gone."""

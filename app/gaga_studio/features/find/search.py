@@ -602,7 +602,7 @@ def _index_file(document: Document) -> Path:
 
 
 COMMANDS: tuple[Command, ...] = (
-    ask("object.find", "Find an object…", Request.FIND, "Ctrl+F", enabled=no_groups),
+    ask("object.find", "Search objects…", Request.FIND, "Ctrl+F", enabled=no_groups),
     ask(
         "object.find_in_view",
         "Find it in this view",

@@ -33,6 +33,7 @@ ICONS = {
     "object.worst_view": icons.IMAGES,
     "view.timeline": icons.HISTORY,
     "view.history": icons.HISTORY,
+    "view.panels_back": icons.RESET,
     "view.next_photo": icons.LATER,
     "view.previous_photo": icons.EARLIER,
     "tool.origin_here": icons.HOME,
@@ -221,7 +222,7 @@ def command_item(session: Session, command_id: str) -> None:
     keys = commands.shortcut_of(command, session)
     if imgui.menu_item(label, keys, is_on, not why_not)[0]:
         commands.run(command_id, session)
-    widgets.tooltip(why_not or ("" if shown == title else title))
+    widgets.tooltip(why_not or ("" if shown == title else title), of_row=True)
 
 
 def object_menu(session: Session) -> None:

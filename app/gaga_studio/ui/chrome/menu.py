@@ -1,13 +1,14 @@
 """The menu bar, from the table of commands."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from imgui_bundle import imgui
 
+from gaga_studio.features import files
+from gaga_studio.features.base import Command
 from gaga_studio.features.camera import RECALL, SET
-from gaga_studio.features.commands import MENUS
+from gaga_studio.features.commands import MENUS, OPEN_RECENT, USE_MASKS, run_one
 from gaga_studio.features.find import masks
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
@@ -34,6 +35,7 @@ _LINE_BEFORE = {
     "view.lights_masks",
     "view.lod",
     "view.panels",
+    "view.panels_back",
     "view.next_photo",
     "view.outline",
     "camera.faster",
@@ -76,7 +78,7 @@ class MenuState:
     by_hover: bool = False  # it opened as the mouse came from another one, without a click
 
 
-def draw(session: Session, state: MenuState, reset_layout: Callable[[], None]) -> None:
+def draw(session: Session, state: MenuState) -> None:
     """Menus, and at the right end the name of what is open."""
     before, state.opened = state.opened, ""
     # The toolkit sets titles twice this far apart; in a narrow window all of them have to fit.
@@ -103,10 +105,6 @@ def draw(session: Session, state: MenuState, reset_layout: Callable[[], None]) -
                 if command.id not in IN_SUBMENUS:
                     command_buttons.command_item(session, command.id)
                 _submenu_after(session, command.id)
-            if title == "View":
-                imgui.separator()
-                if imgui.menu_item_simple(f"{icons.RESET}  Put panels back###Put panels back"):
-                    reset_layout()
             imgui.end_menu()
     imgui.pop_style_var()
     _title(session)
@@ -135,24 +133,31 @@ def _bookmarks(session: Session) -> None:
 
 
 def _recent(session: Session) -> None:
-    recent = session.settings.recent
-    label = f"{icons.CLOCK}  Open recent###Open recent"
-    with widgets.submenu(label, recent, enabled=bool(recent)) as is_open:
-        for name in recent if is_open else ():
-            if imgui.menu_item_simple(theme.visual(name)):
-                session.open(Path(name))
+    listed = files.recent(session)
+    label = f"{icons.CLOCK}  {OPEN_RECENT}###{OPEN_RECENT}"
+    entries = [command.title_now(session) for command in listed]
+    with widgets.submenu(label, entries, enabled=bool(listed)) as is_open:
+        _items(session, listed if is_open else ())
 
 
 def _mask_folders(session: Session) -> None:
-    folders = masks.mask_folders(session)
-    label = f"{icons.MASK}  Use the masks of###Use the masks of"
-    if imgui.begin_menu(label, len(folders) > 1):
-        for name in folders:
-            if imgui.menu_item(theme.visual(name), "", name == session.provider)[0]:
-                masks.choose(session, name)
+    listed = masks.folder_commands(session)
+    label = f"{icons.MASK}  {USE_MASKS}###{USE_MASKS}"
+    if imgui.begin_menu(label, bool(listed)):
+        _items(session, listed)
         imgui.end_menu()
-    if len(folders) < 2:
-        widgets.tooltip("There is one mask folder at most, so there is nothing to choose.")
+    if not listed:
+        why_not = "There is one mask folder at most, so there is nothing to choose."
+        widgets.tooltip(why_not, of_row=True)
+
+
+def _items(session: Session, listed: Sequence[Command]) -> None:
+    """Commands called as files are."""
+    for command in listed:
+        is_on = command.is_on is not None and command.is_on(session)
+        label = f"{theme.visual(command.title_now(session))}###{theme.visual(command.title)}"
+        if imgui.menu_item(label, "", is_on)[0]:
+            run_one(command, session)
 
 
 def _title(session: Session) -> None:

@@ -152,7 +152,7 @@ def _job(session: Session, job: Job, width: float) -> None:
 
 
 def job_text(job: Job) -> str:
-    """ "Associate masks 45 %, 12 s left"; the step is named where the share is its own."""
+    """ "Find objects 45 %, 12 s left"; the step is named where the share is its own."""
     if job.is_cancelling:
         return f"{job.title}: stopping"
     names_step = (job.is_of_step or job.fraction < 0) and not job.title.startswith(job.stage)

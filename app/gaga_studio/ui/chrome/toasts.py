@@ -1,6 +1,6 @@
 """Notices of the session: short cards in the corner of the picture.
 
-Errors stay until they are closed; other notices disappear after a while.
+Errors stay until they are closed, by Esc too; other notices disappear after a while.
 """
 
 import time
@@ -72,6 +72,18 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
         at.y = bottom + em(0.4)
 
 
+def close_error(session: Session, state: ToastState) -> bool:
+    """Close the newest error that is left; whether there was one."""
+    errors = [
+        notice
+        for notice in session.notices
+        if notice.level is Level.ERROR and not notice.otherwise and id(notice) not in state.closed
+    ]
+    if errors:
+        state.closed.add(id(errors[-1]))
+    return bool(errors)
+
+
 def _is_short(notice: Notice) -> bool:
     return notice.level in _SHORT and not notice.otherwise
 
@@ -136,7 +148,8 @@ def _card(
                 commands.run(name, session)
                 state.closed.add(id(notice))
         imgui.set_cursor_pos(ImVec2(width - em(2.2), top))
-        if widgets.small_icon("Close", icons.CLOSE, hint="Close"):
+        hint = "Close (Esc)" if notice.level is Level.ERROR else "Close"
+        if widgets.small_icon("Close", icons.CLOSE, hint=hint):
             state.closed.add(id(notice))
         bottom = imgui.get_window_pos().y + imgui.get_window_height()
 

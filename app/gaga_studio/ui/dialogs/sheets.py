@@ -1,5 +1,6 @@
 """Sheets over the window: a question, all commands by name, the keys, preferences, about."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
@@ -7,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.version import __version__
 from gaga_studio.features import commands
 from gaga_studio.features.base import Command
-from gaga_studio.features.commands import COMMANDS, MENUS
+from gaga_studio.features.commands import MENUS
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -68,8 +69,8 @@ _WORDS = {
     "object.masks": "segment",
     "object.masks_model": "segment anything sam",
     "object.models": "download sam clip weights",
-    "object.associate": "segment group detect separate",
-    "object.find": "search query words",
+    "object.associate": "associate masks segment group detect separate",
+    "object.find": "find query words",
     "object.hide": "invisible visibility",
     "object.isolate": "solo only crop hide others",
     "object.show_all": "unhide reveal visible visibility",
@@ -93,6 +94,7 @@ _WORDS = {
     "view.groups": "objects segmentation colours",
     "view.background": "colour black white",
     "view.history": "versions undo changes log compare",
+    "view.panels_back": "reset layout default docks",
     "view.panels": "show hide sidebar inspector full screen",
     "view.lod": "performance speed slow",
     "camera.ortho": "perspective parallel",
@@ -192,7 +194,8 @@ def _palette(session: Session, state: PaletteState) -> None:
     changed, state.text = imgui.input_text_with_hint(
         "##Command", f"{icons.SEARCH}  Type what you want to do", state.text
     )
-    found = matching(state.text)
+    menus = commands.all_menus(session)
+    found, menu_of = matching(state.text, menus), _menu_of(menus)
     if changed:
         state.at = 0
     step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
@@ -204,7 +207,8 @@ def _palette(session: Session, state: PaletteState) -> None:
     room = imgui.get_text_line_height_with_spacing() if why_not else 0.0
     imgui.begin_child("Found", ImVec2(0, -room))
     for position, command in enumerate(found):
-        if _palette_line(session, command, position == state.at, bool(step)):
+        right = commands.shortcut_of(command, session) or menu_of[command.id]
+        if _palette_line(session, command, right, position == state.at, bool(step)):
             chosen = command
     if not found:
         widgets.dim("No command is called that.")
@@ -213,35 +217,42 @@ def _palette(session: Session, state: PaletteState) -> None:
         widgets.line(why_not, theme.WARN)
     if chosen is not None and not chosen.enabled(session):
         imgui.close_current_popup()
-        commands.run(chosen.id, session)
+        commands.run_one(chosen, session)
     imgui.end_popup()
 
 
-def _palette_line(session: Session, command: Command, is_current: bool, moved: bool) -> bool:
-    why_not = command.enabled(session)
+def _palette_line(
+    session: Session, command: Command, right: str, is_current: bool, moved: bool
+) -> bool:
+    why_not, title = command.enabled(session), theme.visual(command.title_now(session))
     icon = command_buttons.ICONS.get(command.id, icons.BLANK)
     room = imgui.get_content_region_avail().x
+    shown = widgets.elided(title, room - imgui.calc_text_size(right).x - em(2.5))
     with theme.text_color(theme.FAINT if why_not else theme.TEXT):
-        label = f"{icon}  {command.title_now(session)}###{command.id}"
+        label = f"{icon}  {shown}###{command.id}"
         flags = imgui.SelectableFlags_.no_auto_close_popups
         clicked, _ = imgui.selectable(label, is_current, flags)
-    widgets.tooltip(why_not)
+    widgets.tooltip(why_not or ("" if shown == title else title), of_row=True)
     if is_current and moved:
         imgui.set_scroll_here_y()
-    right = commands.shortcut_of(command, session) or commands.menu_of(command)
     imgui.same_line(room - imgui.calc_text_size(right).x)
     widgets.text(right, theme.FAINT)
     return clicked
 
 
-def matching(text: str) -> list[Command]:
-    """Commands whose title or `_WORDS` have every word of ``text``; titles with all first."""
+def _menu_of(menus: Mapping[str, Sequence[Command]]) -> dict[str, str]:
+    return {command.id: title for title, listed in menus.items() for command in listed}
+
+
+def matching(text: str, menus: Mapping[str, Sequence[Command]] = MENUS) -> list[Command]:
+    """Commands whose title, menu or `_WORDS` have every word of ``text``; titles with all first."""
     words = text.casefold().split()
+    menu_of = _menu_of(menus)
+    listed = [command for menu in menus.values() for command in menu]
     texts = {
-        c.id: f"{commands.menu_of(c)} {c.title} {c.id} {_WORDS.get(c.id, '')}".casefold()
-        for c in COMMANDS
+        c.id: f"{menu_of[c.id]} {c.title} {c.id} {_WORDS.get(c.id, '')}".casefold() for c in listed
     }
-    found = [c for c in COMMANDS if all(word in texts[c.id] for word in words)]
+    found = [c for c in listed if all(word in texts[c.id] for word in words)]
     first = words[0] if words else ""
 
     def rank(c: Command) -> tuple[bool, bool]:

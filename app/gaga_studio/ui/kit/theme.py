@@ -359,6 +359,9 @@ def _apply_colors() -> None:
             style.set_color_(index, color)
 
 
+_WHOLE = 1000.0  # pixels: wider than the title of any panel
+
+
 def apply_style() -> None:
     """Set every color and distance of the window."""
     _apply_colors()
@@ -376,7 +379,7 @@ def apply_style() -> None:
     style.popup_border_size = 1
     style.frame_border_size = 0
     style.tab_border_size = 0
-    style.tab_min_width_shrink = 72  # "Objects" whole: a first letter alone tells nothing
+    style.tab_min_width_shrink = _WHOLE  # titles are never cut: tabs without room are scrolled to
     style.tab_bar_border_size = 0
     style.tab_bar_overline_size = 0
     style.docking_separator_size = 2

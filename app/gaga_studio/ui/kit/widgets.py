@@ -28,12 +28,15 @@ _MORE_LIT = 1.4  # times the opacity of a selected line that the mouse is over
 _LOW = 0.5  # share of the panel's height below which a section that opens comes to the top
 
 
-def tooltip(text: str, shortcut: str = "") -> None:
-    """Explain the item drawn last when the mouse rests on it, also when it is disabled."""
+def tooltip(text: str, shortcut: str = "", *, of_row: bool = False) -> None:
+    """Explain the item drawn last when the mouse rests on it, also when it is disabled.
+
+    That of a row of a list stands next to the list, where it covers no other row.
+    """
     flags = imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled
     if not text or not imgui.is_item_hovered(flags):
         return
-    _place_tooltip(text, bool(shortcut))
+    _place_tooltip(text, bool(shortcut), of_row=of_row)
     if imgui.begin_tooltip():
         imgui.push_text_wrap_pos(em(24))
         paragraph(text)
@@ -47,8 +50,11 @@ def tooltip(text: str, shortcut: str = "") -> None:
 _TALL = 4.0  # height of an item from which its tooltip is at the mouse, ems
 
 
-def _place_tooltip(text: str, has_shortcut: bool) -> None:
-    """The tooltip of the item drawn last goes under it, or above it: never over it."""
+def _place_tooltip(text: str, has_shortcut: bool, *, of_row: bool) -> None:
+    """The tooltip of the item drawn last goes under it, or above it: never over it.
+
+    That ``of_row`` goes to the side of its window that is nearest to the mouse and has room.
+    """
     low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
     if high.y - low.y > em(_TALL):
         return
@@ -56,9 +62,21 @@ def _place_tooltip(text: str, has_shortcut: bool) -> None:
     size = imgui.calc_text_size("\n".join(_lines(text, em(24))), wrap_width=em(24))
     tall = size.y + 2 * pad.y + has_shortcut * imgui.get_text_line_height_with_spacing()
     right, foot = screen.pos.x + screen.size.x, screen.pos.y + screen.size.y
-    left = max(low.x, imgui.get_io().mouse_pos.x - em(2))
+    mouse, wide = imgui.get_io().mouse_pos, size.x + 2 * pad.x
+    left = max(min(max(low.x, mouse.x - em(2)), right - wide), screen.pos.x)
     top = high.y + gap if high.y + gap + tall <= foot else low.y - gap - tall
-    imgui.set_next_window_pos(ImVec2(max(min(left, right - size.x - 2 * pad.x), 0.0), top))
+    if of_row:
+        corner, extent = imgui.get_window_pos(), imgui.get_window_size()
+        begin, end = corner.x - gap - wide, corner.x + extent.x + gap
+        above, below = corner.y - gap - tall, corner.y + extent.y + gap
+        sides = (  # distance from the mouse, whether there is room, place
+            (mouse.x - corner.x, begin >= screen.pos.x, (begin, min(low.y, foot - tall))),
+            (end - mouse.x, end + wide <= right, (end, min(low.y, foot - tall))),
+            (mouse.y - corner.y, above >= screen.pos.y, (left, above)),
+            (below - mouse.y, below + tall <= foot, (left, below)),
+        )
+        left, top = min((side for side in sides if side[1]), default=(0, True, (left, top)))[2]
+    imgui.set_next_window_pos(ImVec2(left, top))
 
 
 def button(

@@ -188,7 +188,7 @@ def _bookmark(session: Session, state: BookmarkState, index: int, mark: Bookmark
                 state.renaming, state.text = index, mark.name
             else:
                 camera.recall_bookmark(session, index)
-        widgets.tooltip("Click to go there, double click to rename")
+        widgets.tooltip("Click to go there, double click to rename", of_row=True)
         if keys:
             imgui.same_line(0, em(0.4))
             widgets.dim(keys)

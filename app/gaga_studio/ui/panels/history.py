@@ -70,7 +70,7 @@ def _folded(first: int, last: int, is_here: bool, done: bool) -> bool:
     with theme.text_color(theme.DIM if done else theme.FAINT):
         text = f"{icons.FOLDED} {last - first + 1} selections"
         clicked, _ = imgui.selectable(f"{text}###selections", is_here)
-    widgets.tooltip("Show them one by one")
+    widgets.tooltip("Show them one by one", of_row=True)
     imgui.pop_id()
     return clicked
 
@@ -100,7 +100,8 @@ def _line(
     with theme.text_color(color):
         clicked, _ = imgui.selectable(f"{shown}###{title}", is_here)
     where = "You are here" if is_here else "Go back to here" if done else "Do again up to here"
-    widgets.tooltip(f"{where}{f', {size}' if size else ''}. Right-click to compare")
+    said = f"{where}{f', {size}' if size else ''}. Right-click to compare"
+    widgets.tooltip(said, of_row=True)
     if not is_here:
         widgets.popup("Entry", menu, of_item=True)
     imgui.pop_id()

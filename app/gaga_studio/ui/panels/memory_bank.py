@@ -207,7 +207,7 @@ def _row(
     imgui.push_id(f"{decision.view} {decision.mask}")
     imgui.table_set_column_index(0)
     clicked, _ = imgui.selectable("##decision", state.decision == decision, _ROW_FLAGS)
-    widgets.tooltip(mask_evidence.explanation(document, decision))
+    widgets.tooltip(mask_evidence.explanation(document, decision), of_row=True)
     if clicked:
         state.decision = None if state.decision == decision else decision
         if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):

@@ -594,7 +594,7 @@ class ObjectRow:
             is_count = self.is_partly_selected and i == 1
             widgets.text(text, theme.ACCENT if is_count else color)
         if " ".join(lines) != self.name and not self.is_partly_selected:
-            widgets.tooltip(self.name)
+            widgets.tooltip(self.name, of_row=True)
 
     def _quality(self) -> None:
         value = float(self.rows.quality[self.row])
@@ -673,7 +673,7 @@ class FolderRow:
                 folders.choose(self.session, self.path, "remove" if self.is_chosen else "add")
             else:
                 folders.choose(self.session, self.path)
-        widgets.tooltip(self.path if self.depth else "")
+        widgets.tooltip(self.path if self.depth else "", of_row=True)
         self._dragging()
         widgets.popup("Folder menu", self._menu, of_item=True)
 

@@ -123,7 +123,7 @@ def _drag(measure: Measure, now: Range, whole: Range) -> Range | None:
     return (found[1] / scale, found[2] / scale) if found[0] else None
 
 
-_HINT = "Find an object"
+_HINT = "Search objects"
 _MENU = "More ways to find"
 _LOW = 11.0  # em: a lower panel has no line under the list
 _ASKING = ("object.find_in_view", "object.index", "object.name_all")

@@ -157,7 +157,7 @@ def _kept(session: Session, held: SelectBy) -> None:
         if imgui.selectable(f"{theme.visual(name)}###Take", False, 0, ImVec2(-em(7.5), 0))[0]:
             how: How = "add" if imgui.get_io().key_shift else "set"
             selection.select_named(session, name, how)
-        widgets.tooltip("Click selects it, Shift adds it")
+        widgets.tooltip("Click selects it, Shift adds it", of_row=True)
         imgui.same_line()
         widgets.dim(f"{splats.count:,}")
         imgui.same_line(room - em(1.8))

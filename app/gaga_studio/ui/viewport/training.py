@@ -42,7 +42,7 @@ _POSES = (
 )
 NAMES = 10.5  # width of the names of fields, ems
 _NAMED = 6  # photos without a place that are listed
-_CUT_OUT = 5.0  # em: width of the example without its background
+_CUT_OUT = 5.0  # em: width of the example without its background, 4:3; upright ones are as high
 _FAINT, _STRONG = 0.10, 0.75  # opacity of a weak and of a strong link
 _MANY = 150.0  # matches of a strong link
 
@@ -122,7 +122,8 @@ def draw_placement(session: Session, placement: "PlacementReport") -> None:
     _ring(placement)
     if placement.cut_out is not None:
         texture = textures.cut_out(session, *placement.cut_out)
-        textures.place(texture, em(_CUT_OUT), 4 / 3 if texture is None else texture[1] / texture[2])
+        aspect = 4 / 3 if texture is None else texture[1] / texture[2]
+        textures.place(texture, em(_CUT_OUT) * min(aspect * 3 / 4, 1.0), aspect)
         imgui.same_line()
         widgets.dim("The dark background is left out", wrap=True)
     for name, why in list(placement.left_out.items())[:_NAMED]:
@@ -238,6 +239,8 @@ def draw_live(session: Session, corner: ImVec2, size: ImVec2) -> float:
         return 0.0
     at = ImVec2(corner.x + em(0.8), corner.y + em(0.8))
     imgui.set_next_window_pos(at, imgui.Cond_.always)
+    most = ImVec2(width, size.y - em(1.6))  # what is higher scrolls
+    imgui.set_next_window_size_constraints(ImVec2(width, 0), most)
     widgets.card("Training", width, lambda: _card(session, training, small=size.y < em(22)))
     return imgui.get_item_rect_max().y
 
@@ -249,9 +252,9 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
             widgets.line(f"{'Stopped' if training.is_stopped else 'Training'}: {training.name}")
     if update is None:
         widgets.dim(job.message if job is not None else "", wrap=True)
-    if training.placement is not None and not small:
-        draw_placement(session, training.placement)
     if update is None:
+        if training.placement is not None and not small:
+            draw_placement(session, training.placement)
         if training.is_stopped:
             _what_now(session)
         return
@@ -275,6 +278,8 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     measured = [(float(m.iteration), m.psnr) for m in update.measured]
     last = f"{measured[-1][1]:.1f} dB" if measured else "not measured yet"
     chart("Held-out PSNR", last, measured, training.iterations, theme.GOOD)
+    if training.placement is not None:  # the longest comes last: a low picture shows its beginning
+        draw_placement(session, training.placement)
 
 
 def _while_it_runs(session: Session, *, small: bool) -> None:
@@ -310,7 +315,7 @@ def _what_now(session: Session) -> None:
 def chart(
     title: str, value: str, points: Sequence[tuple[float, float]], x_end: float, color: ImVec4
 ) -> None:
-    """A line over 0..``x_end`` with its name, its newest value, and its range at the left edge."""
+    """A line over 0..``x_end`` with its name, its newest value, and its range right of it."""
     width, height = imgui.get_content_region_avail().x, em(4.2)
     widgets.dim(title)
     imgui.same_line()
@@ -325,9 +330,12 @@ def chart(
     values = [y for _, y in points]
     bottom, top = min(values), max(values)
     span, pad = max(top - bottom, 1e-9), em(0.4)
+    labels = (_short(top), _short(bottom)) if top > bottom else ()
+    with theme.face(scale=0.78):
+        wide = max((imgui.calc_text_size(text).x + em(0.4) for text in labels), default=0.0)
     line: list[ImVec2 | tuple[float, float] | list[float]] = [
         ImVec2(
-            low.x + pad + (width - 2 * pad) * min(x / max(x_end, 1), 1.0),
+            low.x + pad + (width - wide - 2 * pad) * min(x / max(x_end, 1), 1.0),
             high.y - pad - (height - 2 * pad) * ((y - bottom) / span if top > bottom else 0.5),
         )
         for x, y in points
@@ -335,10 +343,9 @@ def chart(
     drawing.add_polyline(line, theme.u32(color), theme.scaled(1.6), 0)
     drawing.add_circle_filled(line[-1], theme.scaled(2.6), theme.u32(color))
     with theme.face(scale=0.78):
-        for y, text in ((low.y + em(0.1), _short(top)), (high.y - em(1.15), _short(bottom))):
-            if top > bottom:
-                right = high.x - imgui.calc_text_size(text).x - em(0.3)
-                drawing.add_text(ImVec2(right, y), theme.u32(theme.FAINT), text)
+        for y, text in zip((low.y + em(0.1), high.y - em(1.15)), labels, strict=False):
+            left = high.x - imgui.calc_text_size(text).x - em(0.3)
+            drawing.add_text(ImVec2(left, y), theme.u32(theme.FAINT), text)
 
 
 def _short(value: float) -> str:

@@ -1,5 +1,7 @@
 """What each edit means, how small it is, and what stays out of it."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -165,6 +167,36 @@ def test_edits_that_change_nothing_are_none() -> None:
 def test_a_map_that_flattens_space_is_refused(bad: DoubleArray) -> None:
     with pytest.raises(ValueError, match="matrix"):
         edits.transform(walk_scene(9), np.arange(3), bad)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_names_of_new_objects_are_of_no_other_and_count_on_in_their_family(seed: int) -> None:
+    """By whatever makes them, a name that a person gave or a description that is shown."""
+    rng = np.random.default_rng(seed)
+    scene = walk_scene(seed=seed)
+    groups = np.setdiff1d(scene.labels[scene.visible], 0)
+    for k, group in enumerate(rng.permutation(groups).tolist()):
+        said = scene.names if k % 2 else scene.described
+        said[group] = ("mug", "Mug 2", "mug 3", "mug part", "tray 7")[k % 5]
+    scene.names[int(groups[0])] = "mug"
+    for _ in range(12):
+        splats = group_indices(scene, int(rng.choice(groups)))
+        how = int(rng.integers(3))
+        if how == 0:
+            edit = edits.duplicate(scene, splats)
+        elif how == 1:
+            edit = edits.separate(scene, splats[: len(splats) // 2])
+        else:
+            edit = edits.split(scene, int(scene.labels[splats[0]]), least=1)
+        before = {*scene.names}
+        others = {n.casefold() for n in (*scene.names.values(), *scene.described.values())}
+        if edit is None:
+            continue
+        _do(scene, edit)
+        new = [name.casefold() for group, name in scene.names.items() if group not in before]
+        assert len({*new}) == len(new)
+        assert not {*new} & others
+        assert not any(re.search(r"mug \d+ \d+|tray 7 7", name) for name in new), new
 
 
 def test_a_duplicate_is_a_new_named_group_and_becomes_the_selection() -> None:
