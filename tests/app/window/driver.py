@@ -262,15 +262,12 @@ def drive(
     studio.never_idle = True
 
     drivers: list[Driver] = []
-    view_for = studio._pacing.view_for
-
-    def unseen(view: ViewState, motion: object, n_splats: int) -> ViewState:
-        is_seen = drivers and (drivers[0].sees or drivers[0].fills_window)
-        scale = 1.0 if is_seen else _UNSEEN_PICTURE
-        made = view_for(view, motion, n_splats)
-        return replace(made, resolution_scale=made.resolution_scale * scale)
-
-    studio._pacing.view_for = unseen  # type: ignore[method-assign]
+    fill_little(
+        studio,
+        params,
+        sees=lambda: bool(drivers) and (drivers[0].sees or drivers[0].fills_window),
+        fills_window=lambda: drivers[0].fills_window if drivers else fills_window,
+    )
 
     def run(engine: Any) -> None:
         # `Driver.until` ends a test that waits in vain; the engine's own limit is for all of it.
@@ -285,16 +282,36 @@ def drive(
         for driver in drivers:
             driver.after_frame()
 
-    def before_render() -> None:
-        if not (drivers[0].fills_window if drivers else fills_window):
-            imgui.get_main_viewport().framebuffer_scale = ImVec2(_UNSEEN_SCALE, _UNSEEN_SCALE)
-
-    params.callbacks.before_imgui_render = before_render
     params.callbacks.after_swap = after_frame
     with _failures() as failures:
         testing.run(test_function=run, runner_params=params)
     assert may_fail or not failures, "\n".join(failures)
     return studio
+
+
+def fill_little(
+    studio: Studio,
+    params: Any,
+    sees: Callable[[], bool] = lambda: False,
+    fills_window: Callable[[], bool] = lambda: False,
+) -> None:
+    """Have few pixels drawn while nobody ``sees`` the picture of the splats or the window."""
+    view_for = studio._pacing.view_for
+
+    def unseen(view: ViewState, motion: object, n_splats: int) -> ViewState:
+        made = view_for(view, motion, n_splats)
+        if sees():
+            return made
+        # An outline looks at 48 places around each pixel, splats selected or not.
+        scale = made.resolution_scale * _UNSEEN_PICTURE
+        return replace(made, resolution_scale=scale, show_outline=False)
+
+    def before_render() -> None:
+        if not fills_window():
+            imgui.get_main_viewport().framebuffer_scale = ImVec2(_UNSEEN_SCALE, _UNSEEN_SCALE)
+
+    studio._pacing.view_for = unseen  # type: ignore[method-assign]
+    params.callbacks.before_imgui_render = before_render
 
 
 @contextmanager
