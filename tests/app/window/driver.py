@@ -24,6 +24,7 @@ from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
 
 PATIENCE_S = 120.0  # longest wait for anything, unless a caller knows that more is needed
+_LONGEST_PAUSE_S = 0.05  # between frames of a long wait: a window that draws slowly has as few
 _SEEN = 4  # frames after which what was done is seen, a sheet that opens too
 # Of the window and of the picture of the splats while nobody looks: filling pixels is most of a
 # frame in software.
@@ -64,11 +65,13 @@ class Driver:
         self.engine.yield_(n)
 
     def until(self, is_done: Callable[[], bool], what: str) -> None:
-        end = time.monotonic() + self.patience_s
+        start = time.monotonic()
         while not is_done():
-            assert time.monotonic() < end, f"{what}: not after {self.patience_s:.0f} s"
+            waited = time.monotonic() - start
+            assert waited < self.patience_s, f"{what}: not after {self.patience_s:.0f} s"
             self.frames(1)
-            time.sleep(0.01)  # for what is waited for: frames as fast as they come hold it up
+            # For what is waited for: frames as fast as they come hold it up.
+            time.sleep(min(0.01 + waited / 50, _LONGEST_PAUSE_S))
 
     def settle(self) -> None:
         """Until no job runs, no picture loads, the camera rests and the picture is full."""
