@@ -1,43 +1,40 @@
-"""COLMAP models: posed views and sparse points, text or binary, through pycolmap.
+"""COLMAP models: posed views and sparse points, text or binary.
 
-``python -m gaga_core.io.cameras.colmap MODEL`` reads one in a process of its own: on damaged files
-the C++ reader may abort or ask for absurd memory, and neither may end the window.
+The files are read here, not by pycolmap: on damaged ones its C++ reader may abort or ask for absurd
+memory, so that it needs a process of its own, which costs a third of a second a model.
 """
 
-import re
-import signal
-import subprocess
-import sys
-import tempfile
-import time
-from collections.abc import Iterable, Sequence
+import struct
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, UInt8Array
+from gaga_core.arrays import BoolArray, DoubleArray, UInt8Array
 from gaga_core.camera import MOST_PIXELS, Camera, is_usable
 from gaga_core.errors import GagaError
-from gaga_core.geometry import matrices_to_quats
+from gaga_core.geometry import matrices_to_quats, quats_to_matrices
 from gaga_core.io.cameras.given import FOCALS, Lens
 from gaga_core.io.files import check_memory, explain_os_error, open_file, write_text
-from gaga_core.io.folder.processes import end_with_parent
 from gaga_core.io.splats.packing import FARTHEST, say_changes
 from gaga_core.progress import say
 
 _PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE")
-_SECONDS = 300
-_FURTHER = ("rigs", "frames")  # files that a model may have
-# Least bytes of one record. A count that asks for more than the file holds is damage: pycolmap
-# would allocate for it first, for half a minute.
+_FURTHER = ("rigs", "frames")  # files that a model may have; images know their own poses
+# Least bytes of one record: a count that asks for more than the file holds is damage.
 _RECORD = {"cameras": 24, "images": 73, "points3D": 51}
-# Address space beyond what the interpreter has: a damaged count asks for far more, and filling
-# even 8 GiB before the refusal takes half a minute.
-_CPU_SECONDS, _BYTES_PER_SECOND = 4, 1 << 20  # a tenth of what a whole model is read at
-_MEMORY = 1 << 30  # bytes
 _MEMORY_PER_BYTE = 20  # of the model's files
+# COLMAP's lens models in the order of their numbers, and how many parameters each has.
+LENS_MODELS = (
+    *(("SIMPLE_PINHOLE", 3), ("PINHOLE", 4), ("SIMPLE_RADIAL", 4), ("RADIAL", 5), ("OPENCV", 8)),
+    *(("OPENCV_FISHEYE", 8), ("FULL_OPENCV", 12), ("FOV", 5), ("SIMPLE_RADIAL_FISHEYE", 4)),
+    *(("RADIAL_FISHEYE", 5), ("THIN_PRISM_FISHEYE", 12), ("RAD_TAN_THIN_PRISM_FISHEYE", 16)),
+    *(("SIMPLE_DIVISION", 4), ("DIVISION", 5), ("SIMPLE_FISHEYE", 3), ("FISHEYE", 4)),
+    *(("EUCM", 6), ("EQUIRECTANGULAR", 2)),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,74 +51,14 @@ def require_pycolmap() -> None:
     """Raise ``GagaError`` where pycolmap is missing: Linux on arm64 has no builds of it."""
     if find_spec("pycolmap") is None:
         raise GagaError(
-            "COLMAP models are read, and photos placed, with pycolmap, which is not installed. "
-            "Install pycolmap, or give the cameras as cameras.json."
+            "Photos are placed with pycolmap, which is not installed. Install pycolmap, or give "
+            "the cameras as cameras.json or as a COLMAP model."
         )
 
 
 def has_colmap(folder: Path) -> bool:
     """Whether ``folder`` holds the files of a COLMAP model."""
     return any((folder / f"images.{kind}").is_file() for kind in ("bin", "txt"))
-
-
-class ColmapReading:
-    """A model that is being read in a process of its own; `result` waits for it.
-
-    Start one, do other work, then take the result: the reader costs a third of a second.
-    """
-
-    def __init__(self, folder: Path, *, is_quiet: bool = False) -> None:
-        self._folder, self._is_quiet = Path(folder), is_quiet
-        if not has_colmap(self._folder):
-            raise GagaError(
-                f"{folder} holds no COLMAP model (images.bin or images.txt). "
-                "Choose a folder that COLMAP wrote."
-            )
-        _check_files(self._folder)
-        require_pycolmap()
-        # Without a name: nothing is left if we are killed.
-        self._out = tempfile.TemporaryFile()  # noqa: SIM115  closed by `close`
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__, str(self._folder)],
-            stdout=self._out,
-            stderr=subprocess.DEVNULL,
-        )
-
-    def result(self) -> ColmapModel:
-        """The model; ``GagaError`` when it is damaged."""
-        try:
-            status = self._process.wait(_SECONDS)
-            self._out.seek(0)
-            if status != 0:
-                why = self._out.read().decode(errors="replace").strip() or _why_ended(status)
-                raise GagaError(
-                    f"The COLMAP model in {self._folder} cannot be read ({why}). "
-                    "Copy or reconstruct it again."
-                )
-            with np.load(self._out, allow_pickle=False) as stored:
-                return _model_of(self._folder, dict(stored), is_quiet=self._is_quiet)
-        except subprocess.TimeoutExpired as error:
-            raise GagaError(
-                f"The COLMAP model in {self._folder} takes too long to read."
-            ) from error
-        finally:
-            self.close()
-
-    def close(self) -> None:
-        """End the reader and remove what it wrote."""
-        if self._process.poll() is None:
-            self._process.kill()
-            self._process.wait()
-        self._out.close()
-
-
-def _why_ended(status: int) -> str:
-    """Say why a reader ended that could not say it itself."""
-    if sys.platform != "win32" and status == -signal.SIGXCPU:
-        return "its reader was stopped at the time limit for a model of this size"
-    if status < 0:
-        return f"its reader was ended by signal {-status}"
-    return f"its reader ended with status {status}"
 
 
 def _check_files(folder: Path) -> None:
@@ -143,10 +80,7 @@ def _check_files(folder: Path) -> None:
         except OSError as error:
             raise GagaError(explain_os_error(error, file)) from error
         if kind == "bin" and size < 8 + n * record:
-            raise GagaError(
-                f"The COLMAP model in {folder} cannot be read ({file.name} is truncated). "
-                "Copy or reconstruct it again."
-            )
+            raise _unread(folder, f"{file.name} is truncated")
 
 
 def read_colmap(folder: Path, *, with_lenses: bool = False) -> ColmapModel:
@@ -156,7 +90,32 @@ def read_colmap(folder: Path, *, with_lenses: bool = False) -> ColmapModel:
     unless their ``lenses`` are what is wanted: undistort the photos for exact overlays. Raises
     ``GagaError`` when files are missing or damaged.
     """
-    return ColmapReading(folder, is_quiet=with_lenses).result()
+    folder = Path(folder)
+    if not has_colmap(folder):
+        raise GagaError(
+            f"{folder} holds no COLMAP model (images.bin or images.txt). "
+            "Choose a folder that COLMAP wrote."
+        )
+    _check_files(folder)
+    kind = "bin" if (folder / "images.bin").is_file() else "txt"
+    found: list[Any] = []
+    for stem, read in (_READ_BINARY if kind == "bin" else _READ_TEXT).items():
+        file = folder / f"{stem}.{kind}"
+        try:
+            with open_file(file) as stream:
+                found.append(read(stream.read()))
+        except OSError as error:
+            raise GagaError(explain_os_error(error, file)) from error
+        except (ValueError, OverflowError, IndexError, struct.error) as error:
+            why = "is truncated" if isinstance(error, struct.error) else f"is damaged: {error}"
+            raise _unread(folder, f"{file.name} {why}") from error
+    return _model_of(folder, *found, is_quiet=with_lenses)
+
+
+def _unread(folder: Path, why: str) -> GagaError:
+    return GagaError(
+        f"The COLMAP model in {folder} cannot be read ({why[:160]}). Copy or reconstruct it again."
+    )
 
 
 def write_colmap(
@@ -215,97 +174,155 @@ def _exact(numbers: Iterable[float]) -> str:
     return " ".join(repr(float(number)) for number in numbers)
 
 
-def _model_of(folder: Path, arrays: dict[str, AnyArray], *, is_quiet: bool) -> ColmapModel:
-    models = arrays["models"]
-    distorted = sorted({str(m) for m in models if str(m) not in _PINHOLE})
-    if unknown := set(distorted) - set(FOCALS):
-        raise GagaError(f"The lens model {unknown.pop()} of {folder} is not read.")
+def _model_of(
+    folder: Path,
+    lenses: dict[int, Lens],
+    images: dict[int, "_Image"],
+    cloud: tuple[DoubleArray, UInt8Array],
+    *,
+    is_quiet: bool,
+) -> ColmapModel:
+    taken = sorted(images.values(), key=lambda image: image.name)
+    if any("\0" in image.name for image in taken):  # no file has such a name
+        raise _unread(folder, "the name of a photo holds a zero byte")
+    if unknown := {image.camera for image in taken} - set(lenses):
+        raise _unread(folder, f"it has no camera {unknown.pop()}")
+    used = [lenses[image.camera] for image in taken]
+    distorted = sorted({lens.model for lens in used} - set(_PINHOLE))
+    if foreign := set(distorted) - set(FOCALS):
+        raise GagaError(f"The lens model {foreign.pop()} of {folder} is not read.")
     if distorted and not is_quiet:
         say(
             f"The COLMAP model in {folder} has distorted cameras ({', '.join(distorted)}); their "
             "pinhole part is used. Undistort the photos for exact overlays."
         )
-    cameras, lenses = [], []
-    ends = np.cumsum(arrays["n_params"])
-    for i, name in enumerate(arrays["names"].tobytes().decode().split("\0")[:-1]):
-        pose = np.eye(4)
-        pose[:3] = arrays["poses"][i]
-        width, height = (int(v) for v in arrays["sizes"][i])
-        K = arrays["K"][i]
-        has_size = 0 < width <= MOST_PIXELS and 0 < height <= MOST_PIXELS
-        if not (has_size and is_usable(K, pose)):
-            raise GagaError(
-                f"The COLMAP model in {folder} has no usable camera for {name}. Reconstruct it "
-                "again."
-            )
-        cameras.append(Camera(K, pose, width, height, name))
-        params = arrays["params"][ends[i] - arrays["n_params"][i] : ends[i]].tolist()
-        lenses.append(Lens(str(models[i]), width, height, tuple(params)))
-    if not cameras:
+    if not taken:
         raise GagaError(f"The COLMAP model in {folder} has no views. Reconstruct it again.")
-    points = arrays["points"]
+    with np.errstate(all="ignore"):  # of no length, or not finite: no usable camera
+        turns = quats_to_matrices(np.array([image.quat for image in taken]))
+    cameras = []
+    for image, lens, turn in zip(taken, used, turns, strict=True):
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = turn, image.shift
+        has_size = 0 < lens.width <= MOST_PIXELS and 0 < lens.height <= MOST_PIXELS
+        if not (has_size and is_usable(lens.K, pose)):
+            raise GagaError(
+                f"The COLMAP model in {folder} has no usable camera for {image.name}. Reconstruct "
+                "it again."
+            )
+        cameras.append(Camera(lens.K, pose, lens.width, lens.height, image.name))
+    points, colors = cloud
     good: BoolArray = np.all(np.abs(points) <= FARTHEST, axis=1)  # False for NaN
     what = "points with numbers that are not finite or out of range were left out"
     say_changes(folder, {what: len(good) - int(good.sum())})
-    return ColmapModel(tuple(cameras), points[good], arrays["colors"][good], tuple(lenses))
+    return ColmapModel(tuple(cameras), points[good], colors[good], tuple(used))
 
 
-# --- the process that reads
+# --- the three files, as bytes: binary and text. ``ValueError``, ``OverflowError``, ``IndexError``
+# or ``struct.error`` where one is damaged.
 
 
-def main(folder: Path) -> int:
-    """Write the arrays of a model to standard output, or one line about the failure (status 1)."""
-    import pycolmap
+@dataclass(frozen=True)
+class _Image:
+    """A photo that was placed."""
 
-    end_with_parent()
-    _limit(folder)
-    try:
-        model = pycolmap.Reconstruction(str(folder))
-        # pycolmap reads a cut-off cameras.bin without a word and leaves zeros for what is missing.
-        file = folder / "cameras.bin"
-        wanted = 8 + sum(24 + 8 * len(camera.params) for camera in model.cameras.values())
-        if file.is_file() and file.stat().st_size < wanted:
-            raise ValueError("cameras.bin is truncated")
-        images = sorted(model.images.values(), key=lambda image: str(image.name))
-        if any("\0" in image.name for image in images):  # no file has such a name
-            raise ValueError("the name of a photo holds a zero byte")
-        used = [model.cameras[image.camera_id] for image in images]
-        poses = [np.asarray(image.cam_from_world().matrix()) for image in images]
-    except (ValueError, IndexError, KeyError, RuntimeError, MemoryError, OverflowError) as error:
-        said = (str(error).splitlines() or ["damaged"])[0]
-        sys.stdout.write(re.sub(r"^\[[\w.]+:\d+\] (Check failed: )?", "", said)[:120])
-        return 1
-    points = list(model.points3D.values())
-    np.savez(
-        sys.stdout.buffer,
-        # Not an array of text, in which each name takes the room of the longest.
-        names=np.frombuffer("".join(f"{image.name}\0" for image in images).encode(), np.uint8),
-        K=np.array([c.calibration_matrix() for c in used], np.float64).reshape(-1, 3, 3),
-        sizes=np.array([(c.width, c.height) for c in used], np.int64).reshape(-1, 2),
-        n_params=np.array([len(c.params) for c in used], np.int64),
-        params=np.concatenate([np.zeros(0), *(np.asarray(c.params, np.float64) for c in used)]),
-        models=np.array([str(c.model.name) for c in used], dtype=np.str_),
-        poses=np.array(poses, np.float64).reshape(-1, 3, 4),
-        points=np.array([p.xyz for p in points], np.float64).reshape(-1, 3),
-        colors=np.array([p.color for p in points], np.uint8).reshape(-1, 3),
-    )
-    return 0
+    quat: tuple[float, ...]  # (4,) wxyz, of any length, camera from world
+    shift: tuple[float, ...]  # (3,)
+    camera: int
+    name: str
 
 
-def _limit(folder: Path) -> None:
-    if sys.platform.startswith("linux"):
-        import resource
-
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        held = pages * resource.getpagesize()
-        files = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
-        limit = held + _MEMORY + _MEMORY_PER_BYTE * files
-        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-        # A cut frames.bin keeps pycolmap counting what is not there for minutes.
-        seconds = int(time.process_time()) + _CPU_SECONDS + files // _BYTES_PER_SECOND
-        # The soft limit ends it with SIGXCPU, which the caller tells from other ends.
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+def _by_number(records: Iterable[tuple[int, Any]]) -> dict[int, Any]:
+    found: dict[int, Any] = {}
+    for number, record in records:
+        if number in found:
+            raise ValueError(f"two records have the number {number}")
+        found[number] = record
+    return found
 
 
-if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))
+def _binary_cameras(data: bytes) -> Iterator[tuple[int, Lens]]:
+    (n,), at = struct.unpack_from("<Q", data), 8
+    for _ in range(n):
+        number, model, width, height = struct.unpack_from("<IiQQ", data, at)
+        if not 0 <= model < len(LENS_MODELS):
+            raise ValueError(f"{model} is the number of no lens model")
+        name, n_params = LENS_MODELS[model]
+        params = struct.unpack_from(f"<{n_params}d", data, at + 24)
+        at += 24 + 8 * n_params
+        yield number, Lens(name, width, height, params)
+
+
+def _binary_images(data: bytes) -> Iterator[tuple[int, _Image]]:
+    (n,), at = struct.unpack_from("<Q", data), 8
+    for _ in range(n):
+        number, *pose, camera = struct.unpack_from("<I7dI", data, at)
+        end = data.index(b"\0", at + 64)
+        (n_seen,) = struct.unpack_from("<Q", data, end + 1)
+        yield number, _Image(tuple(pose[:4]), tuple(pose[4:]), camera, data[at + 64 : end].decode())
+        at = end + 9 + 24 * n_seen
+    _no_longer(data, at)
+
+
+def _binary_points(data: bytes) -> tuple[DoubleArray, UInt8Array]:
+    (n,), at = struct.unpack_from("<Q", data), 8
+    starts = np.zeros(n, np.int64)
+    for i in range(n):
+        starts[i] = at
+        at += 51 + 8 * struct.unpack_from("<Q", data, at + 43)[0]  # the photos that see it
+    _no_longer(data, at)
+    raw = np.frombuffer(data, np.uint8)
+    xyz = np.ascontiguousarray(raw[starts[:, None] + np.arange(8, 32)]).view("<f8")
+    return xyz.astype(np.float64), raw[starts[:, None] + np.arange(32, 35)]
+
+
+def _no_longer(data: bytes, end: int) -> None:
+    if end > len(data):
+        raise struct.error("the last record ends after the file")
+
+
+def _records(data: bytes) -> Iterator[list[bytes]]:
+    """Words of each line that holds some and is no comment."""
+    for line in data.splitlines():
+        if (words := line.split()) and not words[0].startswith(b"#"):
+            yield words
+
+
+def _text_cameras(data: bytes) -> Iterator[tuple[int, Lens]]:
+    known = dict(LENS_MODELS)
+    for number, model, width, height, *params in _records(data):
+        name = model.decode()
+        if name in known and len(params) != known[name]:
+            raise ValueError(f"{name} has {known[name]} parameters, not {len(params)}")
+        yield int(number), Lens(name, int(width), int(height), tuple(map(float, params)))
+
+
+def _text_images(data: bytes) -> Iterator[tuple[int, _Image]]:
+    lines = iter(data.split(b"\n"))
+    for line in lines:
+        words = line.strip().split(maxsplit=9)
+        if not words or words[0].startswith(b"#"):
+            continue
+        number, *pose, camera, name = words
+        quat, shift = tuple(map(float, pose[:4])), tuple(map(float, pose[4:]))
+        yield int(number), _Image(quat, shift, int(camera), name.decode())
+        next(lines, None)  # what was seen in it
+
+
+def _text_points(data: bytes) -> tuple[DoubleArray, UInt8Array]:
+    rows = [words[1:7] for words in _records(data)]
+    xyz = np.array([[float(x) for x in row[:3]] for row in rows], np.float64).reshape(-1, 3)
+    colors = [[int(c) for c in row[3:]] for row in rows]
+    return xyz, np.array(colors, np.uint8).reshape(-1, 3)
+
+
+_READ_BINARY: dict[str, Callable[[bytes], object]] = {
+    "cameras": lambda data: _by_number(_binary_cameras(data)),
+    "images": lambda data: _by_number(_binary_images(data)),
+    "points3D": _binary_points,
+}
+_READ_TEXT: dict[str, Callable[[bytes], object]] = {
+    "cameras": lambda data: _by_number(_text_cameras(data)),
+    "images": lambda data: _by_number(_text_images(data)),
+    "points3D": _text_points,
+}

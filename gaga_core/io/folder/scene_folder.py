@@ -25,7 +25,7 @@ from gaga_core.camera import Camera, natural_order
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.cameras.cameras_json import read_cameras_json
-from gaga_core.io.cameras.colmap import ColmapReading, has_colmap
+from gaga_core.io.cameras.colmap import has_colmap, read_colmap
 from gaga_core.io.depth_maps import DEPTH
 from gaga_core.io.files import write_text
 from gaga_core.io.folder.splits import split_views
@@ -131,15 +131,10 @@ def open_scene_folder(root: Path, model: Path | None = None) -> SceneFolder:
         raise GagaError(f"{model} does not exist. Choose the file of the splats.")
     finish_publishing(root / "gaga")
     sparse = find_sparse(root)
-    reading = ColmapReading(sparse) if sparse is not None else None
-    try:
-        model_path = model or find_model(root)
-        masks = find_mask_folders(root)
-        cameras = reading.result().cameras if reading is not None else _trained_cameras(root)
-    finally:
-        if reading is not None:
-            reading.close()
-    cameras = tuple(sorted(cameras, key=lambda camera: natural_order(camera.name)))
+    found = read_colmap(sparse).cameras if sparse is not None else _trained_cameras(root)
+    model_path = model or find_model(root)
+    masks = find_mask_folders(root)
+    cameras = tuple(sorted(found, key=lambda camera: natural_order(camera.name)))
     parted = split_views(root, (camera.name for camera in cameras))
     images = _image_paths(root / "images", cameras)
     return SceneFolder(

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from gaga_core.color import rgb_from_dc
-from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import Progress, Stage
-from gaga_core.scene.project import Project
-from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.scene import State
 from gaga_studio.features import fill, folders, selection
 from gaga_studio.features.commands import command, run
 from gaga_studio.session.document import Document
@@ -21,18 +19,14 @@ from gaga_studio.session.session import Session
 from gaga_studio.ui.viewport.viewport import preview_badge
 from tests.app.looks import finish, snapshot
 from tests.core.fill import models
-from tests.core.fill.tables import BOX, TABLE, table_with_box
+from tests.core.fill.tables import BOX, TABLE, table_project
 
 
 @pytest.fixture
 def at_table(new_session: Callable[[], Session], tmp_path: Path) -> Session:
     """A session in which the box on a table is selected."""
-    table = table_with_box()
-    model = tmp_path / "table.ply"
-    write_ply(model, table.gaussians)
     session = new_session()
-    scene = Scene.of(table.gaussians, table.labels)
-    session.document = Document(Project(scene, model, path=tmp_path / "table.gaga"))
+    session.document = Document(table_project(tmp_path / "table"))
     selection.select_groups(session, (BOX,))
     return session
 

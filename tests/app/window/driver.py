@@ -24,6 +24,7 @@ from gaga_studio.studio import Studio
 from gaga_studio.system.window import WindowOptions
 
 PATIENCE_S = 120.0  # longest wait for anything, unless a caller knows that more is needed
+_LONGEST_PAUSE_S = 0.05  # between frames of a long wait: a window that draws slowly has as few
 _SEEN = 4  # frames after which what was done is seen, a sheet that opens too
 # Of the window and of the picture of the splats while nobody looks: filling pixels is most of a
 # frame in software.
@@ -64,11 +65,13 @@ class Driver:
         self.engine.yield_(n)
 
     def until(self, is_done: Callable[[], bool], what: str) -> None:
-        end = time.monotonic() + self.patience_s
+        start = time.monotonic()
         while not is_done():
-            assert time.monotonic() < end, f"{what}: not after {self.patience_s:.0f} s"
+            waited = time.monotonic() - start
+            assert waited < self.patience_s, f"{what}: not after {self.patience_s:.0f} s"
             self.frames(1)
-            time.sleep(0.01)  # for what is waited for: frames as fast as they come hold it up
+            # For what is waited for: frames as fast as they come hold it up.
+            time.sleep(min(0.01 + waited / 50, _LONGEST_PAUSE_S))
 
     def settle(self) -> None:
         """Until no job runs, no picture loads, the camera rests and the picture is full."""
@@ -262,15 +265,12 @@ def drive(
     studio.never_idle = True
 
     drivers: list[Driver] = []
-    view_for = studio._pacing.view_for
-
-    def unseen(view: ViewState, motion: object, n_splats: int) -> ViewState:
-        is_seen = drivers and (drivers[0].sees or drivers[0].fills_window)
-        scale = 1.0 if is_seen else _UNSEEN_PICTURE
-        made = view_for(view, motion, n_splats)
-        return replace(made, resolution_scale=made.resolution_scale * scale)
-
-    studio._pacing.view_for = unseen  # type: ignore[method-assign]
+    fill_little(
+        studio,
+        params,
+        sees=lambda: bool(drivers) and (drivers[0].sees or drivers[0].fills_window),
+        fills_window=lambda: drivers[0].fills_window if drivers else fills_window,
+    )
 
     def run(engine: Any) -> None:
         # `Driver.until` ends a test that waits in vain; the engine's own limit is for all of it.
@@ -285,16 +285,36 @@ def drive(
         for driver in drivers:
             driver.after_frame()
 
-    def before_render() -> None:
-        if not (drivers[0].fills_window if drivers else fills_window):
-            imgui.get_main_viewport().framebuffer_scale = ImVec2(_UNSEEN_SCALE, _UNSEEN_SCALE)
-
-    params.callbacks.before_imgui_render = before_render
     params.callbacks.after_swap = after_frame
     with _failures() as failures:
         testing.run(test_function=run, runner_params=params)
     assert may_fail or not failures, "\n".join(failures)
     return studio
+
+
+def fill_little(
+    studio: Studio,
+    params: Any,
+    sees: Callable[[], bool] = lambda: False,
+    fills_window: Callable[[], bool] = lambda: False,
+) -> None:
+    """Have few pixels drawn while nobody ``sees`` the picture of the splats or the window."""
+    view_for = studio._pacing.view_for
+
+    def unseen(view: ViewState, motion: object, n_splats: int) -> ViewState:
+        made = view_for(view, motion, n_splats)
+        if sees():
+            return made
+        # An outline looks at 48 places around each pixel, splats selected or not.
+        scale = made.resolution_scale * _UNSEEN_PICTURE
+        return replace(made, resolution_scale=scale, show_outline=False)
+
+    def before_render() -> None:
+        if not fills_window():
+            imgui.get_main_viewport().framebuffer_scale = ImVec2(_UNSEEN_SCALE, _UNSEEN_SCALE)
+
+    studio._pacing.view_for = unseen  # type: ignore[method-assign]
+    params.callbacks.before_imgui_render = before_render
 
 
 @contextmanager

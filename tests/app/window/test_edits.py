@@ -30,7 +30,7 @@ from tests.app.floaters import GROUP, planted
 from tests.app.looks import snapshot
 from tests.app.window.driver import KEY, Driver, drive
 from tests.core.fill import models
-from tests.core.fill.tables import BOX, table_with_box
+from tests.core.fill.tables import BOX, table_project
 from tests.scenes import objects_scene
 
 pytestmark = pytest.mark.window
@@ -38,10 +38,7 @@ _SURROUNDINGS, _MODEL = "Inspector/###object.fill_continue", "Inspector/###objec
 
 
 def test_a_model_is_chosen_in_the_preview_and_left_again(display: str, tmp_path: Path) -> None:
-    table = table_with_box()
-    write_ply(tmp_path / "table.ply", table.gaussians)
-    scene = Scene.of(table.gaussians, table.labels)
-    saved = save_project(Project(scene, tmp_path / "table.ply"), tmp_path / "table.gaga")
+    save_project(table_project(tmp_path / "table"))
     red = models.saved(models.Red(), tmp_path / "red.pt")
 
     def walk(d: Driver) -> None:
@@ -68,15 +65,12 @@ def test_a_model_is_chosen_in_the_preview_and_left_again(display: str, tmp_path:
             d.click(_MODEL)
             assert d.studio.ui.files.dialog is None, "it is off without PyTorch"
 
-    drive(walk, path=saved, size=(1100, 700))
+    drive(walk, path=tmp_path / "table", size=(1100, 700))
 
 
 def test_a_filling_stays_until_it_is_applied_or_cancelled(display: str, tmp_path: Path) -> None:
     """Clicks, drags, keys and lists leave the preview alone, and say what to do with it."""
-    table = table_with_box()
-    write_ply(tmp_path / "table.ply", table.gaussians)
-    scene = Scene.of(table.gaussians, table.labels)
-    saved = save_project(Project(scene, tmp_path / "table.ply"), tmp_path / "table.gaga")
+    saved = save_project(table_project(tmp_path / "table"))
 
     def walk(d: Driver) -> None:
         session = d.session

@@ -209,10 +209,10 @@ def test_bodies_are_shown_by_their_parts_and_written(display: str, tmp_path: Pat
         d.menu("File/###Export for simulation…")
         assert sheet.what == "simulation"
         d.click("**/###OpenUSD")  # off: usd-core may be absent
-        d.engine.item_input_value("//Export/**/##Parts", 3.0)
+        d.engine.item_input_value("//Export/**/##Parts", 2.0)
         d.frames()
         assert sheet.simulation.forms == (SimulatorForm.MJCF,)
-        assert sheet.simulation.config.parts == 3
+        assert sheet.simulation.config.parts == 2
         plan = export.ExportPlan(tmp_path / "bodies", "simulation", sheet.simulation)
         said = export.summary(session, plan).lost
         assert said[0] == f"{document.name_of(1)} becomes a body, all else stays."
@@ -235,7 +235,7 @@ def test_bodies_are_shown_by_their_parts_and_written(display: str, tmp_path: Pat
         d.settle()
         (told,) = json.loads((tmp_path / "bodies" / "simulation.json").read_text())["objects"]
         assert told["mass"] == pytest.approx(0.35)
-        assert told["convex_parts"] == sum(len(body.parts) for body in shown.world.bodies) <= 3
+        assert told["convex_parts"] == sum(len(body.parts) for body in shown.world.bodies) <= 2
         assert (tmp_path / "bodies" / "scene.xml").is_file()
 
     drive(walk, path=tmp_path / "a.ply")

@@ -431,8 +431,12 @@ def _split_and_join(d: Driver) -> None:
     """The commands of the menus of a right click, as edits."""
     session, document = d.session, d.session.need()
     scene, before = document.scene, document.scene.labels.copy()
-    groups = np.flatnonzero(np.bincount(before)[1:]) + 1
-    group = next(g for g in groups.tolist() if edits.split_here(scene, g) is not None)
+    group = int(np.bincount(before)[1:].argmax()) + 1
+    # Halves at the finest level: which groups have parts that were found hangs on rounding.
+    half = (before == group) & (np.arange(len(before)) % 2 > 0)
+    finest = np.where(half, before.max() + 1, before)
+    assert scene.bank is not None
+    scene.bank = replace(scene.bank, levels=Levels(np.stack([before, finest]), 0))
     d.select(group)
     assert d.on_main(lambda: run("object.split_here", session))
     d.frames(3)

@@ -12,6 +12,7 @@ from Xlib.protocol import event
 
 from gaga_studio.studio import Studio
 from gaga_studio.ui.kit.picture_area import PictureArea
+from tests.app.window.driver import fill_little
 
 # X11's name of a key, or "Button1"; whether it goes down. "Mouse": where it is, shares of the
 # picture from its top left corner. "Close": what a window manager asks for at Alt+F4. "Rest":
@@ -148,6 +149,7 @@ def type_into(
     """
     params = studio.window.params()
     studio.never_idle = True
+    fill_little(studio, params)
     params.fps_idling.enable_idling = False
     left, seen, end = list(script), [], time.thread_time() + patience_s
     hands: list[Hand] = []

@@ -1,6 +1,7 @@
 """A textured table with a box on it, which hides the place where it stands."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -8,7 +9,12 @@ from gaga_core.arrays import BoolArray, DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.color import dc_from_rgb
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.edits.values import joined
+from gaga_core.scene.project import Project
+from gaga_core.scene.scene import Scene
 from tests.scenes import orbit_cameras
 
 TABLE, BOX = 1, 2
@@ -41,6 +47,16 @@ def table_with_box(*, sh_degree: int = 0, shade: float = 0.0) -> Table:
     whole = joined(table, box)
     cameras = orbit_cameras(12, width=128, height=96, radius=1.9)
     return Table(whole, labels, empty, cameras)
+
+
+def table_project(root: Path) -> Project:
+    """A new scene folder of the table with the box and the cameras that saw it, opened: views from
+    all around, as of a lone file, are larger and take ten times as long to fill."""
+    table = table_with_box()
+    write_ply(root / "point_cloud.ply", table.gaussians)
+    write_colmap(root / "sparse" / "0", table.cameras, np.zeros((1, 3)), np.zeros((1, 3), np.uint8))
+    scene = Scene.of(table.gaussians, table.labels)
+    return Project(scene, root / "point_cloud.ply", open_scene_folder(root))
 
 
 def flat(points: DoubleArray, color: DoubleArray, sh_degree: int) -> Gaussians:

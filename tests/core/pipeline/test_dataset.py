@@ -17,7 +17,7 @@ from gaga_core.camera import Camera
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.export.dataset.records import Record, read_record, shown_objects
-from gaga_core.export.dataset.settings import DatasetConfig
+from gaga_core.export.dataset.settings import DatasetConfig, Form
 from gaga_core.io.masks.coco import compress_counts, decode_rle, encode_rle
 from gaga_core.pipeline.dataset import DatasetReport, dataset_stage
 from gaga_core.pipeline.settings import EngineConfig
@@ -51,8 +51,11 @@ def project(tmp_path: Path, scene: Synthetic) -> Project:
     return project
 
 
+_LABELS: tuple[Form, ...] = ("coco", "yolo")  # only "bop" needs models of the objects
+
+
 def made(project: Project, out: Path, config: DatasetConfig = _SMALL) -> DatasetReport:
-    return run_stage(dataset_stage([project], out, config))
+    return run_stage(dataset_stage([project], out, config, _LABELS))
 
 
 def records(out: Path) -> dict[str, Record]:
@@ -97,11 +100,8 @@ def test_labels_are_those_of_the_scene_drawn_by_the_reference(
     assert n > 6
 
 
-def test_one_share_counts_pictures_and_labels(project: Project, tmp_path: Path) -> None:
+def _has_one_share(seen: list[Progress]) -> None:
     """The labels began again at 0 when all pictures were there."""
-    seen: list[Progress] = []
-    stage = dataset_stage([project], tmp_path / "set", changed(moved=0.0, removed=0.0))
-    run_stage(stage, seen.append)
     assert {step.stage for step in seen if step.total} == {"Make pictures"}
     shares = [step.done / step.total for step in seen if step.total]
     assert shares == sorted(shares)
@@ -191,7 +191,7 @@ def test_an_ended_run_goes_on(project: Project, tmp_path: Path) -> None:
     """Closed in the middle, then run again: as if it had never been ended."""
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     made(project, whole)
-    stage = dataset_stage([project], cut, _SMALL)
+    stage = dataset_stage([project], cut, _SMALL, _LABELS)
     for step in stage:
         if step.message.endswith("0002-001"):
             break
@@ -200,7 +200,7 @@ def test_an_ended_run_goes_on(project: Project, tmp_path: Path) -> None:
     assert 0 < n_there < 12
     report = made(project, cut)
     assert report.made == 12 - n_there
-    names = ("images", "ids", "depth", "records", "instances_train.json", "bop", "data.yaml")
+    names = ("images", "ids", "depth", "records", "instances_train.json", "data.yaml")
     first, second = contents(whole), contents(cut)
     assert {k: v for k, v in first.items() if k.startswith(names)} == {
         k: v for k, v in second.items() if k.startswith(names)
@@ -253,9 +253,11 @@ def test_coco_says_what_the_ids_show(project: Project, tmp_path: Path) -> None:
 
 
 def test_bop_has_the_documented_layout(project: Project, tmp_path: Path) -> None:
-    """Files and fields of the format's page, in millimetres, one folder for each placement."""
-    out = tmp_path / "set"
-    report = made(project, out)
+    """Files and fields of the format's page, in millimetres, one folder for each placement; one
+    share counts pictures, models and labels."""
+    out, steps = tmp_path / "set", list[Progress]()
+    report = run_stage(dataset_stage([project], out, _SMALL), steps.append)
+    _has_one_share(steps)
     info = json.loads((out / "bop" / "models" / "models_info.json").read_text())
     models = {path.name: PlyData.read(str(path)) for path in (out / "bop" / "models").glob("*.ply")}
     for number, facts in info.items():
@@ -332,10 +334,10 @@ def test_scenes_on_workers_give_the_same_pictures(
     root = tmp_path / "balls"
     config, engine = changed(views=3), EngineConfig(workers=2)
     out = tmp_path / "by-workers"
-    report = run_stage(dataset_stage([root, bare], out, config, engine=engine))
+    report = run_stage(dataset_stage([root, bare], out, config, ("coco",), engine=engine))
     assert len(report.failed) == 1
     assert "no visible objects" in report.failed[0]
-    run_stage(dataset_stage([root], tmp_path / "here", config))
+    run_stage(dataset_stage([root], tmp_path / "here", config, ("coco",)))
     ours, theirs = records(tmp_path / "here"), records(out)
     assert ours == theirs
     assert ours
