@@ -22,7 +22,7 @@ from gaga_core.query.auto_names import name_by_nouns
 from gaga_core.query.descriptions import describe_groups
 from gaga_core.query.detector import DetectConfig, Detector, vote_boxes
 from gaga_core.query.embed import Embedder
-from gaga_core.query.group_facts import GroupFacts, facts_of, group_digests
+from gaga_core.query.group_facts import GroupFacts, facts_of, group_digests, group_facts
 from gaga_core.query.index import (
     GroupIndex,
     IndexedViews,
@@ -37,6 +37,7 @@ from gaga_core.query.search import Answer, NounScorer, search_words
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
+from gaga_core.scene.edits.placement import as_it_came
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.project import Project
 from gaga_core.scene.scene import Scene
@@ -293,8 +294,13 @@ def describe(
     """Describe the groups of ``scene`` by ``facts`` that were measured of it.
 
     See `query.descriptions`. Background are what the facts call so, what the association found to
-    surround the scene, and large flat groups.
+    surround the scene, and large flat groups: a bottle that a person makes large and moves to the
+    wall is no wall, so both are told from the scene as its files came.
     """
+    now, home = facts, as_it_came(scene)
+    if home is not scene:
+        came = group_facts(home, cameras)
+        facts = came if np.array_equal(came.ids, now.ids) else now
     objects = ~facts.background
     median = float(np.median(facts.size[objects])) if objects.any() else 0.0
     flat = facts.extents[:, 2] < _FLAT * facts.extents[:, 0]
@@ -302,8 +308,9 @@ def describe(
     levels = None if scene.bank is None else scene.bank.levels
     if levels is not None and levels.background:
         behind = behind | (facts.ids == levels.background)
+    said = home if facts is not now else scene, replace(facts, background=behind)
     return Description(
-        describe_groups(scene, replace(facts, background=behind), cameras, kept),
+        describe_groups(scene, replace(now, background=behind), cameras, kept, said),
         frozenset(facts.ids[behind & (facts.ids > 0)].tolist()),
     )
 

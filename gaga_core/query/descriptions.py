@@ -1,7 +1,8 @@
 """Words for unnamed groups: "red box, large", "blue object behind".
 
 Color, shape and size are measured; a place and at last a number tell apart what would be called
-the same. A description that is still true stays as it is when other groups come and go.
+the same. A description that is still true stays as it is when other groups come and go, and what a
+thing is does not change with where a person puts it.
 """
 
 import re
@@ -135,16 +136,21 @@ def describe_groups(
     facts: GroupFacts,
     cameras: Sequence[Camera] = (),
     kept: Mapping[int, str] | None = None,
+    came: tuple[Scene, GroupFacts] | None = None,
 ) -> dict[int, str]:
     """Descriptions by group of all groups of ``facts`` that have no name; no two are equal, nor
     equal to a name. 0 (no group) has none.
 
     ``kept`` are descriptions of an earlier state: they stay where they are still true. Left and
     behind are meant from the train view that sees most; without ``cameras`` there are no places.
+    ``came`` are the scene as its files came (`as_it_came`) and its facts, with the same groups:
+    what things are is read there, and where they are here.
     """
     said = {
         int(group): one
-        for group, one in zip(facts.ids, _said(scene, facts, cameras), strict=True)
+        for group, one in zip(
+            facts.ids, _said(*(came or (scene, facts)), facts, cameras), strict=True
+        )
         if group > 0 and int(group) not in scene.names
     }
     used = {name.casefold() for name in scene.names.values()}
@@ -183,10 +189,13 @@ def _unique(text: str, used: set[str]) -> str:
     return name
 
 
-def _said(scene: Scene, facts: GroupFacts, cameras: Sequence[Camera]) -> list[_Said]:
+def _said(
+    scene: Scene, facts: GroupFacts, now: GroupFacts, cameras: Sequence[Camera]
+) -> list[_Said]:
+    """What ``scene`` and its ``facts`` say that groups are, and facts ``now`` where they are."""
     objects = ~facts.background & (facts.ids > 0)
-    median = float(np.median(facts.size[objects])) if objects.any() else 1.0
-    places = _places(facts, cameras, objects)
+    sizes, places = _size_words(facts, objects), _places(now, cameras, objects)
+    still = sizes if now is facts else _size_words(now, objects)
     shapes = shapes_of(scene, facts)
     said = []
     for row in range(len(facts)):
@@ -197,14 +206,20 @@ def _said(scene: Scene, facts: GroupFacts, cameras: Sequence[Camera]) -> list[_S
             continue
         if color == "grey":
             color = _besides_grey(facts, row)
-        size = facts.size[row] / max(median, 1e-12)
-        word = ", large" if size > _LARGE else ", small" if size < _SMALL else ""
+        word = sizes[row] if still[row] == sizes[row] else ""  # of one that was scaled
         ends = places[row]
         side = min(ends, key=lambda name: ends[name], default="")
         place = side if side and ends[side] < _SIDE else ""
         sides = {name: rank for name, rank in ends.items() if rank < _STILL_SIDE}
         said.append(_Said(f"{color} {_NOUNS[shapes[row]]}{word}", place, sides))
     return said
+
+
+def _size_words(facts: GroupFacts, objects: BoolArray) -> list[str]:
+    """Of each group (G,) against the median of the ``objects`` (G,)."""
+    median = float(np.median(facts.size[objects])) if objects.any() else 1.0
+    shares = facts.size / max(median, 1e-12)
+    return [", large" if s > _LARGE else ", small" if s < _SMALL else "" for s in shares]
 
 
 def _color(facts: GroupFacts, row: int) -> str:

@@ -84,6 +84,19 @@ def recolor(
     return _place(scene, indices, title, color=color, opacity=opacity)
 
 
+def as_it_came(scene: Scene) -> Scene:
+    """``scene`` with the splats of the opened file, and copies of them, where that file has them,
+    moved as the scene is as a whole; itself where they are. Colors stay as they are."""
+    used, first = np.unique(scene.placement, return_index=True)
+    rows = scene.source[first] < scene.n_opened
+    splats, used = first[rows], used[rows].astype(np.int32)
+    matrix = scene.placements.matrix.copy()
+    matrix[used] = _of_files(scene, splats, take_rows(scene.placements, used), used)
+    if np.array_equal(matrix, scene.placements.matrix):
+        return scene
+    return replace(scene, placements=replace(scene.placements, matrix=matrix))
+
+
 def _place(
     scene: Scene,
     indices: AnyArray,

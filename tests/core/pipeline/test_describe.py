@@ -1,8 +1,11 @@
 """What is said of groups: which are background, and what they lie under."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from gaga_core.cli.output import object_names
 from gaga_core.grouping.levels import Levels
@@ -12,9 +15,10 @@ from gaga_core.query.group_facts import group_facts
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.project import Project
-from tests.core.query.made_scenes import BACK, FRONT, TABLE, boxes_scene
+from tests.core.query.made_scenes import BACK, FRONT, TABLE, boxes_scene, shells
 
 VIEWS = (FRONT, BACK)
 _BLOCK = 2  # of TABLE: the large blue box, which by itself is a thing
@@ -53,3 +57,34 @@ def test_the_parent_of_a_listed_object_is_listed() -> None:
     assert parents == {**dict.fromkeys(parents, 0), lid: top}
     assert "lid (under teapot)" in object_names(listed)
     assert object_names(listed, 1).endswith(f"; and {len(listed) - 1} more (gaga info has all)")
+
+
+@pytest.mark.parametrize("factor", [0.2, 1.0, 6.0])
+@pytest.mark.parametrize("copied", [False, True])
+def test_what_a_thing_is_does_not_change_with_where_a_person_puts_it(
+    factor: float, *, copied: bool
+) -> None:
+    """A bottle that is made large and moved to the wall was a wall, among the background."""
+    scene = shells(TABLE)
+    edit = edits.move_scene(scene, np.array([[0, -2, 0, 1], [2, 0, 0, 0], [0, 0, 2, 5.0]]), "Turn")
+    assert edit is not None
+    edit.apply(scene)
+    views = carried_cameras(VIEWS, scene.frame.world)
+    found = describe(scene, group_facts(scene, views), views)
+    for group in sorted(set(found.words) - found.background):
+        changed, splats = replace(scene), group_indices(scene, group)
+        way = factor * np.diag([1.0, 0.05, 1.0])
+        matrix = np.column_stack([way, [30.0, 4.0, -2.0]])
+        do = edits.duplicate if copied else edits.transform
+        edit = do(scene, splats, matrix)
+        assert edit is not None
+        edit.apply(changed)
+        then = describe(changed, group_facts(changed, views), views)
+        moved = max(then.words) if copied else group
+        assert moved not in then.background
+        assert _what(then.words[moved]) == _what(found.words[group])
+
+
+def _what(words: str) -> str:
+    """Without size, place and number."""
+    return re.sub(r"(,| on the| in front| behind| \d).*", "", words)

@@ -32,6 +32,19 @@ def boxes_scene(boxes: Boxes, per_box: int = 300) -> Scene:
     return Scene.of(gaussians, np.concatenate(labels))
 
 
+def shells(boxes: Boxes, per_box: int = 400) -> Scene:
+    """`boxes_scene` with the splats on the faces."""
+    scene = boxes_scene(boxes, per_box)
+    rng = np.random.default_rng(1)
+    for k, (centre, sides, _) in enumerate(boxes, start=1):
+        means = scene.gaussians.means
+        own = np.flatnonzero(scene.labels == k)
+        axis = rng.integers(0, 3, len(own))
+        out = rng.choice((-0.5, 0.5), len(own))
+        means[own, axis] = np.array(centre)[axis] + out * np.array(sides)[axis]
+    return scene
+
+
 def camera_at(eye: tuple[float, float, float], name: str = "front.png") -> Camera:
     K = np.array([[400.0, 0, 320], [0, 400, 240], [0, 0, 1]])
     return Camera(K, look_at(np.array(eye), np.zeros(3), UP), 640, 480, name)

@@ -12,22 +12,9 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices, object_table
 from gaga_core.scene.scene import Scene
-from tests.core.query.made_scenes import BACK, FRONT, TABLE, Boxes, ball, boxes_scene
+from tests.core.query.made_scenes import BACK, FRONT, TABLE, Boxes, ball, boxes_scene, shells
 
 VIEWS = (FRONT, BACK)
-
-
-def shells(boxes: Boxes, per_box: int = 400) -> Scene:
-    """`boxes_scene` with the splats on the faces."""
-    scene = boxes_scene(boxes, per_box)
-    rng = np.random.default_rng(1)
-    for k, (centre, sides, _) in enumerate(boxes, start=1):
-        means = scene.gaussians.means
-        own = np.flatnonzero(scene.labels == k)
-        axis = rng.integers(0, 3, len(own))
-        out = rng.choice((-0.5, 0.5), len(own))
-        means[own, axis] = np.array(centre)[axis] + out * np.array(sides)[axis]
-    return scene
 
 
 def described(scene: Scene, kept: dict[int, str] | None = None) -> dict[int, str]:
