@@ -138,7 +138,7 @@ def test_a_click_waits_for_the_job_that_took_the_place_of_the_look(
     hand.click_at(balls(session)[0][0])
     session.settings = replace(session.settings, preset="robust", identities="vote")
     assert run("object.associate", session)
-    while (job := session.jobs.running) is not None and job.title != "Associate masks":
+    while (job := session.jobs.running) is not None and job.title != "Find objects":
         session.jobs.poll()
     assert len(click_object.waiting(session)) == 1
     if ends == "is cancelled":
@@ -147,7 +147,7 @@ def test_a_click_waits_for_the_job_that_took_the_place_of_the_look(
     while (job := session.jobs.running) is not None:
         begun += [job.title] if job.title not in begun else []
         session.jobs.poll()
-    found = ["Associate masks", "Lift groups to identities"] if ends == "is done" else []
+    found = ["Find objects", "Lift groups to identities"] if ends == "is done" else []
     assert titles(session) == [*found, "Click an object"]
     assert begun[-1] == "Prepare clicks"
     assert chosen_in_balls(session)[0] > 180

@@ -181,18 +181,18 @@ def take_groups(document: Document, found: Association) -> str:
     n_kept = int(of_file.max(initial=0)) - int(found.labels.max(initial=0))
     labels = spread(scene, of_file)  # duplicates follow their originals
     kept = new_ids | ids_of_added(scene, labels)
-    title, names = "Associate masks", _moved(scene.names, kept)
+    names = _moved(scene.names, kept)
     colors, weights = _moved(scene.colors, kept), _moved(scene.weights, kept)
     document.do(
         edits.together(
-            title,
+            TITLE,
             (
                 edits.set_grouping(
                     scene,
                     labels,
                     found.bank,
                     names,
-                    title,
+                    TITLE,
                     found.confidence,
                     scene.folders.renumbered(kept),
                 ),
