@@ -68,7 +68,8 @@ class SfmConfig:
 
     feature_side: int = 1600  # pixels: photos are shrunk to this to look for features
     n_features: int = 4096  # at most, in a photo
-    doubled: bool = True  # look at twice that size too: more and finer features, 4 x the time
+    doubled: bool = True  # look at twice that size too: more and finer features, 4 x the time;
+    # small photos always, see `doubles`
     affine: bool = False  # affine shape and domain-size pooling: wider baselines, 5 x the time
     least_contrast: float = 0.02 / 3  # of a feature, brightness 0..1: lower finds fainter ones
     guided: bool = False  # match again along the epipolar lines that the first matches give
@@ -89,6 +90,11 @@ class SfmConfig:
             raise ValueError("exhaustive_up_to, neighbours, overlap: at least 1")
         if not 0 < self.least_contrast < 1:
             raise ValueError("least_contrast: must be between 0 and 1")
+
+    def doubles(self, group: "CameraGroup") -> bool:
+        """Whether features are looked for in the photos of ``group`` at twice their size, too:
+        where that is nearer to `feature_side` than the photos as they are."""
+        return self.doubled or 2 * max(group.width, group.height) ** 2 < self.feature_side**2
 
     @staticmethod
     def of(quality: str, *, threads: int = 0, seed: int = 0) -> "SfmConfig":

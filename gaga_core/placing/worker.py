@@ -395,7 +395,6 @@ def _features(settings: StepSettings, workspace: Path) -> None:
     options.num_threads = settings.config.threads
     options.max_image_size = settings.config.feature_side
     options.sift.max_num_features = settings.config.n_features
-    options.sift.first_octave = -1 if settings.config.doubled else 0
     options.sift.estimate_affine_shape = settings.config.affine
     options.sift.domain_size_pooling = settings.config.affine
     options.sift.peak_threshold = settings.config.least_contrast
@@ -412,15 +411,16 @@ def _features(settings: StepSettings, workspace: Path) -> None:
         reader.camera_model = group.model
         if group.params or group.focal is not None:
             reader.camera_params = _camera_params(group)
-        readers.append((group.names, reader))
+        readers.append((group, reader))
     single = pycolmap.CameraMode.SINGLE
-    for names, reader in readers:  # first, so that numbers do not depend on who is ready first
-        pycolmap.import_images(database, pictures, single, names, reader)
-    for names, reader in readers:
+    for group, reader in readers:  # first, so that numbers do not depend on who is ready first
+        pycolmap.import_images(database, pictures, single, group.names, reader)
+    for group, reader in readers:
+        options.sift.first_octave = -1 if settings.config.doubles(group) else 0
         pycolmap.extract_features(
             database,
             pictures,
-            image_names=names,
+            image_names=group.names,
             camera_mode=single,
             reader_options=reader,
             extraction_options=options,
@@ -858,7 +858,9 @@ def _export(settings: StepSettings, workspace: Path) -> None:
 _HELD_OUT = 0.1  # share of the features whose matches are held out
 _LENS_PHOTOS = 12  # of one lens, from which on it is refined, too
 _FEWEST_POINTS = 15  # of a photo: with less its pose stays as it was given
-_TOLERANCES = (4.0, 60.0)  # pixels of a reprojection: the last round's, and the first one's at most
+_TOLERANCES = (1.0, 60.0)  # pixels of a reprojection in a round: the least and the most
+_NOISE = 6  # tolerances are so many times the median error: 4 deviations of what lies right
+_POINTS = 4.0  # pixels of a reprojection: points of refined poses; poses of less need one round
 _STEPS, _LAST_STEPS = 10, 40  # of the solver, in a round and in the last; 100 gain nothing
 _CAPPED = 20.0  # pixels: what is further off is a wrong match, however far
 
@@ -883,17 +885,20 @@ def _given(settings: StepSettings, workspace: Path) -> None:
     before = _mean_off(off)
     refined, after = model, None
     if given.refine:
-        first = float(np.clip(6 * np.median(off), *_TOLERANCES)) if len(off) else _TOLERANCES[0]
-        n_rounds = 1 + int(np.ceil(np.log2(first / _TOLERANCES[0])))
-        for i, tolerance in enumerate(np.geomspace(first, _TOLERANCES[0], n_rounds)):
-            _say({"done": i, "total": n_rounds + 1, "message": "refine the given poses"})
-            refined = _triangulated(settings, refined, held, target, float(tolerance))
-            _adjust(refined, poses, float(tolerance), is_last=i == n_rounds - 1)
+        tolerance, n = _tolerance(off), 0
+        while tolerance > _POINTS:
+            _say({"done": n, "total": n + 2, "message": "refine the given poses"})
+            refined = _triangulated(settings, refined, held, target, tolerance)
+            _adjust(refined, poses, tolerance, is_last=False)
+            tolerance, n = min(_tolerance(_off_lines(refined, matches)), tolerance / 2), n + 1
+        _say({"done": n, "total": n + 2, "message": "refine the given poses"})
+        refined = _triangulated(settings, refined, held, target, tolerance)
+        _adjust(refined, poses, tolerance, is_last=True)
         after = _mean_off(_off_lines(refined, matches))
     is_refined = after is not None and after < before
     _say({"done": 1, "total": 2, "message": "triangulate"})
     chosen = refined if is_refined else model
-    tolerance = _TOLERANCES[0] if is_refined else max(_TOLERANCES[0], 3 * before)
+    tolerance = _POINTS if is_refined else max(_POINTS, 3 * before)
     final = _triangulated(settings, chosen, database, target, tolerance)
     held.unlink()
     report = {"given": before, "refined": after, "is_refined": is_refined}
@@ -1007,6 +1012,11 @@ def _off_lines(model: pycolmap.Reconstruction, matches: _HeldOut) -> DoubleArray
         parts.append(focal * error / np.maximum(slope, 1e-18))
     # A lens may say nothing of a pixel at its rim.
     return np.nan_to_num(np.concatenate(parts), nan=_CAPPED, posinf=_CAPPED)
+
+
+def _tolerance(off: DoubleArray) -> float:
+    """Pixels that a reprojection may be off where held-out matches lie ``off`` their lines."""
+    return float(np.clip(_NOISE * np.median(off), *_TOLERANCES)) if len(off) else _POINTS
 
 
 def _mean_off(off: DoubleArray) -> float:

@@ -124,7 +124,7 @@ def test_scale_only_places_anew_in_the_given_world(placed: Placed) -> None:
 
 
 def test_poses_of_others_are_found_out_and_the_photos_placed_without(placed: Placed) -> None:
-    truth, found, entry, _ = placed("refine", 90.0, 3.0)
+    truth, found, entry, _ = placed("refine", 180.0, 30.0)
     assert entry["registered"] == N
     assert "contradict" in " ".join(entry["notes"])
     fit = similarity_between(found, truth)
