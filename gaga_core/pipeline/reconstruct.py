@@ -369,8 +369,9 @@ class Estimate:
     Each step is expected to take what it took here before, for this number of photos, pairs, and
     pixels; the longer it runs the more counts how long it takes now, see `Pace`: a machine that
     gets busy makes all slower that is left. What is to come is expected to be off by as much
-    as what was done, by a part of it where earlier runs are known. The share never goes back; of a
-    training that goes on it is that of all its iterations, as where it stopped.
+    as what was done, by a part of it where earlier runs are known. The share goes on as long as
+    anything does, slower where more is left than was thought; of a training that goes on it is that
+    of all its iterations, as where it stopped.
     """
 
     def __init__(
@@ -385,7 +386,7 @@ class Estimate:
         self._known, self._clock = dict(rates), clock
         settings, n_pixels = config.train(), found.n_pixels(config)
         self._spent = partial(settings.spent, n_pixels)
-        self._start = -1.0  # when the first word comes
+        self._at = -1.0  # when the newest word came
         self._began: dict[str, tuple[float, float]] = {}  # seconds and share at its first word
         self._took: dict[str, float] = {}  # seconds
         self._now, self._part = "", 0.0  # the step that runs, and how far it is
@@ -395,7 +396,8 @@ class Estimate:
     def follow(self, step: Progress) -> tuple[float, float]:
         """Take the newest word of a step; returns the share 0..1 of all, and seconds left."""
         at = self._clock()
-        self._start = at if self._start < 0 else self._start
+        passed = at - self._at if self._at >= 0 else 0.0
+        self._at = at
         share = min(step.done / step.total, 1.0) if step.total > 0 else 0.0
         done = share if step.stage == TRAINS else 0.0
         if step.stage in self._expected:
@@ -411,10 +413,10 @@ class Estimate:
         elif self._now and self._now != TRAINS and step.total > 0:
             self._end_step(at)  # something between two steps
         left = self._left(at, self._part)
-        elapsed = at - self._start
-        if not self._behind:
-            done = elapsed / max(elapsed + left, 1e-9)
-        self._share = max(self._share, done)
+        if self._behind:
+            self._share = max(self._share, done)
+        else:  # as much of the rest as this time is of the time that was left before it
+            self._share += (1 - self._share) * passed / max(passed + left, 1e-9)
         return self._share, left
 
     def rates(self) -> dict[str, float]:
