@@ -318,8 +318,9 @@ def describe(
 def describe_project(project: Project) -> Description:
     """Describe the groups of ``project``; its scene calls them so from then on."""
     cameras = train_views(project)
-    found = describe(project.scene, facts_of(project.scene, cameras), cameras)
-    project.scene.described = dict(found.words)
+    scene = project.scene
+    found = describe(scene, facts_of(scene, cameras), cameras, kept=scene.described)
+    scene.described = dict(found.words)
     return found
 
 

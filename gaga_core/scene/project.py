@@ -107,6 +107,7 @@ class ProjectFile(msgspec.Struct, frozen=True):
     model: FileEntry
     scene: Annotated[str, msgspec.Meta(pattern=_SCENE_FILE)]
     names: dict[Group, str]
+    called: dict[Group, str] = {}  # what others were called: it stays where it is still true
     gaga_studio: str = ""
     added: list[FileEntry] = []
     folder: PathText | None = ".."
@@ -692,6 +693,7 @@ def _write_project(project: Project, target: Path, entries: list[FileEntry]) -> 
         folder=_shown(project.folder.root, target) if project.folder else None,
         scene=name,
         names={str(group): text for group, text in sorted(scene.names.items())},
+        called={str(group): text for group, text in sorted(scene.described.items())},
         colors={str(group): list(rgb) for group, rgb in sorted(scene.colors.items())},
         weights={str(group): weight for group, weight in sorted(scene.weights.items())},
         folders=list(scene.folders.paths),
@@ -759,6 +761,7 @@ def _open_saved(file: Path) -> Stage[Project]:
     scene = scene_of(file.parent / document.scene, arrays, gaussians, n_opened)
     scene.added = added
     scene.names = {int(group): text for group, text in document.names.items()}
+    scene.described = {int(group): text for group, text in document.called.items()}
     scene.colors = _colors_of(document.colors)
     if not all(0 < weight.value < np.inf for weight in document.weights.values()):
         raise GagaError(f"{file} is damaged (a weight that is not above 0). {CURE}")

@@ -180,7 +180,7 @@ class Scene:
     source: LongArray
     placements: Placements
     names: dict[int, str] = field(default_factory=dict)  # only of groups that a person named
-    # What other groups are called meanwhile: measured (`query.descriptions`), no edit, never saved.
+    # What other groups are called meanwhile: measured (`query.descriptions`), no edit.
     described: dict[int, str] = field(default_factory=dict)
     colors: dict[int, RGB] = field(default_factory=dict)  # ... that a person colored in the list
     weights: dict[int, Weight] = field(default_factory=dict)  # ... that a person weighed

@@ -10,14 +10,16 @@ import pytest
 from gaga_core.cli.output import object_names
 from gaga_core.grouping.levels import Levels
 from gaga_core.grouping.memory_bank import MemoryBank
-from gaga_core.pipeline.search import describe, list_objects
+from gaga_core.io.splats.ply import write_ply
+from gaga_core.pipeline.search import describe, describe_project, list_objects
+from gaga_core.progress import run_stage
 from gaga_core.query.group_facts import group_facts
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.objects import group_indices
-from gaga_core.scene.project import Project
+from gaga_core.scene.project import Project, open_path_stage, save_project
 from tests.core.query.made_scenes import BACK, FRONT, TABLE, boxes_scene, shells
 
 VIEWS = (FRONT, BACK)
@@ -83,6 +85,25 @@ def test_what_a_thing_is_does_not_change_with_where_a_person_puts_it(
         moved = max(then.words) if copied else group
         assert moved not in then.background
         assert _what(then.words[moved]) == _what(found.words[group])
+
+
+def test_objects_are_called_after_reopening_as_before(tmp_path: Path) -> None:
+    """Without the first one, the second was given its name."""
+    alike = shells([((x, 0, 0), (0.2,) * 3, "c81414") for x in (-1.2, -0.4, 0.4, 1.2)])
+    write_ply(tmp_path / "row.ply", alike.gaussians)
+    project = run_stage(open_path_stage(tmp_path / "row.ply"))
+    edit = edits.set_grouping(project.scene, alike.labels, None, {}, "Find objects")
+    history = History(project.scene)
+    for done in (edit, edits.rename(project.scene, 4, "lid")):
+        assert done is not None
+        history.do(done)
+    before = describe_project(project).words
+    gone = next(group for group in before if before[group] == "red box")
+    history.do(edits.delete(project.scene, group_indices(project.scene, gone)))
+    words = describe_project(project).words
+    assert words == {group: text for group, text in before.items() if group != gone}
+    again = run_stage(open_path_stage(save_project(project)))
+    assert describe_project(again).words == words
 
 
 def _what(words: str) -> str:
