@@ -120,13 +120,14 @@ def world_stage(
     chosen = found if groups is None else np.intersect1d(labels[labels > 0], list(groups))
     if len(chosen) == 0:
         raise GagaError("None of these objects is visible, so there is nothing to export.")
-    gaussians = yield from bake_stage(scene, indices=splats)
+    begin = Progress(STEP, 0, len(chosen) + 1, "prepare")  # the last step writes
+    gaussians = yield from as_step(begin, bake_stage(scene, indices=splats))
     gaussians = placed(gaussians, upright_place(how.up, how.scale))
     finite = np.isfinite(gaussians.means).all(axis=1)
     firm = finite & (gaussians.opacities > _SOLID)
     means = gaussians.means.astype(np.float64)
     rest = ~np.isin(labels, chosen)
-    views = yield from _views_stage(how)
+    views = yield from as_step(begin, _views_stage(how))
     stays_put = _stays_put(scene, splats, gaussians, upright_place(how.up, how.scale))
     planes = {
         int(g): support_of(means[firm & (labels == g)], means[firm & (labels != g)])
@@ -143,7 +144,7 @@ def world_stage(
     order = sorted(chosen.tolist(), key=lambda group: (len(held[group]), group))
     for i, group in enumerate(order):
         name = group_name(scene, group)
-        step = Progress(STEP, i, len(chosen), name)
+        step = Progress(STEP, i, begin.total, name)
         yield step
         plane = planes.get(group)
         plane = plane and on_box(plane, boxes)
@@ -339,12 +340,14 @@ def export_simulation_stage(
     with staging_folder(folder) as staging:
         files, splats = list[str](), dict[str, str]()
         (staging / "splats").mkdir()
+        n = len(world.bodies)
         parts = [(body.stem, body.gaussians) for body in world.bodies if not body.copy_of]
         if world.static.gaussians is not None:
             parts.append(("static", world.static.gaussians))
-        for stem, gaussians in parts:
+        for i, (stem, gaussians) in enumerate(parts):
             splats[stem] = f"splats/{stem}.ply"
-            yield from write_splats_stage(staging / splats[stem], gaussians)
+            step = Progress(STEP, n + i / len(parts), n + 1, f"write {stem}.ply")
+            yield from as_step(step, write_splats_stage(staging / splats[stem], gaussians))
         files += splats.values()
         splats |= {body.stem: splats[body.copy_of] for body in world.bodies if body.copy_of}
         if {SimulatorForm.MJCF, SimulatorForm.URDF} & set(how.forms):

@@ -42,7 +42,7 @@ from gaga_core.grouping.surfaces.surfels import (
     sample_surfels,
     small_pieces,
 )
-from gaga_core.progress import Progress, Stage, part
+from gaga_core.progress import Progress, Stage, portion
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.orientation import estimate_up, views_around
@@ -61,7 +61,9 @@ from gaga_core.threads import n_threads, run_chunks
 
 
 STAGE = "Prepare clicks"
-_STEPS = 5
+# Where views, samples, splats around them and borders end, share of all: four files of 30,000 to
+# 90,000 splats spent 0.70 to 0.76, 0.04 to 0.05, 0.04 to 0.06 and 0.15 to 0.19 of their time.
+_LOOKED, _SAMPLED, _GATHERED = 0.74, 0.78, 0.84
 _SAMPLES = 60_000  # most samples of the surfaces
 _LEAST_SAMPLES = 32  # fewer show no surface
 _OPAQUE = 0.5  # alpha of a pixel that shows a surface
@@ -109,23 +111,22 @@ def click_graph_stage(
     rows = np.flatnonzero(scene.visible).astype(np.int32)
     labels = scene.labels[rows]
     gaussians = yield from bake_stage(scene, indices=rows)
-    looked = yield from part(_looked(gaussians, views, rasterizer), 0, _STEPS, STAGE)
+    looked = yield from portion(_looked(gaussians, views, rasterizer), 0, _LOOKED, STAGE)
     masks, depths = looked.masks, looked.depths
     further = looked.further
     sample = sample_surfels(
         views, lambda c: masks[c.name], lambda c: further[c.name], depths, _SAMPLES
     )
-    surfels = yield from part(sample, 1, _STEPS, STAGE)
-    yield Progress(STAGE, 2, _STEPS, "unseen surfaces")
+    surfels = yield from portion(sample, _LOOKED, _SAMPLED, STAGE)
     known = finite(gaussians)
     surfels = _with_unseen(surfels, gaussians.means[known & (gaussians.opacities > _OPAQUE)])
     if len(surfels.points) < _LEAST_SAMPLES:
         raise GagaError("The views show almost none of the splats, so nothing can be clicked.")
-    yield Progress(STAGE, 3, _STEPS, "splats around the surfaces")
+    yield Progress(STAGE, _SAMPLED, 1, "splats around the surfaces")
     tree = cKDTree(surfels.points)
     spacing = _spacing(tree)
     nearest, weights = _votes(tree, spacing, gaussians, _colors(looked, views, surfels))
-    yield Progress(STAGE, 4, _STEPS, "borders")
+    yield Progress(STAGE, _GATHERED, 1, "borders")
     groups = _majority(labels, nearest[:, 0], len(spacing))
     n_splats = np.bincount(nearest[:, 0], minlength=len(spacing))
     color = colors_of_samples(gaussians, np.flatnonzero(known), surfels.points)
