@@ -81,22 +81,30 @@ def notifies(action: Callable[Concatenate[S, P], object]) -> Callable[Concatenat
 class UserQuestion:
     """Something that must be answered before the session goes on; the window shows it as a modal.
 
-    The last choice is the one that changes nothing (Escape).
+    The last choice is the one that changes nothing (Escape). Where what it is about has changed
+    meanwhile (``is_past``) it is not answered but asked anew, by ``again``.
     """
 
     text: str
     choices: tuple[str, ...]
     on_choice: Callable[[str], None]
+    is_past: Callable[[], bool] = lambda: False
+    again: Callable[[], None] = lambda: None
 
 
-def choose_one(text: str, choices: Mapping[str, Callable[[], None]]) -> UserQuestion:
+def choose_one(
+    text: str,
+    choices: Mapping[str, Callable[[], None]],
+    is_past: Callable[[], bool] = lambda: False,
+    again: Callable[[], None] = lambda: None,
+) -> UserQuestion:
     """Build the question that does one of ``choices``, or nothing ("Cancel")."""
 
     def chosen(choice: str) -> None:
         if choice in choices:
             choices[choice]()
 
-    return UserQuestion(text, (*choices, "Cancel"), chosen)
+    return UserQuestion(text, (*choices, "Cancel"), chosen, is_past, again)
 
 
 class Request(Enum):

@@ -244,9 +244,16 @@ class Session:
             self._questions.append(question)
 
     def answer(self, choice: str) -> None:
-        """Answer the pending question."""
-        if self._questions:
+        """Answer the pending question, or see it asked anew where it is about what is past."""
+        if self._questions and not self._ask_anew():
             self._questions.pop(0).on_choice(choice)
+
+    def _ask_anew(self) -> bool:
+        """Ask the pending question anew where what it is about has changed; whether it had."""
+        if not self._questions or not self._questions[0].is_past():
+            return False
+        self._questions.pop(0).again()
+        return True
 
     def take_request(self) -> Request | None:
         """Return what a command asked of the window since the last call, or None."""
@@ -320,14 +327,17 @@ class Session:
         One question names both.
         """
 
-        def end() -> None:
-            self.should_quit = True
-
-        job, document = self.jobs.at_risk, self.document
+        job = self.jobs.at_risk
         if job is None:
-            self._when_saved("before gaga-studio ends", end)
-            return
-        text = f"{job.title} is still running; unfinished work is lost."
+            self._when_saved("before gaga-studio ends", self._end)
+        else:
+            self._ask_to_quit(f"{job.title} is still running; unfinished work is lost.")
+
+    def _end(self) -> None:
+        self.should_quit = True
+
+    def _ask_to_quit(self, text: str) -> None:
+        end, document, asked = self._end, self.document, self._at_risk()
         choices: dict[str, Callable[[], None]] = {"Quit": end}
         if document is not None and document.waiting:
             text += f" The preview of {document.waiting} is not applied."
@@ -337,7 +347,20 @@ class Session:
                 "Save and quit": lambda: self.save(then=end),
                 "Quit without saving": end,
             }
-        self.pending_question = choose_one(text, choices)
+
+        def again() -> None:
+            if any(self._at_risk()):
+                self.quit()
+            else:
+                self._ask_to_quit("What was running is done.")
+
+        self.pending_question = choose_one(text, choices, lambda: self._at_risk() != asked, again)
+
+    def _at_risk(self) -> tuple[str, str, bool]:
+        """What the end of the program loses: a job, a preview that waits, edits."""
+        job, document = self.jobs.at_risk, self.document
+        waits = document.waiting if document is not None else ""
+        return job.title if job is not None else "", waits, self.unsaved
 
     def save(
         self,
@@ -464,7 +487,13 @@ class Session:
             choices = {"Save": lambda: self.save(then=action), **choices}
         else:
             text += f"Discard it {when}?"
-        self.pending_question = choose_one(text, choices)
+        asked = self._at_risk()[1:]
+        self.pending_question = choose_one(
+            text,
+            choices,
+            lambda: self._at_risk()[1:] != asked,
+            lambda: self._when_saved(when, action),
+        )
 
     def leave_for(self, photos: "PhotoFind", when: str, action: Callable[[], None]) -> None:
         """Have ``photos`` open in place of the scene and do ``action``; with unsaved edits, ask."""
@@ -590,6 +619,7 @@ class Session:
     def tick(self, dt: float) -> None:
         """Take what jobs have produced, move the camera, look up the hovered object."""
         self.jobs.poll()
+        self._ask_anew()
         if self.document is not None:
             self.rig.follow(self.document.world)
         is_moving = self.rig.update(dt)

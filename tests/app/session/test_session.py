@@ -4,6 +4,7 @@ import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -295,6 +296,50 @@ def test_quitting_asks_while_a_job_runs(associated: Session) -> None:
         associated.tick(0.01)
     assert associated.should_quit
     assert not associated.unsaved
+
+
+@pytest.mark.parametrize("is_seen", [False, True])
+def test_a_question_about_a_job_that_ends_behind_it_is_asked_anew(
+    associated: Session, *, is_seen: bool
+) -> None:
+    """*Quit* dropped what *Find objects* had found meanwhile, and the recovered edits: the question
+    still said that it was running."""
+    go_on = Event()
+
+    def stage() -> Stage[None]:
+        while not go_on.is_set():
+            time.sleep(0.001)
+            yield Progress("Recover", 1, 3)
+
+    def done(_: None) -> None:
+        objects.rename(associated, objects_of(associated)[0], "mug")
+
+    associated.jobs.start("Recover", stage(), on_done=done)
+    associated.quit()
+    go_on.set()
+    assert associated.jobs.wait()
+    if is_seen:
+        associated.tick(0.01)
+    else:
+        associated.answer("Quit")
+    assert not associated.should_quit
+    question = associated.pending_question
+    assert question is not None
+    assert "Save the changes" in question.text
+    associated.answer("Cancel")
+    _endless(associated)
+    associated.save()
+    while associated.unsaved:
+        associated.tick(0.01)
+    associated.quit()
+    associated.jobs.cancel()
+    assert associated.jobs.wait()
+    associated.tick(0.01)
+    assert associated.pending_question is not None
+    assert associated.pending_question.text == "What was running is done."
+    assert not associated.should_quit, "nobody said so"
+    associated.answer("Quit")
+    assert associated.should_quit
 
 
 def test_the_end_of_the_program_waits_for_saves(associated: Session) -> None:
