@@ -445,7 +445,12 @@ def test_objects_are_used_by_hand(display: str, balls: Path) -> None:
 
 
 def _the_palette_runs_a_command(d: Driver) -> None:
+    """Enter on a gray one says why, and the next letters are those of another one."""
     d.keys(KEY.mod_ctrl, KEY.p)
+    d.engine.key_chars("merge obj")
+    d.frames(2)
+    d.engine.key_press(KEY.enter)
+    d.frames(4)
     d.engine.key_chars("depth")
     d.frames(2)
     d.engine.key_press(KEY.enter)

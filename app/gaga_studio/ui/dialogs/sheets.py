@@ -130,6 +130,7 @@ class PaletteState:
 
     text: str = ""
     at: int = 0
+    lost_keys: bool = False  # Enter, or a click on a line, took the keyboard from the field
 
 
 def open_commands(palette: PaletteState) -> None:
@@ -188,11 +189,14 @@ def _palette(session: Session, state: PaletteState) -> None:
     imgui.set_next_window_size(ImVec2(width, height))
     if not imgui.begin_popup(COMMANDS_SHEET, imgui.WindowFlags_.no_nav_inputs):  # own arrows
         return
-    if imgui.is_window_appearing():
+    if imgui.is_window_appearing() or state.lost_keys:
         imgui.set_keyboard_focus_here()
     imgui.set_next_item_width(-1)
     changed, state.text = imgui.input_text_with_hint(
-        "##Command", f"{icons.SEARCH}  Type what you want to do", state.text
+        "##Command",
+        f"{icons.SEARCH}  Type what you want to do",
+        state.text,
+        flags=imgui.InputTextFlags_.auto_select_all,
     )
     menus = commands.all_menus(session)
     found, menu_of = matching(state.text, menus), _menu_of(menus)
@@ -201,7 +205,8 @@ def _palette(session: Session, state: PaletteState) -> None:
     step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
     state.at = min(max(state.at + step, 0), max(len(found) - 1, 0))
     chosen: Command | None = None
-    if imgui.is_key_pressed(imgui.Key.enter) and found:
+    state.lost_keys = imgui.is_key_pressed(imgui.Key.enter)
+    if state.lost_keys and found:
         chosen = found[state.at]
     why_not = found[state.at].enabled(session) if found else ""
     room = imgui.get_text_line_height_with_spacing() if why_not else 0.0
@@ -209,7 +214,7 @@ def _palette(session: Session, state: PaletteState) -> None:
     for position, command in enumerate(found):
         right = commands.shortcut_of(command, session) or menu_of[command.id]
         if _palette_line(session, command, right, position == state.at, bool(step)):
-            chosen = command
+            chosen, state.lost_keys = command, True
     if not found:
         widgets.dim("No command is called that.")
     imgui.end_child()
