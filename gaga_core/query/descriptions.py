@@ -120,15 +120,20 @@ class _Said:
     what: str  # "red box, large"
     place: str  # "behind"; "" = nowhere in particular
     sides: Mapping[str, float]  # places that are not wrong, and how many are farther there, 0..1
+    still: tuple[str, ...] = ()  # what else is not wrong: with and without its size
 
-    def at(self, place: str) -> str:
+    def at(self, place: str, what: str = "") -> str:
         """The words with a place."""
-        return f"{self.what}{' ' if ',' not in self.what else ', '}{place}"
+        what = what or self.what
+        return f"{what}{' ' if ',' not in what else ', '}{place}"
 
     def fits(self, text: str) -> bool:
         """Whether ``text``, perhaps with a number, is still true."""
         words = _NUMBER.sub("", text)
-        return words == self.what or any(words == self.at(side) for side in self.sides)
+        return any(
+            words == what or any(words == self.at(side, what) for side in self.sides)
+            for what in (self.what, *self.still)
+        )
 
 
 def describe_groups(
@@ -194,8 +199,8 @@ def _said(
 ) -> list[_Said]:
     """What ``scene`` and its ``facts`` say that groups are, and facts ``now`` where they are."""
     objects = ~facts.background & (facts.ids > 0)
-    sizes, places = _size_words(facts, objects), _places(now, cameras, objects)
-    still = sizes if now is facts else _size_words(now, objects)
+    places, shares = _places(now, cameras, objects), _size_shares(facts, objects)
+    shares_now = shares if now is facts else _size_shares(now, objects)
     shapes = shapes_of(scene, facts)
     said = []
     for row in range(len(facts)):
@@ -206,20 +211,28 @@ def _said(
             continue
         if color == "grey":
             color = _besides_grey(facts, row)
-        word = sizes[row] if still[row] == sizes[row] else ""  # of one that was scaled
+        word, smaller = _size_word(shares[row]), min(shares[row], shares_now[row]) < 1
+        larger = max(shares[row], shares_now[row]) > 1
+        if _size_word(shares_now[row]) != word:  # of one that was scaled
+            word = ""
+        base = f"{color} {_NOUNS[shapes[row]]}"
+        still = (base, *[f"{base}, small"] * (not larger), *[f"{base}, large"] * (not smaller))
         ends = places[row]
         side = min(ends, key=lambda name: ends[name], default="")
         place = side if side and ends[side] < _SIDE else ""
         sides = {name: rank for name, rank in ends.items() if rank < _STILL_SIDE}
-        said.append(_Said(f"{color} {_NOUNS[shapes[row]]}{word}", place, sides))
+        said.append(_Said(base + word, place, sides, still))
     return said
 
 
-def _size_words(facts: GroupFacts, objects: BoolArray) -> list[str]:
-    """Of each group (G,) against the median of the ``objects`` (G,)."""
+def _size_shares(facts: GroupFacts, objects: BoolArray) -> DoubleArray:
+    """Sizes (G,) against the median of the ``objects`` (G,)."""
     median = float(np.median(facts.size[objects])) if objects.any() else 1.0
-    shares = facts.size / max(median, 1e-12)
-    return [", large" if s > _LARGE else ", small" if s < _SMALL else "" for s in shares]
+    return facts.size / max(median, 1e-12)
+
+
+def _size_word(share: float) -> str:
+    return ", large" if share > _LARGE else ", small" if share < _SMALL else ""
 
 
 def _color(facts: GroupFacts, row: int) -> str:

@@ -94,6 +94,20 @@ def test_words_that_are_still_true_stay(table: Scene) -> None:
     assert {g: t for g, t in again.items() if g != 2} == {g: t for g, t in after.items() if g != 2}
 
 
+def test_a_size_stays_while_it_is_not_wrong() -> None:
+    """It came and went as others were deleted, which move the median."""
+    rows: Boxes = [
+        ((1.2 * k, 0, 0), (side,) * 3, "c81414")
+        for k, side in enumerate((0.4, 0.4, 0.4, 0.15, 0.3))
+    ]
+    before = described(shells(rows))
+    assert "small" in before[4]
+    fewer = shells([rows[0], *rows[3:]])
+    assert "small" not in described(fewer)[2]
+    assert described(fewer, {2: before[4]})[2] == before[4]
+    assert "large" not in described(fewer, {2: "red box, large"})[2]
+
+
 def test_words_stay_when_another_object_moves_past(table: Scene) -> None:
     """And so are the same when the move is undone."""
     ways = [-0.3, -0.6, -0.9, -1.2, -1.5, 0.3, 0.6, 0.9, 1.2]
