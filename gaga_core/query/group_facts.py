@@ -239,7 +239,8 @@ def _background(
         result |= inside.mean(axis=1) >= _ENCLOSES
     whole = float(np.linalg.norm(hi.max(axis=0) - lo.min(axis=0)))
     centre = (lo + hi) / 2
-    n_others = max(int((ids > 0).sum()) - 1, 1)
+    n_groups = int((ids > 0).sum())
+    n_others = max(n_groups - 1, 1)
     thin = np.flatnonzero(extents[:, 2] < _THICK * extents[:, 0])
     for k in thin[np.argsort(-extents[thin, 0], kind="stable")][:_THIN_ONES]:
         over = ((centre[:, :2] >= lo[k, :2]) & (centre[:, :2] <= hi[k, :2])).all(axis=1)
@@ -248,7 +249,9 @@ def _background(
         flat = extents[k, 2] < _FLAT * extents[k, 0]
         share = 1 / 3 if flat else _CARRIES_ALL
         carries = carried >= max(_CARRIES, share * n_others)
-        result[k] |= carries or (flat and extents[k, 0] >= _VAST * whole)
+        # What is alone in its file, a guitar say, is not behind anything.
+        is_vast = flat and extents[k, 0] >= _VAST * whole and n_groups > 1
+        result[k] |= carries or is_vast
     return result
 
 

@@ -148,6 +148,12 @@ def test_shape_words_are_those_of_the_shapes() -> None:
     assert shapes_of(sphere, group_facts(sphere))[0] == "round"
 
 
+def test_what_is_alone_is_no_wall() -> None:
+    """A guitar that was clicked in its file was a "brown wall"."""
+    guitar: Boxes = [((0, 0, 0), (1.0, 0.7, 0.06), "8a5a2a")]
+    assert described(shells(guitar))[1].split()[-1] in ("object", "box")
+
+
 def test_what_is_in_no_group_gets_no_words() -> None:
     """Also where it is flat, and nothing else is background."""
     things = shells(TABLE[:4])
