@@ -378,10 +378,12 @@ def test_keys_walk_through_sheets_and_their_lists(display: str, balls: Path) -> 
 @pytest.mark.parametrize(
     ("keys", "answer"),
     [
-        ((KEY.tab, KEY.tab, KEY.enter), "B"),
-        ((KEY.tab, KEY.right_arrow, KEY.space), "B"),
         ((KEY.enter,), "A"),
-        ((KEY.tab, KEY.enter), "A"),
+        ((KEY.space,), "A"),
+        ((KEY.tab, KEY.enter), "B"),
+        ((KEY.right_arrow, KEY.enter), "B"),
+        ((KEY.tab, KEY.right_arrow, KEY.space), "C"),
+        ((KEY.tab, KEY.tab, KEY.tab, KEY.enter), "A"),
         ((KEY.escape,), "C"),
     ],
 )
