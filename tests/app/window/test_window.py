@@ -294,6 +294,42 @@ def test_escape_closes_what_is_on_top_and_a_click_opens_another_menu(
     drive(test, path=balls)
 
 
+def test_left_and_right_go_from_menu_to_menu_and_do_nothing_else(display: str, balls: Path) -> None:
+    """Once around in both directions; a submenu has the keys first."""
+    titles = tuple(MENUS)
+
+    def test(d: Driver) -> None:
+        def opened() -> tuple[str, int]:
+            return d.studio.ui.menu.opened, len(imgui.get_current_context().open_popup_stack)
+
+        pose, shown = d.session.rig.pose, d.session.active_view
+        d.menu(titles[0])
+        d.keys(KEY.down_arrow)
+        for key, listed in (
+            (KEY.right_arrow, (*titles[1:], titles[0])),
+            (KEY.left_arrow, (*titles[:0:-1], titles[0])),
+        ):
+            for title in listed:
+                d.keys(key)
+                assert opened() == (title, 1)
+        d.keys(KEY.down_arrow)
+        d.keys(KEY.right_arrow)
+        assert opened() == (titles[1], 1), "from an entry further down, too"
+        while opened()[0] != "View":
+            d.keys(KEY.right_arrow)
+        submenu = d.engine.item_info("//$FOCUSED/###Look from").id_
+        while imgui.get_current_context().nav_id != submenu:
+            d.keys(KEY.down_arrow)
+        d.keys(KEY.right_arrow)
+        assert opened() == ("View", 2), "a submenu opens"
+        d.keys(KEY.left_arrow)
+        assert opened() == ("View", 1), "and closes"
+        assert d.session.rig.pose == pose
+        assert d.session.active_view == shown
+
+    drive(test, path=balls, size=(1200, 700))
+
+
 def test_keys_walk_through_sheets_and_their_lists(display: str, balls: Path) -> None:
     """Tab, the arrows, Enter and Space press what has the focus, and nothing else as well."""
 
@@ -342,10 +378,12 @@ def test_keys_walk_through_sheets_and_their_lists(display: str, balls: Path) -> 
 @pytest.mark.parametrize(
     ("keys", "answer"),
     [
-        ((KEY.tab, KEY.tab, KEY.enter), "B"),
-        ((KEY.tab, KEY.right_arrow, KEY.space), "B"),
         ((KEY.enter,), "A"),
-        ((KEY.tab, KEY.enter), "A"),
+        ((KEY.space,), "A"),
+        ((KEY.tab, KEY.enter), "B"),
+        ((KEY.right_arrow, KEY.enter), "B"),
+        ((KEY.tab, KEY.right_arrow, KEY.space), "C"),
+        ((KEY.tab, KEY.tab, KEY.tab, KEY.enter), "A"),
         ((KEY.escape,), "C"),
     ],
 )

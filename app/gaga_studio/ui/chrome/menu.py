@@ -107,7 +107,20 @@ def draw(session: Session, state: MenuState) -> None:
                 _submenu_after(session, command.id)
             imgui.end_menu()
     imgui.pop_style_var()
+    _arrows(state)
     _title(session)
+
+
+def _arrows(state: MenuState) -> None:
+    """Left and Right go to the menu next to the open one, where no submenu took them.
+
+    The toolkit would close the open menu and only mark the title of the next.
+    """
+    step = {imgui.Dir.left: -1, imgui.Dir.right: 1}.get(imgui.get_current_context().nav_move_dir, 0)
+    if state.opened and step and imgui.internal.nav_move_request_but_no_result_yet():
+        imgui.internal.nav_move_request_cancel()
+        titles = tuple(MENUS)
+        imgui.open_popup(titles[(titles.index(state.opened) + step) % len(titles)])
 
 
 def _submenu_after(session: Session, command_id: str) -> None:

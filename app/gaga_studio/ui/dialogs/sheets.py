@@ -154,6 +154,8 @@ def _question(session: Session) -> None:
         imgui.open_popup(name)
     if not begin_modal(name, em(28), is_possible=question is not None) or question is None:
         return
+    if imgui.is_window_appearing():  # on the blue button: the first Tab goes to the next
+        imgui.set_nav_cursor_visible(True)
     widgets.paragraph(question.text)
     imgui.dummy(ImVec2(0, em(0.4)))
     style = imgui.get_style()
