@@ -16,8 +16,9 @@ from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongA
 from gaga_core.camera import Camera
 from gaga_core.color import SH_C0, sh_basis
 from gaga_core.query.colors import LEVELS, NAMES, color_table
+from gaga_core.scene.frame import inverse
 from gaga_core.scene.orientation import estimate_up, upright_basis
-from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.scene import Placements, Scene, State
 
 _BINS = 64
 _TAIL = 0.02  # share of the opacity outside the box on each side of an axis
@@ -74,35 +75,38 @@ class GroupFacts:
         return at if at < len(self.ids) and self.ids[at] == group else None
 
 
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Where splats (N) stand in the upright frame, and the robust boxes of their groups (G)."""
+
+    points: FloatArray  # (N, 3)
+    area: FloatArray  # (N,) negative = does not count
+    lo: FloatArray  # (G, 3)
+    hi: FloatArray  # (G, 3)
+
+
 def group_facts(scene: Scene, cameras: Sequence[Camera] = ()) -> GroupFacts:
     """Measure every group of ``scene``; splats that are deleted do not count, hidden ones do.
 
     ``cameras`` say which way is up and what surrounds them. About 300 ms per million splats.
     """
     # Imported when first needed: importing numba takes a large part of the launch time.
-    from gaga_core.query.group_facts_kernels import tally_looks, weigh_splats
+    from gaga_core.query.group_facts_kernels import tally_looks
     from gaga_core.raster.cpu.prepare import for_kernel
 
     frame = upright_basis(estimate_up(cameras))
     rows, ids = compact_rows(scene.labels)
-    n, n_groups = len(scene), len(ids)
-    g = scene.gaussians
-    points, area = np.zeros((n, 3), np.float32), np.zeros(n, np.float32)
-    weight = np.zeros_like(g.logit_opacities)
-    sums = np.zeros((n_groups, 8))
+    n_groups = len(ids)
     matrix = np.ascontiguousarray(frame @ scene.placements.matrix)
-    state, placement = for_kernel(scene.state, np.uint8), for_kernel(scene.placement, np.int32)
-    raw = (g.means, g.log_scales, g.logit_opacities)
-    means, sizes, logits = (for_kernel(values, np.float32) for values in raw)
-    splats = rows, state, placement, matrix, means, sizes, logits
-    weigh_splats(*splats, points, area, weight, sums)
-    lo, hi = _boxes(rows, points, area, weight, sums)
+    spread, weight, sums = _spread(scene, rows, n_groups, matrix)
+    points, area, lo, hi = spread.points, spread.area, spread.lo, spread.hi
+    placement = for_kernel(scene.placement, np.int32)
     table = color_table()
     looks = np.zeros((n_groups, table.shape[1] + 4))
     moments = np.zeros((n_groups, 10))
     with np.errstate(invalid="ignore", divide="ignore"):
         area_max = np.nan_to_num(_AREA_MAX * sums[:, 2] / sums[:, 1]).astype(np.float32)
-    spread, views = Spread(points, area, lo, hi), view_axes(frame, cameras)
+    views = view_axes(frame, cameras)
     tints = for_kernel(scene.placements.color, np.float64)
     seen_as = seen_colors(scene, rows, spread, matrix, views)
     looked = rows, placement, tints, seen_as, points, area, weight
@@ -127,6 +131,26 @@ def group_facts(scene: Scene, cameras: Sequence[Camera] = ()) -> GroupFacts:
         | _scattered(extents, sums[live, 2]),
         seen=seen_as,
     )
+
+
+def _spread(
+    scene: Scene, rows: IntArray, n_groups: int, matrix: DoubleArray
+) -> tuple[Spread, FloatArray, DoubleArray]:
+    """Where splats stand in the frame that ``matrix`` (P, 3, 4) brings placements into; their
+    opacities (N,), and the sums (G, 8) of `weigh_splats`."""
+    from gaga_core.query.group_facts_kernels import weigh_splats
+    from gaga_core.raster.cpu.prepare import for_kernel
+
+    n, g = len(scene), scene.gaussians
+    points, area = np.zeros((n, 3), np.float32), np.zeros(n, np.float32)
+    weight = np.zeros_like(g.logit_opacities)
+    sums = np.zeros((n_groups, 8))
+    state, placement = for_kernel(scene.state, np.uint8), for_kernel(scene.placement, np.int32)
+    raw = (g.means, g.log_scales, g.logit_opacities)
+    means, sizes, logits = (for_kernel(values, np.float32) for values in raw)
+    weigh_splats(rows, state, placement, matrix, means, sizes, logits, points, area, weight, sums)
+    lo, hi = _boxes(rows, points, area, weight, sums)
+    return Spread(points, area, lo, hi), weight, sums
 
 
 _KEPT: WeakKeyDictionary[Scene, tuple[tuple[object, ...], GroupFacts]] = WeakKeyDictionary()
@@ -270,16 +294,6 @@ _DEGREE = 2  # of the spherical harmonics that count
 _ELEVATION = 0.6  # of the views without cameras, radians over the ground
 
 
-@dataclass(frozen=True, eq=False)
-class Spread:
-    """Where splats (N) stand in the upright frame, and the robust boxes of their groups (G)."""
-
-    points: FloatArray  # (N, 3)
-    area: FloatArray  # (N,) negative = does not count
-    lo: FloatArray  # (G, 3)
-    hi: FloatArray  # (G, 3)
-
-
 def view_axes(frame: DoubleArray, cameras: Sequence[Camera]) -> DoubleArray:
     """Axes (V, 3, 3), rows right, down, forward, in the upright frame ``frame`` (3, 3), of a few
     views: those of ``cameras`` that differ most, else from around and a little above."""
@@ -334,6 +348,25 @@ def seen_colors(
     seen[:, :3] = np.where(times > 0, seen[:, :3] / np.maximum(times, 1), plain)
     seen[:, 3] /= len(views)
     return seen
+
+
+def colors_outside(scene: Scene, splats: IntArray, cameras: Sequence[Camera] = ()) -> FloatArray:
+    """`seen_colors` (K, 4) of ``splats`` (K,) as one group, where their files have them.
+
+    The same however they are grouped, and wherever they were moved or turned to since.
+    ``cameras`` are those of the photos in the frame in which the scene was opened.
+    """
+    taken = scene.gaussians.bare(splats)
+    used, first, places = np.unique(scene.placement[splats], return_index=True, return_inverse=True)
+    back = inverse(scene.frame.world)
+    sources = scene.source[splats[first]].tolist()  # all splats of a row are of one file
+    home = np.array([(back @ scene.motion_of(source))[:3] for source in sources])
+    part = Scene.of(taken)
+    part.placement, part.placements = places.astype(np.int32), Placements.identity(len(used))
+    frame = upright_basis(estimate_up(cameras))
+    rows, matrix = np.zeros(len(splats), np.int32), np.ascontiguousarray(frame @ home)
+    spread, _, _ = _spread(part, rows, 1, matrix)
+    return seen_colors(part, rows, spread, matrix, view_axes(frame, cameras))
 
 
 # --- Digests of groups: equal while a group has the same splats with the same look.

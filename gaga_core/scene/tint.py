@@ -41,8 +41,8 @@ def mean_color(scene: Scene, indices: AnyArray, seen: FloatArray | None = None) 
     """Mean color (3,) of splats as they are colored now (degree 0 of SH).
 
     Weighted by opacity and area, as much as is seen of each: many small dark splats inside an
-    object do not darken it. ``seen`` (M, 4), where it is known, is the color without edits of
-    each row of the files from outside, and the share of views that nothing hides it in (see
+    object do not darken it. ``seen`` (K, 4), where it is known, is the color without edits of
+    each of them, ascending, from outside, and the share of views that nothing hides it in (see
     `gaga_core.query.group_facts`): most splats of a trained object lie inside and are darker.
     Mid grey when there are none.
     """
@@ -53,13 +53,10 @@ def mean_color(scene: Scene, indices: AnyArray, seen: FloatArray | None = None) 
     # and a stray splat of color 100 does not pull it.
     rgb = np.clip(rgb_from_dc(scene.gaussians.sh[splats, 0]).astype(np.float64), 0, 1)
     share = np.ones(len(splats))
-    if seen is not None:
-        rows = np.where(splats < len(seen), splats, scene.source[splats])  # a copy's original
-        known = rows < len(seen)
-        outside = seen[rows[known]].astype(np.float64)
-        if outside[:, 3].any():
-            rgb[known], share = np.clip(outside[:, :3], 0, 1), known.astype(np.float64)
-            share[known] = outside[:, 3] ** 2  # what few views see is mostly covered in these, too
+    if seen is not None and seen[:, 3].any():
+        outside = seen.astype(np.float64)
+        rgb = np.clip(outside[:, :3], 0, 1)
+        share = outside[:, 3] ** 2  # what few views see is mostly covered in these, too
     index = scene.placement[splats]
     for row in np.unique(index[index != 0]):
         affine, at = scene.placements.color[row], index == row

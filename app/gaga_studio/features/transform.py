@@ -4,8 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.camera import Camera
 from gaga_core.geometry import quats_to_matrices
+from gaga_core.kernels import is_compiled
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.orientation import mirror_map
@@ -13,8 +15,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
 from gaga_studio.features import folders
 from gaga_studio.features.base import Command, ask, no_selection
-from gaga_studio.features.find.search import SearchState
-from gaga_studio.session.document import Build
+from gaga_studio.session.document import Build, Document
 from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
 
@@ -23,15 +24,17 @@ _AXES = "XYZ"
 # --- color
 
 
-def colors_seen(session: Session) -> FloatArray | None:
-    """Return the colors (N, 4) of splats from outside, see `mean_color`; None until measured."""
-    described = session.need().feature(SearchState).described
-    return None if described is None else described.facts.seen
+def _opened_cameras(document: Document) -> tuple[Sequence[Camera], bool]:
+    """Return the cameras in the frame in which the scene was opened, and whether colors can be
+    measured from outside without a wait for compiling."""
+    folder = document.project.folder
+    return () if folder is None else folder.cameras, is_compiled("window", "names")
 
 
 def selected_color(session: Session) -> DoubleArray:
-    """Return the mean color (3,) of the selection, 0..1, as it is drawn."""
-    return session.need().read.selected_color(colors_seen(session))
+    """Return the mean color (3,) of the selection from outside, 0..1, as it is drawn."""
+    document = session.need()
+    return document.read.selected_color(*_opened_cameras(document))
 
 
 @notifies
@@ -59,10 +62,11 @@ def preview_grade(session: Session, wanted: Grade) -> None:
 
 
 def _recolored(session: Session, rgb: Sequence[float], opacity: float) -> Build:
-    seen = colors_seen(session)
+    document = session.need()
+    sample, seen = document.read.seen_selection(*_opened_cameras(document))
 
     def build(scene: Scene, splats: IntArray, title: str) -> Edit | None:
-        affine = tint_affine(mean_color(scene, splats, seen), rgb)
+        affine = tint_affine(mean_color(scene, sample, seen), rgb)
         return edits.recolor(scene, splats, affine, opacity, title)
 
     return build

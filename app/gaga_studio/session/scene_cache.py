@@ -2,15 +2,17 @@
 
 import hashlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal, TypeVar, cast
 
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.camera import Camera
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.query.group_facts import colors_outside
 from gaga_core.scene import objects
 from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.objects import ObjectTable, confidence_histogram
@@ -20,7 +22,7 @@ from gaga_core.scene.selection.bounds import OrientedBox, object_points, oriente
 from gaga_core.scene.tint import mean_color
 
 T = TypeVar("T")
-_SAMPLE = 50_000  # splats looked at for a box
+_SAMPLE = 50_000  # splats looked at for a box or a color
 SHARE = 0.98  # of the splats that a box of the selection holds, along each axis
 _PLACED = "splats state placement placements"  # of the revision: where the selection stands
 SortKey = Literal["id", "name", "splats", "views", "quality"]
@@ -144,10 +146,28 @@ class SceneCache:
             return cast(T, kept[1])
         return self._by(name, _PLACED, compute, more)
 
-    def selected_color(self, seen: FloatArray | None = None) -> DoubleArray:
-        """Mean color (3,) of the selection, 0..1, as it is drawn; ``seen``: see `mean_color`."""
-        chosen = self.selected_indices
-        return self._by("color", _PLACED, lambda: mean_color(self._scene, chosen(), seen), id(seen))
+    def seen_selection(
+        self, cameras: Sequence[Camera], is_ready: bool
+    ) -> tuple[IntArray, FloatArray | None]:
+        """Splats (K,) that stand for the selection, and their colors from outside (K, 4).
+
+        None unless ``is_ready``; ``cameras``: see `colors_outside`. The colors do not depend on
+        where the selection stands nor on groups.
+        """
+
+        def compute() -> tuple[IntArray, FloatArray | None]:
+            chosen = self.selected_indices()
+            chosen = chosen[:: max(1, -(-len(chosen) // _SAMPLE))]
+            if not is_ready or len(chosen) == 0:
+                return chosen, None
+            return chosen, colors_outside(self._scene, chosen, cameras)
+
+        return self._by("outside", "splats state", compute, id(cameras), is_ready)
+
+    def selected_color(self, cameras: Sequence[Camera], is_ready: bool) -> DoubleArray:
+        """Mean color (3,) of the selection, 0..1, as it is drawn; see `seen_selection`."""
+        splats, seen = self.seen_selection(cameras, is_ready)
+        return self._by("color", _PLACED, lambda: mean_color(self._scene, splats, seen), id(seen))
 
     def listed(
         self, table: ObjectTable, text: str, sort: SortKey, descending: bool, quality: DoubleArray

@@ -13,13 +13,14 @@ from gaga_core.progress import run_stage
 from gaga_core.query.detector import Boxes, DetectConfig, as_boxes
 from gaga_core.scene import edits
 from gaga_core.scene.edits.objects import name_groups
+from gaga_core.scene.objects import group_indices
 from gaga_studio.features import object_list, objects, selection, transform
-from gaga_studio.features.find import association
+from gaga_studio.features.find import association, click_object
 from gaga_studio.features.find import search as search_actions
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.features.object_list import ListFilter, ObjectListView
 from gaga_studio.session.session import Session
-from tests.app.looks import describe, names_of
+from tests.app.looks import describe, names_of, objects_of, scene_of
 
 _SIZE = (640, 480)
 _WORDS = {"ruby": (1.0, 0.0, 0.0), "leaf": (0.0, 1.0, 0.0), "sky": (0.0, 0.0, 1.0)}
@@ -287,17 +288,28 @@ def test_without_a_model_every_step_says_where_to_put_one(
     assert str(tmp_path / "models") in search_actions.index_state(associated)
 
 
-def test_the_color_of_the_selection_is_that_of_what_is_seen(associated: Session) -> None:
-    """And a recolor lands on what was chosen by it."""
-    selection.select_groups(associated, (int(associated.objects().ids[1]),))
-    assert transform.colors_seen(associated) is None
-    inside = transform.selected_color(associated)
-    _ask(associated, "object")
-    seen = transform.colors_seen(associated)
-    assert seen is not None
-    seen[:, :3] = 0.25 * seen[:, :3]  # as of splats that are darker outside
-    outside = transform.selected_color(associated)
-    assert (outside < 0.5 * inside).all()
+def test_the_color_of_a_selection_stays_whatever_it_is_called_and_wherever_it_is(
+    associated: Session,
+) -> None:
+    """Part of one object and of the next: made an object, turned, moved, with the scene, and
+    described after each. A recolor lands on what was chosen by it."""
+    sh = scene_of(associated).gaussians.sh
+    sh[:, 0] = np.random.default_rng(0).uniform(-1.5, 1.5, (len(sh), 3))
+    first, second = (group_indices(scene_of(associated), k) for k in objects_of(associated)[:2])
+    associated.need().select(np.concatenate([first[::2], second[: len(second) // 2]]))
+    kept = transform.selected_color(associated)
+    turned = transform.motion(np.ones(3), (0.3, 0, 0.1), (20, 90, 40), (2.0, 1.0, 0.5))
+    whole = transform.motion(np.zeros(3), (1, 0, 0), (90, 0, 30), 2.0)
+    changes: tuple[Callable[[], bool], ...] = (
+        lambda: click_object.make_object(associated),
+        lambda: transform.move(associated, turned),
+        lambda: associated.need().do(edits.move_scene(scene_of(associated), whole, "Turn")),
+        lambda: transform.duplicate(associated),
+    )
+    for change in changes:
+        assert change()
+        _ask(associated, "object")
+        np.testing.assert_allclose(transform.selected_color(associated), kept, atol=0.001)
     transform.recolor(associated, (0.1, 0.2, 0.8))
     np.testing.assert_allclose(transform.selected_color(associated), (0.1, 0.2, 0.8), atol=0.01)
 
