@@ -680,7 +680,7 @@ class Studio:
         decision = self.ui.scene.picture.evidence.decision
         return Overlays(
             cameras=session.cameras if session.view.show_frusta else (),
-            active_camera=session.active_view,
+            active_camera=split_view.photo_in_view(session),
             labels=session.live_labels if session.live else bank.timeline_labels(session),
             tint=bank.mask_tint(session, decision),
             muted=session.muted_colors(),

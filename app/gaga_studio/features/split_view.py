@@ -69,6 +69,12 @@ def compared_photo(session: Session) -> Camera | None:
     return camera if is_there else None
 
 
+def photo_in_view(session: Session) -> int | None:
+    """Return the photo from which the scene is seen, or to which the camera flies; else None."""
+    is_there = session.rig.is_moving or compared_photo(session) is not None
+    return session.active_view if is_there else None
+
+
 def place_photo(photo: Camera, view: Camera) -> PhotoPlacement:
     """Return the placement of the photo in the picture of ``view``, which has the same pose.
 

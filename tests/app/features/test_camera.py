@@ -174,6 +174,7 @@ def test_the_photo_lies_exactly_over_the_picture(session: Session) -> None:
     run("camera.swipe", session)
     assert session.view.compare is PhotoCompareMode.SWIPE
     _land(session)
+    assert split_view.photo_in_view(session) == session.active_view is not None
     photo = split_view.compared_photo(session)
     assert photo is not None
     view = session.rig.camera(900, 400)
@@ -185,6 +186,7 @@ def test_the_photo_lies_exactly_over_the_picture(session: Session) -> None:
         np.testing.assert_allclose(pixels[0], [x, y], atol=1e-6)
     session.rig.orbit(20, 0)
     assert split_view.compared_photo(session) is None
+    assert split_view.photo_in_view(session) is None, "the strip frames none"
     run("camera.swipe", session)
     assert session.view.compare.value == "off"
     run("camera.hold_photo", session)

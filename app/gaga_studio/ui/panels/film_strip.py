@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.camera import Camera
 from gaga_studio.features import camera as navigation
-from gaga_studio.features import reconstruction
+from gaga_studio.features import reconstruction, split_view
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, textures, theme, widgets
@@ -144,7 +144,7 @@ def _thumbnail(
         drawing.add_image_rounded(
             picture, corner, high, ImVec2(0, 0), ImVec2(1, 1), 0xFFFFFFFF, em(0.2)
         )
-    is_active = index == session.active_view
+    is_active = index == split_view.photo_in_view(session)
     if is_active or is_hot:
         color = theme.ACCENT if is_active else theme.LINE_STRONG
         drawing.add_rect(corner, high, theme.u32(color), em(0.2), theme.scaled(2))
