@@ -410,7 +410,7 @@ def _given_poses(source: Path, config: ReconstructConfig) -> GivenPoses | None:
             f"{option('--poses', 'refine')} finds it."
         )
     if given is not None:
-        say(f"{given.told} (--poses {config.poses}).")
+        say(f"{given.told} ({option('--poses', config.poses)}).")
     return given
 
 

@@ -126,7 +126,8 @@ class GivenPoses:
             known += [f"{n} {what}"] if n else []
         listed = " and ".join([*([", ".join(known[:-1])] if known[:-1] else []), *known[-1:]])
         of = f", with {listed}" if known else ""
-        return f"{self.program}: poses of {len(self.poses)} photos in {self.file.name}{of}"
+        file = "" if self.program == self.file.name else f" in {self.file.name}"
+        return f"{self.program}: poses of {len(self.poses)} photos{file}{of}"
 
 
 class Photos:

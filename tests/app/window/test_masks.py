@@ -221,7 +221,7 @@ def test_poses_next_to_photos_are_named_and_their_use_is_chosen(
     def walk(d: Driver) -> None:
         found = d.session.photos
         assert found is not None
-        assert "poses of 4 photos in transforms.json" in found_text(found)
+        assert "transforms.json: poses of 4 photos" in found_text(found)
         d.click("**/###Settings…")
         d.click("**/More")
 

@@ -69,6 +69,7 @@ def test_the_palette_finds_by_any_word() -> None:
         "object.hide": ("hide",),
         "object.show_all": ("show", "unhide"),
         "view.home": ("reset view",),
+        "tool.measure": ("measure l",),  # not those with the letter somewhere
         "file.export_objects": ("export obj",),
         "camera.split_groups": ("split view", "side by side"),
     }

@@ -252,7 +252,8 @@ def _menu_of(menus: Mapping[str, Sequence[Command]]) -> dict[str, str]:
 
 
 def matching(text: str, menus: Mapping[str, Sequence[Command]] = MENUS) -> list[Command]:
-    """Commands whose title, menu or `_WORDS` have every word of ``text``; titles with all first."""
+    """Commands whose title, menu or `_WORDS` have every word of ``text``: first titles that begin
+    with its first one, of these those in which each begins a word, then has a place."""
     words = text.casefold().split()
     menu_of = _menu_of(menus)
     listed = [command for menu in menus.values() for command in menu]
@@ -262,9 +263,10 @@ def matching(text: str, menus: Mapping[str, Sequence[Command]] = MENUS) -> list[
     found = [c for c in listed if all(word in texts[c.id] for word in words)]
     first = words[0] if words else ""
 
-    def rank(c: Command) -> tuple[bool, bool]:
+    def rank(c: Command) -> tuple[bool, bool, bool]:
         title = c.title.casefold()
-        return not title.startswith(first), not all(word in title for word in words)
+        begins = all(any(own.startswith(word) for own in title.split()) for word in words)
+        return not title.startswith(first), not begins, not all(word in title for word in words)
 
     return sorted(found, key=rank)
 
