@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
@@ -309,13 +310,15 @@ class Session:
         return self.document.title if self.document is not None else ""
 
     def open(self, path: Path) -> None:
-        """Open a scene folder, a .ply or a project; what is open stays until it has succeeded."""
-        path = Path(path)
-        self._when_saved(f"before {path.name} is opened", lambda: self._start_opening(path))
+        """Open a scene folder, a .ply or a project; what is open stays until it has succeeded.
+
+        It is read first: about unsaved edits is asked only where something would take their place.
+        """
+        self._start_opening(Path(path))
 
     def open_demo(self) -> None:
         """Open the demo scene; the first time it is copied from the program's own files."""
-        self._when_saved("before the demo is opened", lambda: self._start_opening(None))
+        self._start_opening(None)
 
     def close(self) -> None:
         """Close the scene, after asking about unsaved edits."""
@@ -474,8 +477,13 @@ class Session:
             self.document.release()
         self.hovering.shut_down()
 
-    def _when_saved(self, when: str, action: Callable[[], None]) -> None:
-        """Do ``action``; with unsaved edits, or a preview that waits, ask first."""
+    def _when_saved(
+        self, when: str, action: Callable[[], None], saved: Callable[[], None] | None = None
+    ) -> None:
+        """Do ``action``; with unsaved edits, or a preview that waits, ask first.
+
+        After "Save" do ``saved`` instead, if there is one.
+        """
         document = self.document
         if document is None or not (document.unsaved or document.waiting):
             action()
@@ -484,7 +492,7 @@ class Session:
         choices = {"Discard": action}
         if document.unsaved:
             text += f"Save the changes to {document.name} {when}?"
-            choices = {"Save": lambda: self.save(then=action), **choices}
+            choices = {"Save": lambda: self.save(then=saved or action), **choices}
         else:
             text += f"Discard it {when}?"
         asked = self._at_risk()[1:]
@@ -507,8 +515,13 @@ class Session:
 
     def _start_opening(self, path: Path | None) -> None:
         """Open ``path``, or the demo."""
-        title = f"Open {path.name}" if path else "Open the demo"
+        name = path.name if path else "the demo"
         stage = stages.open_stage(path) if path else stages.open_demo_stage(paths.demo_scene())
+
+        def read(project: "Project | PhotoFind") -> None:
+            # A save may write what has been read, as where the open project is opened again.
+            again = partial(self._start_opening, path)
+            self._when_saved(f"before {name} is opened", lambda: opened(project), saved=again)
 
         def opened(project: "Project | PhotoFind") -> None:
             if isinstance(project, Project):
@@ -527,7 +540,7 @@ class Session:
                 self.change_settings(self.settings.opened(path))
             self.jobs.prepare("Prepare kernels", stages.kernels_stage())
 
-        self.jobs.start(title, stage, on_done=opened)
+        self.jobs.start(f"Open {name}", stage, on_done=read)
 
     def take(self, project: Project) -> None:
         """Show ``project`` in place of what is open."""

@@ -212,12 +212,54 @@ def test_quitting_and_opening_ask_too(associated: Session, scene_folder: Path) -
     associated.answer("Cancel")
     assert not associated.should_quit
     associated.open(scene_folder)
-    assert associated.jobs.running is None
-    associated.answer("Discard")
     finish(associated)
+    assert associated.unsaved
+    associated.answer("Discard")
     assert not associated.unsaved
     associated.quit()
     assert associated.should_quit
+
+
+def test_nothing_is_asked_before_what_cannot_be_opened(associated: Session, tmp_path: Path) -> None:
+    objects.rename(associated, objects_of(associated)[0], "mug")
+    document = associated.document
+    (tmp_path / "notes.txt").write_text("no splats")
+    (tmp_path / "broken.ply").write_bytes(b"ply\nformat binary_little_endian 1.0\n")
+    (tmp_path / "empty").mkdir()
+    for name in ("notes.txt", "broken.ply", "empty", "none.ply"):
+        associated.open(tmp_path / name)
+        assert associated.pending_question is None
+        assert associated.jobs.wait()
+        assert associated.pending_question is None
+        assert associated.notices[-1].level is Level.ERROR
+        assert associated.document is document
+
+
+def test_an_edit_while_a_scene_is_opened_is_not_lost_without_a_question(
+    associated: Session, tmp_path: Path
+) -> None:
+    write_ply(tmp_path / "other.ply", random_gaussians(20))
+    document = associated.document
+    associated.open(tmp_path / "other.ply")
+    objects.rename(associated, objects_of(associated)[0], "mug")
+    finish(associated)
+    assert associated.document is document
+    associated.answer("Cancel")
+    assert associated.document is document
+    assert associated.unsaved
+
+
+def test_what_is_saved_before_its_own_project_is_opened_again_is_in_it(associated: Session) -> None:
+    group, folder = objects_of(associated)[0], associated.need().project.folder
+    assert folder is not None
+    objects.rename(associated, group, "mug")
+    associated.open(folder.root)
+    finish(associated)
+    document = associated.document
+    associated.answer("Save")
+    finish(associated)
+    assert associated.document is not document
+    assert associated.need().name_of(group) == "mug"
 
 
 def test_a_save_that_fails_keeps_the_document_open(associated: Session, tmp_path: Path) -> None:
