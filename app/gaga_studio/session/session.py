@@ -496,11 +496,15 @@ class Session:
         else:
             text += f"Discard it {when}?"
         asked = self._at_risk()[1:]
+
+        def again() -> None:
+            if any(self._at_risk()[1:]):
+                self._when_saved(when, action, saved)
+            else:  # a save that ran has ended
+                (saved or action)()
+
         self.pending_question = choose_one(
-            text,
-            choices,
-            lambda: self._at_risk()[1:] != asked,
-            lambda: self._when_saved(when, action),
+            text, choices, lambda: self._at_risk()[1:] != asked, again
         )
 
     def leave_for(self, photos: "PhotoFind", when: str, action: Callable[[], None]) -> None:
