@@ -120,7 +120,7 @@ class _Said:
     what: str  # "red box, large"
     place: str  # "behind"; "" = nowhere in particular
     sides: Mapping[str, float]  # places that are not wrong, and how many are farther there, 0..1
-    still: tuple[str, ...] = ()  # what else is not wrong: with and without its size
+    still: tuple[str, ...] = ()  # other words for `what` that are true: with and without its size
 
     def at(self, place: str, what: str = "") -> str:
         """The words with a place."""

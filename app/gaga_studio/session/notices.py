@@ -81,8 +81,8 @@ def notifies(action: Callable[Concatenate[S, P], object]) -> Callable[Concatenat
 class UserQuestion:
     """Something that must be answered before the session goes on; the window shows it as a modal.
 
-    The last choice is the one that changes nothing (Escape). Where what it is about has changed
-    meanwhile (``is_past``) it is not answered but asked anew, by ``again``.
+    The last choice is the one that changes nothing (Escape). ``is_past`` says that its text is no
+    longer true, because a task has ended for example: then ``again`` asks a new question.
     """
 
     text: str

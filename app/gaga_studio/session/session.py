@@ -245,12 +245,12 @@ class Session:
             self._questions.append(question)
 
     def answer(self, choice: str) -> None:
-        """Answer the pending question, or see it asked anew where it is about what is past."""
-        if self._questions and not self._ask_anew():
+        """Answer the pending question; one that is no longer true is asked again instead."""
+        if self._questions and not self._ask_again():
             self._questions.pop(0).on_choice(choice)
 
-    def _ask_anew(self) -> bool:
-        """Ask the pending question anew where what it is about has changed; whether it had."""
+    def _ask_again(self) -> bool:
+        """Ask the pending question again if it is no longer true; returns whether it was not."""
         if not self._questions or not self._questions[0].is_past():
             return False
         self._questions.pop(0).again()
@@ -636,7 +636,7 @@ class Session:
     def tick(self, dt: float) -> None:
         """Take what jobs have produced, move the camera, look up the hovered object."""
         self.jobs.poll()
-        self._ask_anew()
+        self._ask_again()
         if self.document is not None:
             self.rig.follow(self.document.world)
         is_moving = self.rig.update(dt)

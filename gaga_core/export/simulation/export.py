@@ -340,7 +340,7 @@ def export_simulation_stage(
     with staging_folder(folder) as staging:
         files, splats = list[str](), dict[str, str]()
         (staging / "splats").mkdir()
-        n = len(world.bodies)
+        n = len(world.bodies) + len(world.left_out)  # as `world_stage` counted
         parts = [(body.stem, body.gaussians) for body in world.bodies if not body.copy_of]
         if world.static.gaussians is not None:
             parts.append(("static", world.static.gaussians))
