@@ -162,8 +162,11 @@ def draw_bookmarks(session: Session, state: BookmarkState) -> None:
         return
     command_buttons.command_button(session, "camera.add_bookmark", "Bookmark this view")
     if not marks:
-        widgets.dim("Views kept here are saved with the project. Ctrl+Shift+1 to 9 set", wrap=True)
-        widgets.dim("one with a key, Ctrl+1 to 9 go there.", wrap=True)
+        widgets.dim(
+            "Views kept here are saved with the project. Ctrl+Shift+1 to 9 set one with a key, "
+            "Ctrl+1 to 9 go there.",
+            wrap=True,
+        )
         return
     if imgui.begin_child("Marks", ImVec2(0, 0)):
         for index, mark in enumerate(marks):
