@@ -69,7 +69,7 @@ class LooksIndex:
 
 def _looks(picture: UInt8Array, side: int) -> FloatArray:
     """Brightness (side, side) with mean 0 and standard deviation 1."""
-    image = Image.fromarray(picture).convert("L").resize((side, side), Image.Resampling.BOX)
+    image = Image.fromarray(picture).convert("L").resize((side, side), Image.Resampling.LANCZOS)
     gray = np.asarray(image, np.float32)
     return (gray - gray.mean()) / max(float(gray.std()), 1.0)
 

@@ -14,6 +14,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.images import read_rgb
 from gaga_core.pipeline.reconstruct import look_at_photos, reconstruct_scene, source_of
 from gaga_core.placing.photos import (
+    LooksIndex,
     PhotoSet,
     exif_focal,
     list_photos,
@@ -107,6 +108,20 @@ def test_too_few_photos_are_told(n: int, tmp_path: Path) -> None:
     with pytest.raises(GagaError, match=r"1 usable photo\b.*at least 3") as caught:
         prepared(folder, tmp_path / "out")
     assert ("1.jpg" in str(caught.value)) == (n == 2)
+
+
+@pytest.mark.parametrize("share", [0.75, 0.83, 0.9])
+def test_a_smaller_copy_is_a_copy_at_any_size(tmp_path: Path, share: float) -> None:
+    """Pixels that are not shared out evenly make no difference; a step aside does."""
+    cameras = walk_cameras(80)[40:46]
+    looked = LooksIndex()
+    for camera in cameras:
+        assert not looked.has_like(photograph(camera))
+    for k, camera in enumerate(cameras):
+        photo, path = Image.fromarray(photograph(camera)), tmp_path / f"{k}.jpg"
+        small = photo.resize((int(photo.width * share), int(photo.height * share)))
+        small.save(path, quality=70)
+        assert looked.has_like(read_rgb(path))
 
 
 def test_broken_photos_are_to_be_copied_again_not_taken_again(tmp_path: Path) -> None:
