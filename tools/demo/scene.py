@@ -4,7 +4,7 @@ Every surface is a parametric patch; discs are laid on it in staggered rows; lig
 them; photos and masks are then made from the splats, so that poses, truth and model agree.
 """
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -174,15 +174,21 @@ class Model:
     names: tuple[str, ...]  # of objects 1..
 
 
-def build(n_splats: int, seed: int, *, without: Container[int] = ()) -> Model:
-    """Build about ``n_splats`` splats.
+def build(
+    n_splats: int,
+    seed: int,
+    *,
+    without: Container[int] = (),
+    stands: Sequence[Item] | None = None,
+) -> Model:
+    """Build about ``n_splats`` splats of ``stands``: by default of all ``items``.
 
     ``without``: ids of objects to leave out; all others stand where they stand with them, in light
     that nothing of these keeps off.
     """
     rng = np.random.default_rng((seed, 0))
     coarseness = (_N_AT_ONE / n_splats) ** (1 / _FINE_EDGES)
-    found = items()
+    found = items() if stands is None else stands
     surfaces = [objects.shell(coarseness, rng)]
     surfaces += [cover(item, k, coarseness, rng) for k, item in enumerate(found, start=1)]
     surface = joined([part for k, part in enumerate(surfaces) if k not in without])
