@@ -21,7 +21,6 @@ from gaga_core.scene.objects import group_indices, uncertain
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection import algebra, by_value, by_volume
 from gaga_core.scene.selection.by_value import Histogram
-from gaga_core.scene.tint import mean_color
 from gaga_studio.features.base import (
     Command,
     first_of,
@@ -221,13 +220,6 @@ def box_matrix(lo: DoubleArray, hi: DoubleArray) -> DoubleArray:
     matrix[:3, :3] = np.diag(sides)
     matrix[:3, 3] = (lo + hi) / 2
     return matrix
-
-
-def selected_color(session: Session) -> tuple[float, float, float]:
-    """Return the mean color of the selection; grey when nothing is selected."""
-    document = session.need()
-    red, green, blue = mean_color(document.history.base, document.read.selected_indices())
-    return float(red), float(green), float(blue)
 
 
 @notifies
