@@ -31,7 +31,7 @@ from gaga_studio.session.view import Mode, ToolName, TrainingPreview
 from gaga_studio.studio import _panel
 from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.dialogs.files import FileDialog, PathKind
-from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import visual
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.layout_check import TextWatch, findings
@@ -1243,6 +1243,7 @@ def test_parts_of_the_window(display: str, grouped_copy: Path, tmp_path: Path) -
         _menus_part_finding_from_editing(d)
         _a_mask_moves_from_its_card(d)
         _the_camera_path_shows_its_keyframes(d)
+        _a_click_on_a_tick_goes_to_its_keyframe(d)
         _sheets_that_theme_the_window_do_not_dim_it(d)
         _no_specks_where_panels_end(d, tmp_path)
         _nothing_covers_what_opened_it(d)
@@ -1323,6 +1324,19 @@ def _the_camera_path_shows_its_keyframes(d: Driver) -> None:
         seen = info.rect_clipped
         assert seen.max.y - seen.min.y >= theme.em(1.0), index
         assert seen.max.x - seen.min.x >= theme.em(1.0), index
+
+
+def _a_click_on_a_tick_goes_to_its_keyframe(d: Driver) -> None:
+    """Ticks stood up to half a knob beside the moment of their keyframe."""
+    path = camera.path_of(d.session)
+    slider = d.engine.item_info("//Camera path/##Time").rect_full
+    left, right, y = slider.min.x, slider.max.x, (slider.min.y + slider.max.y) / 2
+    for t in path.times()[1:-1]:
+        x = d.on_main(partial(widgets.knob_at, left, right, t / path.seconds))
+        d.engine.mouse_move_to_pos(ImVec2(x, y))
+        d.engine.mouse_click()
+        d.frames(2)
+        assert d.session.view.playback.at == pytest.approx(t, abs=2 * path.seconds / (right - left))
 
 
 def _sheets_that_theme_the_window_do_not_dim_it(d: Driver) -> None:
