@@ -1284,6 +1284,15 @@ def _disabled_commands_say_why(d: Driver) -> None:
                 assert not d.exists(item) or not _overlap(d, "//##Tooltip_00", item), item
         d.keys(KEY.escape)
         d.keys(KEY.escape)
+    settings = d.session.settings
+    d.session.change_settings(replace(settings, recent=()))
+    d.engine.set_ref("//##MainMenuBar")
+    d.engine.menu_action(hover, f"File/###{commands.OPEN_RECENT}")
+    d.frames(4)
+    assert _tooltip(d), "a submenu that is off says why, too"
+    d.keys(KEY.escape)
+    d.keys(KEY.escape)
+    d.session.change_settings(settings)
     style.hover_delay_short, style.hover_stationary_delay = before
 
 

@@ -238,9 +238,10 @@ def heading(text: str) -> None:
 
 
 @contextmanager
-def submenu(label: str, entries: Iterable[str], *, enabled: bool = True) -> Iterator[bool]:
+def submenu(label: str, entries: Iterable[str], *, why_not: str = "") -> Iterator[bool]:
     """A menu next to its line in a menu; whether it is open. ``entries``: its words and keys.
 
+    Grey, it says ``why_not`` in its tooltip.
     Where neither side has room for them it unfolds below its line: it would cover the menu.
     """
     pad = imgui.get_style().window_padding.x
@@ -248,15 +249,18 @@ def submenu(label: str, entries: Iterable[str], *, enabled: bool = True) -> Iter
     left, screen = imgui.get_window_pos().x, imgui.get_main_viewport()
     right = screen.pos.x + screen.size.x - left - imgui.get_window_width()
     if needed <= max(left - screen.pos.x, right) + pad:
-        is_open = imgui.begin_menu(label, enabled)
+        is_open = imgui.begin_menu(label, not why_not)
+        if not is_open:
+            tooltip(why_not, of_row=True)
         yield is_open
         if is_open:
             imgui.end_menu()
         return
     flags = imgui.TreeNodeFlags_.span_avail_width | imgui.TreeNodeFlags_.no_tree_push_on_open
-    imgui.begin_disabled(not enabled)
+    imgui.begin_disabled(bool(why_not))
     is_open = imgui.tree_node_ex(label.partition("  ")[2] or label, flags)  # an arrow for the icon
     imgui.end_disabled()
+    tooltip(why_not, of_row=True)
     yield is_open
 
 
