@@ -27,6 +27,7 @@ from gaga_core.pipeline.film import FilmConfig, painter_stage
 from gaga_core.pipeline.search import describe_project, search, train_views
 from gaga_core.pipeline.settings import Quality, ReconstructConfig
 from gaga_core.progress import Progress, Stage, run_stage, show_stage
+from gaga_core.query.group_facts import outside_color
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits import separate
 from gaga_core.scene.edits.history import History
@@ -37,7 +38,6 @@ from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.click import click_views
-from gaga_core.scene.tint import mean_color
 from gaga_core.segmentation.base import ModelCard, Picture, Provider, fingerprint_of
 
 __all__ = [
@@ -90,8 +90,10 @@ class SceneObject:
 
     @property
     def color(self) -> RGB:
-        """Mean color, 0..1."""
-        red, green, blue = mean_color(self.scene.project.scene, self.indices).tolist()
+        """Mean color from outside, 0..1: that which the window shows."""
+        project = self.scene.project
+        color = outside_color(project.scene, self.indices, project.opened_views)
+        red, green, blue = color.tolist()
         return red, green, blue
 
     def recolor(self, color: RGB, *, strength: float = 1.0) -> None:

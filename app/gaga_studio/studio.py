@@ -565,7 +565,7 @@ class Studio:
         if any(one.cancel(self.session) for one in (cleanup, fill, add_scene)):
             return True
         if self.session.view.playback.is_playing:
-            self.session.view.playback.is_playing = False
+            camera_path_actions.stop_playing(self.session)
             return True
         if self.picture.cancel(self.session):
             return True

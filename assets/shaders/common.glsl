@@ -29,3 +29,5 @@ const float COLOR_RANGE = 8.0;  // colors travel as fixed point in 0..COLOR_RANG
 const uint SELECTED = 1u;       // bits of gaga_core State
 const uint HIDDEN = 2u;
 const uint DELETED = 8u;
+
+const float LEAST_SHARE = 0.35; // of marked splats in a pixel, up to which it has no outline

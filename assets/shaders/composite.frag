@@ -31,15 +31,16 @@ vec3 depth_color(float t)
 // Where the share crosses one half, from the outside: strength of a line of this half width for
 // r selected and g hovered, and in ba of a soft dark rim twice as wide, which keeps the line
 // readable on a ground of its own color.
+// As far as 2 * u_outline away: marks.frag looks for marks as far, and beyond LEAST_SHARE.
 vec4 edges(vec2 at)
 {
-    vec2 here = smoothstep(0.35, 0.65, texture(u_mask, at).rg);
+    vec2 here = smoothstep(LEAST_SHARE, 0.65, texture(u_mask, at).rg);
     vec4 most = vec4(0.0);
     for (int ring = 1; ring <= 4; ++ring) {
         for (int k = 0; k < 12; ++k) {
             float angle = (float(k) + 0.5 * float(ring)) * 0.5235987756;
             vec2 way = vec2(cos(angle), sin(angle)) * (0.5 * float(ring)) / u_picture;
-            vec2 share = smoothstep(0.35, 0.65, vec2(
+            vec2 share = smoothstep(LEAST_SHARE, 0.65, vec2(
                 texture(u_mask, at + way * u_outline.x).r,
                 texture(u_mask, at + way * u_outline.y).g));
             if (ring <= 2) most.rg = max(most.rg, share);

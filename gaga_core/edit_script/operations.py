@@ -14,12 +14,14 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.progress import run_stage
+from gaga_core.query.group_facts import outside_color
 from gaga_core.scene import edits
 from gaga_core.scene.cleanup import clean_objects_stage, relabel
 from gaga_core.scene.edits.folders import existing
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.edits.values import Edit
 from gaga_core.scene.folders import SEPARATOR, tidy_path
+from gaga_core.scene.frame import carried_camera, inverse
 from gaga_core.scene.objects import group_indices, selected_groups, selected_indices
 from gaga_core.scene.orientation import (
     ground_map,
@@ -32,7 +34,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra, by_value, by_volume, neighbourhood
 from gaga_core.scene.selection.bounds import object_box
 from gaga_core.scene.selection.neighbourhood import floaters
-from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
+from gaga_core.scene.tint import Grade, grade_affine, tint_affine
 
 _T = TypeVar("_T")
 _F = TypeVar("_F", bound="Callable[..., Edit | str | None]")
@@ -389,17 +391,21 @@ def reset_placement(scene: Scene, splats: IntArray) -> Edit | None:
 @operation
 def recolor(
     scene: Scene,
+    views: Views,
     splats: IntArray,
     color: Color | UnsetType = UNSET,
     strength: Share = 1.0,
     opacity: Share | UnsetType = UNSET,
 ) -> Edit | None:
-    """Give a new mean color, a factor of opacity, or both."""
+    """Give a new mean color from outside, a factor of opacity, or both."""
     if color is UNSET and opacity is UNSET:
         raise GagaError('give "color", "opacity" or both.')
     affine = np.eye(3, 4)
     if not isinstance(color, UnsetType):
-        affine = tint_affine(mean_color(scene, splats), np.array(color, np.float64), strength)
+        back = inverse(scene.frame.world)  # to the frame in which the scene was opened
+        cameras = [carried_camera(camera, back) for camera in views()]
+        now = outside_color(scene, splats, cameras)
+        affine = tint_affine(now, np.array(color, np.float64), strength)
     return edits.recolor(scene, splats, affine, given(opacity, 1.0))
 
 

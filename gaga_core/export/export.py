@@ -440,7 +440,8 @@ def estimated_bytes(
         extra = sum(c.nbytes // max(len(c), 1) for c in gaussians.extra.values())
         return _HEADER + n * (4 * (14 + n_rest) + extra)
     if form in _STANDING:
-        return _HEADER + 4 * n * (11 + 3 + n_rest)
+        shown = 4 if form is SplatFormat.GLB else 0  # COLOR_0, for viewers without the extension
+        return _HEADER + 4 * n * (11 + 3 + n_rest + shown)
     if form is SplatFormat.HTML:
         sh = (_PAGE_SH * n_rest * min(n, PALETTE) + 2.7 * n) if n_rest else 0
         return round(viewer_bytes() + _PAGE_HEAD + _PAGE * n + sh + _PAGE_OBJECT * n_objects)

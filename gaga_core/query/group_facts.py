@@ -12,13 +12,15 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.color import SH_C0, sh_basis
 from gaga_core.query.colors import LEVELS, NAMES, color_table
 from gaga_core.scene.frame import inverse
+from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.orientation import estimate_up, upright_basis
 from gaga_core.scene.scene import Placements, Scene, State
+from gaga_core.scene.tint import mean_color
 
 _BINS = 64
 _TAIL = 0.02  # share of the opacity outside the box on each side of an axis
@@ -367,6 +369,22 @@ def colors_outside(scene: Scene, splats: IntArray, cameras: Sequence[Camera] = (
     rows, matrix = np.zeros(len(splats), np.int32), np.ascontiguousarray(frame @ home)
     spread, _, _ = _spread(part, rows, 1, matrix)
     return seen_colors(part, rows, spread, matrix, view_axes(frame, cameras))
+
+
+_MOST_COLORED = 50_000  # splats that stand for more of them in a color
+
+
+def part_for_color(splats: AnyArray) -> IntArray:
+    """At most 50,000 of ``splats`` (K,), evenly taken, that stand for all in a color."""
+    part: IntArray = splats[:: max(1, -(-len(splats) // _MOST_COLORED))]
+    return part
+
+
+def outside_color(scene: Scene, splats: IntArray, cameras: Sequence[Camera] = ()) -> DoubleArray:
+    """Mean color (3,) of ``splats`` (K,) from outside, 0..1, as they are drawn: see
+    `colors_outside` and `gaga_core.scene.tint.mean_color`; mid grey when there are none."""
+    part = part_for_color(sorted_indices(splats, len(scene)))
+    return mean_color(scene, part, colors_outside(scene, part, cameras) if len(part) else None)
 
 
 # --- Digests of groups: equal while a group has the same splats with the same look.

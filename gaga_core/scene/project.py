@@ -488,6 +488,14 @@ class SavedElsewhereError(GagaError):
     """Another program saved to the same place since this project was opened."""
 
 
+def _of_training(folder: SceneFolder | None) -> tuple[Camera, ...]:
+    if folder is None:
+        return ()
+    train = set(folder.train)
+    named = tuple(camera for camera in folder.cameras if camera.name in train)
+    return named or folder.cameras
+
+
 @dataclass(eq=False)
 class Project:
     """The document that a window or command has open."""
@@ -514,17 +522,17 @@ class Project:
         return replace(self.folder, cameras=cameras)
 
     @property
+    def opened_views(self) -> tuple[Camera, ...]:
+        """`training_views` in the frame in which the scene was opened."""
+        return _of_training(self.folder)
+
+    @property
     def training_views(self) -> tuple[Camera, ...]:
         """Cameras whose photos made the splats, around the edited ones; all where none are named.
 
         () without a scene folder.
         """
-        folder = self.placed_folder
-        if folder is None:
-            return ()
-        train = set(folder.train)
-        named = tuple(camera for camera in folder.cameras if camera.name in train)
-        return named or folder.cameras
+        return _of_training(self.placed_folder)
 
     @property
     def up(self) -> tuple[float, float, float]:

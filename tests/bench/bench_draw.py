@@ -15,7 +15,8 @@ import psutil
 
 from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.scene.scene import Scene, State
-from gaga_studio.gpu.context import is_software
+from gaga_studio.gpu.context import Target, is_software
+from gaga_studio.gpu.overlays import Compositor, Finish
 from gaga_studio.gpu.sorter import Sorter, SortJob
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.view import ViewState
@@ -72,6 +73,7 @@ def _figures(ctx: moderngl.Context, path: Path) -> list[Figure]:
         ),
     ]
     rows += _frames(viewport, scene, read_ms)
+    rows += _outlines(ctx)
     viewport.release()
     return rows
 
@@ -115,6 +117,37 @@ def _frames(viewport: Viewport, scene: Scene, read_ms: float) -> list[Figure]:
     ]
     sorter.release()
     return found
+
+
+def _outlines(ctx: moderngl.Context) -> list[Figure]:
+    """The last pass with outlines to that without, by the part of the picture that is marked."""
+    size = (1280, 720)
+    splats, picture = Target(ctx, [(4, "f2"), (4, "f1")], smooth=True), Target(ctx, [(4, "f1")])
+    compositor = Compositor(ctx)
+    for target in (splats, picture):
+        target.resize(*size)
+        target.begin().clear()
+
+    def finish(with_mask: bool) -> float:
+        def draw() -> None:
+            compositor.draw(splats, picture, Finish((0.0, 0.0, 0.0), with_mask))
+            ctx.finish()
+
+        return median_ms(draw)
+
+    plain = finish(False)
+    nothing = finish(True) / plain
+    mask = np.zeros((*size[::-1], 4), np.uint8)
+    mask[260:460, 540:740] = 255  # an object of 4 % of the picture
+    splats.textures[1].write(mask.tobytes())
+    one = finish(True) / plain
+    for owner in (compositor, splats, picture):
+        owner.release()
+    name = "last pass with outlines, to that without"
+    return [
+        Figure(f"{name}: none in sight", nothing, "ratio", "<= 4"),
+        Figure(f"{name}: an object of 4 % of the picture", one, "ratio", "<= 10"),
+    ]
 
 
 def _warm_up(ctx: moderngl.Context) -> None:

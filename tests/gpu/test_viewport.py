@@ -216,6 +216,31 @@ def test_selected_objects_get_an_outline_and_keep_their_color(viewport: Viewport
     assert np.array_equal(off, plain)
 
 
+@pytest.mark.parametrize(("mode", "resolution"), [(Mode.COLOR, 0.4), (Mode.DEPTH, 1.0)])
+def test_outlines_are_the_same_by_tiles_of_any_width(
+    gl: Any, monkeypatch: pytest.MonkeyPatch, mode: Mode, resolution: float
+) -> None:
+    """Only tiles that an outline reaches are looked at; one tile is the whole picture."""
+    synthetic = objects_scene(per_object=600)
+    scene = Scene.of(synthetic.gaussians, synthetic.labels)
+    _set(scene, "state", (scene.labels == 1).astype(np.uint8))
+    view = replace(VIEW, mode=mode, resolution_scale=resolution)
+    overlays = Overlays(hovered_group=2, pixel_scale=1.5)
+    pictures = []
+    for width in (4096, 16, 5):
+        monkeypatch.setattr("gaga_studio.gpu.overlays._TILE", width)
+        viewport = Viewport(gl)
+        pictures.append(_picture(viewport, scene, view=view, overlays=overlays))
+        viewport.release()
+    plain = Overlays(pixel_scale=1.5)
+    viewport = Viewport(gl)
+    _set(scene, "state", np.zeros(len(scene), np.uint8))
+    assert (pictures[0] != _picture(viewport, scene, view=view, overlays=plain)).any()
+    viewport.release()
+    for picture in pictures[1:]:
+        np.testing.assert_array_equal(picture, pictures[0])
+
+
 def test_a_hidden_selection_has_no_outline(viewport: Viewport, scene: Scene) -> None:
     both = np.uint8(State.SELECTED | State.HIDDEN)
     _set(scene, "state", np.where(scene.labels == 1, both, np.uint8(0)))

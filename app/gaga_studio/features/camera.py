@@ -312,8 +312,20 @@ def toggle_playing(session: Session) -> None:
     """Play the path, from its start when it had ended; or stop."""
     playback, path = session.view.playback, path_of(session)
     playback.is_playing = not playback.is_playing and len(path.keyframes) > 1
-    if playback.is_playing and playback.at >= path.seconds - 1e-6:
-        playback.at = 0.0
+    if playback.is_playing:
+        playback.came_from = session.rig.goal, session.active_view
+        if playback.at >= path.seconds - 1e-6:
+            playback.at = 0.0
+
+
+def stop_playing(session: Session) -> None:
+    """End the preview and fly back to where the camera stood before it."""
+    playback = session.view.playback
+    playback.is_playing = False
+    if playback.came_from is not None:
+        pose, session.active_view = playback.came_from
+        session.rig.return_to(pose)
+        playback.came_from = None
 
 
 def tick(session: Session, dt: float) -> None:

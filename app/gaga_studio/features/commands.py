@@ -254,4 +254,4 @@ def run_one(chosen: Command, session: Session) -> bool:
 
 def new_session(settings: Settings | None = None) -> Session:
     """A session with what features do when the user has opened a scene."""
-    return Session(settings, (upright.opened, level_of_detail.opened, files.opened))
+    return Session(settings, (upright.opened, level_of_detail.opened))

@@ -1,6 +1,5 @@
 """One export: what, in which form, how changed, where to; and what it will be like."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -52,7 +51,6 @@ from gaga_studio.features.base import (
     not_saveable,
 )
 from gaga_studio.features.find.search import SearchState
-from gaga_studio.features.reconstruction import KnownRates, timed
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
@@ -338,30 +336,6 @@ def export_stage(
 
 # --- films and pictures
 
-# Of one picture of a film, on two cores, before one was written here: with and without a card.
-_PICTURE_S, _PICTURE_S_CARD = 0.35, 0.03  # seconds for a million pixels
-
-
-def film_seconds(session: Session, n_pictures: int, n_pixels: int) -> float:
-    """About how long a film of pictures of ``n_pixels`` takes, as the last one here did."""
-    name, seconds = _film_rate(session)
-    off = session.feature(KnownRates).rates.get(name, 1.0)
-    return off * seconds * n_pictures * n_pixels / 1e6
-
-
-def _film_rate(session: Session) -> tuple[str, float]:
-    """Name of the rate that is kept; seconds for a million pixels, of which it is a factor."""
-    requests = session.render_requests
-    is_fast = requests is not None and requests.is_fast
-    return ("Film, graphics card", _PICTURE_S_CARD) if is_fast else ("Film", _PICTURE_S)
-
-
-def _timed(session: Session, stage: Stage[Path], n_pixels: int) -> Stage[Path]:
-    """``stage`` of a film, whose time is kept for the next estimate."""
-    name, usual = _film_rate(session)
-    return timed(session, stage, name, lambda last: usual * max(last.total, 1) * n_pixels / 1e6)
-
-
 WHATS: dict[Mode, FilmWhat] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}
 _MODES = {what: mode for mode, what in WHATS.items()}
 
@@ -393,7 +367,6 @@ def export_film(
         painter=painter,
         left=video.LeftSide(earlier, left),
     )
-    stage = _timed(session, stage, math.prod(config.video.size))
     has_kernels = painter is None or (config.split is not None and left is None)
     return session.jobs.start(
         f"Film {target.name}",
@@ -417,7 +390,6 @@ def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, v
     """Write a film through photos as a job: what is chosen of them left of a line."""
     names = photos_of(session, views)
     stage = photo_film_stage(session.need().settled(), target, config, names)
-    stage = _timed(session, stage, math.prod(config.video.size))
     return session.jobs.start(
         f"Film {target.name}",
         stages.prepared("Draw", lambda: stage, parts=("window",)),

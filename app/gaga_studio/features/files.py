@@ -1,12 +1,11 @@
 """Open, save, add splats, save a script.
 
-
 Long work runs as a job; its result arrives as an edit or a notice.
 """
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from gaga_core.gaussians import Gaussians
@@ -34,13 +33,6 @@ def save_script(session: Session, path: Path) -> bool:
     return True
 
 
-@dataclass
-class Dropped:
-    """Files whose splats are added as soon as the first of them is open."""
-
-    rest: tuple[Path, ...] = ()
-
-
 def drop(session: Session, dropped: Sequence[Path]) -> None:
     """Open what was dropped into the window: a scene, a film, photos, or files of splats.
 
@@ -53,7 +45,6 @@ def drop(session: Session, dropped: Sequence[Path]) -> None:
     is_splats = [path.is_file() and path.suffix.lower() in READ_SUFFIXES for path in dropped]
     splats = tuple(path for path, is_one in zip(dropped, is_splats, strict=True) if is_one)
     first = dropped[0]
-    session.feature(Dropped).rest = ()
     if first.is_file() and first.suffix.lower() in IMAGE_SUFFIXES:
         session.open(first.parent)
         return
@@ -62,8 +53,8 @@ def drop(session: Session, dropped: Sequence[Path]) -> None:
         return
 
     def open_them() -> None:
-        session.open(splats[0])
-        session.feature(Dropped).rest = splats[1:]
+        rest = splats[1:]
+        session.open(splats[0], then=partial(add_splats, session, *rest) if rest else None)
 
     def add_them() -> None:
         add_splats(session, *splats)
@@ -76,14 +67,6 @@ def drop(session: Session, dropped: Sequence[Path]) -> None:
         f"Add the splats of {what} to {session.document.name}, or open them instead?",
         {"Add": add_them, "Open": open_them},
     )
-
-
-def opened(session: Session) -> None:
-    """Add what was dropped together with the file that is open now."""
-    dropped = session.feature(Dropped)
-    rest, dropped.rest = dropped.rest, ()
-    if rest:
-        add_splats(session, *rest)
 
 
 @notifies

@@ -5,7 +5,8 @@ Numbers are ranges of columns, colors and boxes: what the "Select by" panel call
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +22,6 @@ from gaga_core.scene.objects import group_indices, uncertain
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection import algebra, by_value, by_volume
 from gaga_core.scene.selection.by_value import Histogram
-from gaga_core.scene.tint import mean_color
 from gaga_studio.features.base import (
     Command,
     first_of,
@@ -43,7 +43,7 @@ NO_OBJECT = "This belongs to no object. Make it one with the tool Object (O)."
 
 
 def locked_hint(name: str) -> str:
-    """What a click on something locked is answered with: ``name`` of it."""
+    """What a gesture on something locked is answered with: ``name`` of it."""
     return f"Locked: {name}. The lock in its row of Objects or Unlock all frees it."
 
 
@@ -223,13 +223,6 @@ def box_matrix(lo: DoubleArray, hi: DoubleArray) -> DoubleArray:
     return matrix
 
 
-def selected_color(session: Session) -> tuple[float, float, float]:
-    """Return the mean color of the selection; grey when nothing is selected."""
-    document = session.need()
-    red, green, blue = mean_color(document.history.base, document.read.selected_indices())
-    return float(red), float(green), float(blue)
-
-
 @notifies
 def _select(session: Session, what: str, how: How, choose: Callable[[Scene], IntArray]) -> bool:
     document = session.need()
@@ -300,7 +293,7 @@ class Region:
         ``paints``: of whole objects those whose visible surface it goes over, see `chosen`.
         """
         document = session.need()
-        self._document = document
+        self._session, self._document = session, document
         self._camera = session.rig.camera(place.width, place.height)
         self._scene = document.settled().scene
         takes_splats = surface_only or session.view.takes_splats
@@ -327,7 +320,24 @@ class Region:
         """Select what ``mask`` (H, W) covers, as one edit."""
         self._document.history.preview(None)
         chosen, title = self.chosen(mask)
+        self.say_locked(mask)
         return self._document.select(chosen, self.how, title)
+
+    def say_locked(self, mask: BoolArray, middle: BoolArray | None = None) -> None:
+        """Hint at what keeps ``mask`` from anything: all that it would choose is locked."""
+        self._session.hint = ""
+        if self.how == "remove" or len(self.chosen(mask, middle)[0]):
+            return
+        free = copy(self)
+        free._through = free._surface = None
+        free._scene = replace(self._scene, state=self._scene.state & ~np.uint8(State.LOCKED))
+        rows, _ = free.chosen(mask, middle)
+        groups = np.unique(self._scene.labels[rows])
+        groups = groups[groups > 0]
+        if len(groups):
+            self._session.hint = locked_hint(self._document.names_of(groups.tolist()))
+        elif len(rows):
+            self._session.hint = locked_hint(f"{len(rows):,} splats")
 
     def splats(self, mask: BoolArray) -> IntArray:
         """Splats (K,) that ``mask`` (H, W) covers."""

@@ -27,8 +27,7 @@ _AXES = "XYZ"
 def _opened_cameras(document: Document) -> tuple[Sequence[Camera], bool]:
     """Return the cameras in the frame in which the scene was opened, and whether colors can be
     measured from outside without a wait for compiling."""
-    folder = document.project.folder
-    return () if folder is None else folder.cameras, is_compiled("window", "names")
+    return document.project.opened_views, is_compiled("window", "names")
 
 
 def selected_color(session: Session) -> DoubleArray:

@@ -1,7 +1,7 @@
 """The last passes: depth colors and outlines, then frusta, grid and axes over the picture."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import moderngl
@@ -20,6 +20,7 @@ ACCENT = (0.36, 0.66, 1.0)  # outline of what is selected
 HOVER = (1.0, 1.0, 1.0)  # outline of what is under the cursor
 _SELECTED_WIDTH = 2.0  # pixels
 _HOVER_WIDTH = 1.2
+_TILE = 16  # pixels, of the squares that an outline reaches or not; any width draws the same
 _DEPTH_POLYNOMIAL = np.array(DEPTH_POLYNOMIAL, np.float32).tobytes()
 
 
@@ -38,24 +39,58 @@ class Compositor:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
-        self._variants: dict[tuple[bool, bool], tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self._variants: dict[tuple[str, ...], tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self._marks = Target(ctx, [(1, "f1")])
 
     def draw(self, splats: Target | None, picture: Target, finish: Finish) -> None:
-        """Fill ``picture``; without splats it is plain background."""
-        framebuffer = picture.begin()
+        """Fill ``picture``; without splats it is plain background.
+
+        An outline takes 48 samples a pixel, so only the tiles that one can reach get that pass.
+        """
         if splats is None:
-            framebuffer.clear(*finish.background, 1.0)
+            picture.begin().clear(*finish.background, 1.0)
             return
-        near, far = finish.depth_range or (1.0, 1.0)
-        program, geometry = self._variant(finish.depth_range is not None, finish.with_mask)
         textures = [("u_splats", splats.textures[0])]
-        if finish.with_mask:
-            textures.append(("u_mask", splats.textures[1]))
+        picture.begin()
+        self._pass("full.vert", picture, finish, textures)
+        if not finish.with_mask:
+            return
+        mask = ("u_mask", splats.textures[1])
+        self._mark(mask, picture, finish)
+        picture.begin()
+        marks = ("u_marks", self._marks.textures[0])
+        self._pass("tiles.vert", picture, finish, [*textures, mask, marks])
+
+    def _mark(self, mask: tuple[str, moderngl.Texture], picture: Target, finish: Finish) -> None:
+        """Find the tiles that an outline reaches."""
+        width, height = picture.size
+        self._marks.resize(-(-width // _TILE), -(-height // _TILE))
+        self._marks.begin()
+        program, geometry = self._variant("full.vert", "marks.frag")
+        bind_textures(program, [mask])
+        reach = 2.0 * max(_SELECTED_WIDTH, _HOVER_WIDTH) * finish.pixel_scale
+        set_uniforms(program, {"u_picture": (float(width), float(height)), "u_reach": reach})
+        geometry.render(moderngl.TRIANGLES, vertices=3)
+
+    def _pass(
+        self,
+        vertex: str,
+        picture: Target,
+        finish: Finish,
+        textures: Sequence[tuple[str, moderngl.Texture]],
+    ) -> None:
+        """Finish the whole picture without outlines, or its marked tiles with them."""
+        near, far = finish.depth_range or (1.0, 1.0)
+        width, height = picture.size
+        has_mask = vertex == "tiles.vert"
+        kinds = {"DEPTH": finish.depth_range is not None, "MASK": has_mask}
+        defines = [name for name, is_wanted in kinds.items() if is_wanted]
+        program, geometry = self._variant(vertex, "composite.frag", *defines)
         bind_textures(program, textures)
         set_uniforms(
             program,
             {
-                "u_picture": (float(picture.size[0]), float(picture.size[1])),
+                "u_picture": (float(width), float(height)),
                 "u_background": finish.background,
                 "u_near_far": (math.log(near), math.log(far)),
                 "u_far": far,
@@ -68,23 +103,28 @@ class Compositor:
                 ),
             },
         )
-        geometry.render(moderngl.TRIANGLES, vertices=3)
+        if has_mask:
+            n_tiles = self._marks.size[0] * self._marks.size[1]
+            geometry.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=n_tiles)
+        else:
+            geometry.render(moderngl.TRIANGLES, vertices=3)
 
     def release(self) -> None:
-        """Give the programs back."""
+        """Give everything back."""
+        self._marks.release()
         for program, geometry in self._variants.values():
             geometry.release()
             program.release()
         self._variants.clear()
 
     def _variant(
-        self, has_depth: bool, has_mask: bool
+        self, vertex: str, fragment: str, *defines: str
     ) -> tuple[moderngl.Program, moderngl.VertexArray]:
-        key = (has_depth, has_mask)
+        key = (vertex, fragment, *defines)
         if key not in self._variants:
-            names = ("DEPTH", "MASK")
-            defines = {name: 1 for name, wanted in zip(names, key, strict=True) if wanted}
-            program = load_program(self._ctx, "full.vert", "composite.frag", defines)
+            program = load_program(
+                self._ctx, vertex, fragment, {"TILE": _TILE, **dict.fromkeys(defines, 1)}
+            )
             self._variants[key] = program, self._ctx.vertex_array(program, [])
         return self._variants[key]
 

@@ -62,6 +62,15 @@ class CameraRig:
         return self._goal is not None
 
     @property
+    def goal(self) -> Pose:
+        """The pose at the end of a jump, or the present one: the same object until it changes."""
+        return self._goal if self._goal is not None else self.pose
+
+    def return_to(self, pose: Pose) -> None:
+        """Fly back to a pose that was the `goal`."""
+        self._jump(pose)
+
+    @property
     def pivot(self) -> DoubleArray:
         """Centre of the orbit (3,), world."""
         return self.pose.pivot
@@ -158,7 +167,7 @@ class CameraRig:
     def set_pivot(self, point: DoubleArray) -> None:
         """Turn around ``point`` (3,) from now on; the camera jumps to face it, smoothly."""
         distance = float(np.linalg.norm(point - self.eye))
-        self._jump(replace(self._target(), pivot=np.array(point), distance=distance))
+        self._jump(replace(self.goal, pivot=np.array(point), distance=distance))
 
     # --- jumps
 
@@ -166,7 +175,7 @@ class CameraRig:
         """Show a ball (3,), scene units, from the present direction."""
         fov = min(self.pose.fov_x, self.pose.fov_y)
         distance = 1.15 * max(radius, 1e-4 * self.radius) / float(np.sin(fov / 2))
-        self._jump(replace(self._target(), pivot=np.array(centre), distance=distance), animated)
+        self._jump(replace(self.goal, pivot=np.array(centre), distance=distance), animated)
 
     def go_to(self, camera: Camera, *, animated: bool = True) -> None:
         """Move to the pose of ``camera``, roll included, and show at least what it shows."""
@@ -191,7 +200,7 @@ class CameraRig:
 
     def set_orthographic(self, flat: bool) -> None:
         """Switch the orthographic projection; what is at the pivot keeps its size."""
-        self._jump(replace(self._target(), is_orthographic=flat), animated=False)
+        self._jump(replace(self.goal, is_orthographic=flat), animated=False)
 
     def look_from(self, side: Sequence[float]) -> None:
         """See the pivot from ``side`` (right, back, up) of the upright scene, in halves of a cube:
@@ -200,7 +209,7 @@ class CameraRig:
         flat = float(np.hypot(x, y))
         if flat == 0 and z == 0:
             raise ValueError("look_from: no side")
-        pose = self._target()
+        pose = self.goal
         yaw = float(np.arctan2(-y, -x)) if flat else _quarter(pose.yaw)
         pitch = float(np.clip(np.arctan2(-z, flat), -_STEEPEST, _STEEPEST))
         self._jump(replace(pose, yaw=yaw, pitch=pitch, roll=0.0))
@@ -214,7 +223,7 @@ class CameraRig:
     def look_along(self, axis: str) -> None:
         """Show an axis view: "front", "back", "left", "right", "top" or "bottom" of the pivot."""
         headings = {"front": 90.0, "back": -90.0, "left": 0.0, "right": 180.0}
-        pose = self._target()
+        pose = self.goal
         if axis in headings:
             yaw, pitch = float(np.radians(headings[axis])), 0.0
         elif axis in ("top", "bottom"):
@@ -234,7 +243,7 @@ class CameraRig:
             return
         motion = world @ inverse(before)
         self.radius *= scale_of(motion)
-        goal = self._carried(self._target(), motion)
+        goal = self._carried(self.goal, motion)
         self.pose = self._carried(self.pose, motion)
         steepest = float(np.clip(goal.pitch, -_STEEPEST, _STEEPEST))
         self._jump(replace(goal, pitch=steepest, roll=0.0))
@@ -337,10 +346,6 @@ class CameraRig:
         """Distance at which ``camera`` passes the present pivot, if it looks towards it."""
         depth = float((self.pose.pivot - camera.position) @ camera.forward)
         return depth if depth > 0.05 * self.radius else self.radius
-
-    def _target(self) -> Pose:
-        """The pose at the end of a jump, or the present one."""
-        return self._goal if self._goal is not None else self.pose
 
     def _jump(self, goal: Pose, animated: bool = True) -> None:
         if not animated:

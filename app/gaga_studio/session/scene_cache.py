@@ -12,7 +12,7 @@ from gaga_core.arrays import AnyArray, DoubleArray, FloatArray, IntArray, LongAr
 from gaga_core.camera import Camera
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
-from gaga_core.query.group_facts import colors_outside
+from gaga_core.query.group_facts import colors_outside, part_for_color
 from gaga_core.scene import objects
 from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.objects import ObjectTable, confidence_histogram
@@ -22,7 +22,7 @@ from gaga_core.scene.selection.bounds import OrientedBox, object_points, oriente
 from gaga_core.scene.tint import mean_color
 
 T = TypeVar("T")
-_SAMPLE = 50_000  # splats looked at for a box or a color
+_SAMPLE = 50_000  # splats looked at for a box
 SHARE = 0.98  # of the splats that a box of the selection holds, along each axis
 _PLACED = "splats state placement placements"  # of the revision: where the selection stands
 SortKey = Literal["id", "name", "splats", "views", "quality"]
@@ -156,13 +156,12 @@ class SceneCache:
         """
 
         def compute() -> tuple[IntArray, FloatArray | None]:
-            chosen = self.selected_indices()
-            chosen = chosen[:: max(1, -(-len(chosen) // _SAMPLE))]
+            chosen = part_for_color(self.selected_indices())
             if not is_ready or len(chosen) == 0:
                 return chosen, None
             return chosen, colors_outside(self._scene, chosen, cameras)
 
-        return self._by("outside", "splats state", compute, id(cameras), is_ready)
+        return self._by("outside", "splats state", compute, *map(id, cameras), is_ready)
 
     def selected_color(self, cameras: Sequence[Camera], is_ready: bool) -> DoubleArray:
         """Mean color (3,) of the selection, 0..1, as it is drawn; see `seen_selection`."""

@@ -309,12 +309,13 @@ class Session:
         """Name of what is open, starred when there is something to save; "" if nothing is."""
         return self.document.title if self.document is not None else ""
 
-    def open(self, path: Path) -> None:
+    def open(self, path: Path, *, then: Callable[[], object] | None = None) -> None:
         """Open a scene folder, a .ply or a project; what is open stays until it has succeeded.
 
         It is read first: about unsaved edits is asked only where something would take their place.
+        ``then`` is called once the scene is open, and never if it is not.
         """
-        self._start_opening(Path(path))
+        self._start_opening(Path(path), then)
 
     def open_demo(self) -> None:
         """Open the demo scene; the first time it is copied from the program's own files."""
@@ -517,14 +518,14 @@ class Session:
 
         self._when_saved(when, leave)
 
-    def _start_opening(self, path: Path | None) -> None:
+    def _start_opening(self, path: Path | None, then: Callable[[], object] | None = None) -> None:
         """Open ``path``, or the demo."""
         name = path.name if path else "the demo"
         stage = stages.open_stage(path) if path else stages.open_demo_stage(paths.demo_scene())
 
         def read(project: "Project | PhotoFind") -> None:
             # A save may write what has been read, as where the open project is opened again.
-            again = partial(self._start_opening, path)
+            again = partial(self._start_opening, path, then)
             self._when_saved(f"before {name} is opened", lambda: opened(project), saved=again)
 
         def opened(project: "Project | PhotoFind") -> None:
@@ -537,6 +538,8 @@ class Session:
                     self.notify(Level.INFO, text, shows=saved)
                 for follow in self._when_opened:
                     follow(self)
+                if then is not None:
+                    then()
             else:
                 self._forget()
                 self.photos = project

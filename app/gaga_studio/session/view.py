@@ -16,6 +16,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.scene.edits import How
 from gaga_core.scene.object_picture import ObjectDrawing
 from gaga_core.scene.scene import Scene
+from gaga_studio.session.camera_rig import Pose
 
 if TYPE_CHECKING:
     from gaga_core.pipeline.place import PlacementReport
@@ -134,6 +135,7 @@ class Playback:
     at: float = 0.0  # seconds
     is_playing: bool = False
     chosen: int = 0  # keyframe
+    came_from: tuple[Pose, int | None] | None = None  # the camera, and the photo, before it played
 
 
 @dataclass

@@ -118,6 +118,14 @@ class _SurfaceBrush(_Brush):
         super().__init__()
         self._region: Region | None = None
         self._mask: BoolArray = np.zeros((0, 0), np.bool_)
+        self._middle: BoolArray | None = None  # of the stroke, where that counts
+
+    def release(self, session: Session, place: ViewportPoint) -> None:
+        """Do it, as one edit; where all that is there is locked, say so."""
+        is_stroke = self._document is not None
+        super().release(session, place)
+        if is_stroke and self._region is not None:
+            self._region.say_locked(self._mask, self._middle)
 
     def _begin(self, session: Session, place: ViewportPoint) -> bool:
         self._region = Region(session, place, surface_only=True)
@@ -144,10 +152,6 @@ class BrushTool(_SurfaceBrush):
     name = ToolName.BRUSH
     is_content = False
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._middle = self._mask
-
     def hint(self, session: Session) -> str:
         """What a drag does now."""
         return region_hint(session, "Paint") + " [ and ] change the size."
@@ -160,6 +164,7 @@ class BrushTool(_SurfaceBrush):
 
     def _go(self, session: Session, place: ViewportPoint) -> None:
         super()._go(session, place)
+        assert self._middle is not None
         by_screen.stroke(self._middle, self._last, (place.u, place.v), _MIDDLE * self._radius)
 
     def _edit(self, scene: Scene) -> Edit | None:

@@ -267,6 +267,19 @@ def test_the_preview_plays_to_the_end_and_begins_again(walked: Session) -> None:
     assert not walked.view.playback.is_playing
 
 
+def test_a_preview_that_is_ended_gives_the_camera_back(walked: Session) -> None:
+    before, photo = walked.rig.eye, walked.active_view
+    camera_path.toggle_playing(walked)
+    for _ in range(4):
+        camera_path.tick(walked, 0.25)
+    assert np.abs(walked.rig.eye - before).max() > 1e-3
+    camera_path.stop_playing(walked)
+    _land(walked)
+    np.testing.assert_allclose(walked.rig.eye, before, atol=1e-9)
+    assert walked.active_view == photo
+    assert not walked.view.playback.is_playing
+
+
 def test_a_turntable_plays_round_and_round(session: Session) -> None:
     session.rig.zoom(-3)  # out of what the photos surround
     pivot, distance = session.rig.pivot, session.rig.pose.distance

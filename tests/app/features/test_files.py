@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,6 +36,33 @@ def test_splats_of_another_file_come_as_one_undoable_edit(session: Session, tmp_
     assert session.undo() == "Add chair.spz"
     assert len(scene) == n
     assert session.need().history.state_id == state
+
+
+@pytest.mark.parametrize("end", ["broken", "cancelled"])
+def test_files_dropped_with_one_that_did_not_open_are_not_added_to_the_next(
+    new_session: Callable[[], Session], tmp_path: Path, end: str
+) -> None:
+    for name in ("chair.ply", "table.ply", "room.ply"):
+        write_splats(tmp_path / name, random_gaussians(50))
+    if end == "broken":
+        (tmp_path / "chair.ply").write_bytes(b"ply\nnothing")
+    session = new_session()
+    files_actions.drop(session, [tmp_path / "chair.ply", tmp_path / "table.ply"])
+    if end == "cancelled":
+        session.jobs.cancel()
+    session.jobs.wait()
+    session.jobs.wait()
+    assert session.document is None
+    session.open(tmp_path / "room.ply")
+    for _ in range(3):
+        session.jobs.wait()
+    assert len(session.need().scene) == 50
+    if end == "broken":
+        session.close()
+        files_actions.drop(session, [tmp_path / "room.ply", tmp_path / "table.ply"])
+        for _ in range(3):
+            session.jobs.wait()
+        assert len(session.need().scene) == 100
 
 
 def test_groups_are_found_next_to_added_splats(session: Session, tmp_path: Path) -> None:

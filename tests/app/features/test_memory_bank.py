@@ -215,6 +215,27 @@ def test_a_replay_goes_from_nothing_to_the_saved_groups(associated: Session) -> 
     assert np.array_equal(session.scene.labels, before)
 
 
+@pytest.mark.parametrize("is_moved", [False, True])
+def test_a_closed_replay_gives_the_camera_back_unless_it_was_moved(
+    associated: Session, is_moved: bool
+) -> None:
+    before, photo = associated.rig.eye, associated.active_view
+    session = _opened(associated)
+    memory_bank.go_to_step(session, 3)
+    session.tick(10.0)
+    there = session.rig.eye
+    assert np.abs(there - before).max() > 1e-3
+    if is_moved:
+        session.rig.orbit(40, 0)
+        there = session.rig.eye
+    memory_bank.close_timeline(session)
+    session.tick(10.0)
+    session.tick(10.0)
+    want = there if is_moved else before
+    np.testing.assert_allclose(session.rig.eye, want, atol=1e-9)
+    assert is_moved or session.active_view == photo
+
+
 def test_a_camera_that_does_not_follow_stays(associated: Session) -> None:
     session = _opened(associated)
     memory_bank.set_follows(session, False)

@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from gaga_core import api
+from gaga_core.api import SceneObject
+from gaga_core.edit_script import run_script
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_value import column, shown_colors
-from gaga_core.scene.tint import Grade
+from gaga_core.scene.tint import Grade, mean_color
 from gaga_studio.features import selection, transform
 from gaga_studio.features.commands import run
 from gaga_studio.features.transform import GradeSliders
@@ -46,12 +49,29 @@ def test_a_range_selects_what_its_bars_show(associated: Session) -> None:
 
 def test_the_color_of_the_selection_finds_it_again(selected: Session) -> None:
     chosen = selected.selected_indices()
-    rgb = selection.selected_color(selected)
+    rgb = transform.selected_color(selected).tolist()
     selection.select_none(selected)
     assert selection.by_color(selected, rgb, 0.3)
     found = selected.selected_indices()
     assert len(np.intersect1d(found, chosen)) > 0
     assert np.abs(shown_colors(_scene(selected))[found] - rgb).max() <= 0.3 + 1e-6
+
+
+def test_a_script_and_the_window_mean_the_same_color_of_an_object(selected: Session) -> None:
+    """The swatch is the color from outside; scripts took that of splats inside, too."""
+    document, scene = selected.need(), _scene(selected)
+    chosen, means = selected.selected_indices(), scene.gaussians.means
+    out = np.linalg.norm(means[chosen] - means[chosen].mean(axis=0), axis=1)
+    scene.gaussians.sh[chosen, 0] = np.where(out < np.median(out), -1.5, 1.0)[:, None]
+    group = int(scene.labels[chosen[0]])
+    thing = SceneObject(api.Scene(document.project), group)
+    np.testing.assert_allclose(thing.color, transform.selected_color(selected), atol=1e-6)
+    assert np.abs(thing.color - mean_color(scene, thing.indices)).max() > 0.02
+    views = document.project.training_views
+    run_script(
+        scene, [{"op": "recolor", "color": [0.1, 0.2, 0.8]}], document.history, lambda: views
+    )
+    np.testing.assert_allclose(transform.selected_color(selected), (0.1, 0.2, 0.8), atol=0.01)
 
 
 def test_panels_show_the_object_that_most_of_the_selection_is_of(associated: Session) -> None:

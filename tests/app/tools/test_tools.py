@@ -77,6 +77,34 @@ def test_shift_adds_control_removes_and_a_click_on_nothing_clears(associated: Se
     assert associated.selected_groups() == ()
 
 
+@pytest.mark.parametrize("takes_splats", [False, True])
+@pytest.mark.parametrize("tool", [ToolName.RECT, ToolName.LASSO, ToolName.BRUSH, ToolName.ERASE])
+def test_a_region_of_locked_things_says_so(
+    associated: Session, tool: ToolName, takes_splats: bool
+) -> None:
+    """It selected nothing and said nothing."""
+    associated.view.takes_splats = takes_splats
+    for group in associated.objects().ids.tolist():
+        if group > 0:
+            objects.set_locked(associated, group, True)
+    associated.tool, hand = tool, Hand(associated)
+
+    def sweep() -> str:
+        corners = ((2.0, 2.0), (W - 3.0, 2.0), (W - 3.0, H - 3.0), (2.0, H - 3.0), (W / 2, H / 2))
+        hand.press(*corners[0])
+        for u, v in corners[1:] if tool is not ToolName.RECT else corners[2:3]:
+            hand.move(u, v)
+        hand.release()
+        return status_text(associated, hand.controller.tool(associated))
+
+    assert "ocked" in sweep()
+    assert associated.selected_groups() == ()
+    assert run("object.unlock_all", associated)
+    before = associated.need().history.cursor
+    assert "ocked" not in sweep()
+    assert associated.need().history.cursor == before + 1
+
+
 @pytest.mark.parametrize("tool", [ToolName.PICK, ToolName.OBJECT])
 @pytest.mark.parametrize("keys", [KeyState(), KeyState(shift=True)])
 def test_a_click_on_what_is_locked_says_so_until_something_else_is_clicked(

@@ -123,13 +123,17 @@ class Driver:
         self.engine.key_chars_replace_enter(str(path))
         self.frames()
 
-    def export_to(self, path: Path) -> None:
-        """Type a path into the open sheet of an export and start it."""
+    def type_place(self, path: Path) -> None:
+        """Type a path into the open sheet of an export."""
         self.frames(3)
         self.engine.item_click("//**/##Path")
         self.check("Export")
         self.engine.key_chars_replace_enter(str(path))
         self.frames()
+
+    def export_to(self, path: Path) -> None:
+        """Type a path into the open sheet of an export and start it."""
+        self.type_place(path)
         self.click("Export/###Export now")
         self.frames(3)
 

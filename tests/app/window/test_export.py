@@ -140,6 +140,16 @@ def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> 
         d.keys(KEY.escape)
         assert d.exists("Export/###Export now"), "the sheet is back when no place was chosen"
         d.keys(KEY.escape)
+        for _ in range(2):  # a place that was named is proposed again, also after Cancel
+            d.menu("File/###Export scene…")
+            first = sheet.path
+            d.type_place(tmp_path / "kept" / "a.ply")
+            d.click("**/###Simulation")
+            at = sheet.path
+            d.type_place(tmp_path / "kept" / "mine")
+            d.keys(KEY.escape)
+        assert Path(first).parent == tmp_path / "kept"
+        assert Path(at) == tmp_path / "kept" / "mine"
         d.menu("File/###Export a web page…")
         assert sheet.form.suffix == ".html"
         assert sheet.path.endswith(".html")

@@ -10,11 +10,11 @@ import pytest
 from gaga_core.camera import Camera
 from gaga_core.edit_script import parse_script, run_script
 from gaga_core.errors import GagaError
+from gaga_core.query.group_facts import outside_color
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.objects import group_indices, selected_indices
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
-from gaga_core.scene.tint import mean_color
 from tests.core.scene.edits.edit_walk import snapshot, walk_scene
 from tests.scenes import objects_scene
 
@@ -47,7 +47,7 @@ def test_a_script_does_what_the_window_does() -> None:
     assert np.allclose(now[three], start[three] + [0, 0, 1], atol=1e-5)
     x, y, z = (start[four] - [1, 0, 0]).T
     assert np.allclose(now[four], np.stack([1 - y, x, z], axis=1), atol=1e-5)
-    assert np.allclose(mean_color(scene, three), [0.9, 0.1, 0.1])
+    assert np.allclose(outside_color(scene, three), [0.9, 0.1, 0.1], atol=1e-5)
     assert scene.has(State.DELETED)[scene.labels == 5].all()
     assert not (scene.labels == 1).any()
     assert set(np.unique(scene.labels[scene.visible])) == {3, 8}

@@ -35,6 +35,7 @@ from gaga_studio.features.base import (
 )
 from gaga_studio.features.find import association
 from gaga_studio.session import stages
+from gaga_studio.session.camera_rig import Pose
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.scene_cache import labels_of_bank
@@ -61,6 +62,8 @@ class Timeline:
     step: int = 0
     waited_s: float = 0.0  # at this step
     former_mode: Mode = Mode.COLOR  # that comes back when the replay is closed
+    came_from: tuple[Pose, int | None] | None = None  # the camera, and the photo, before it
+    went_to: Pose | None = None  # where it brought the camera last
 
     def on_close(self, view: ViewState) -> None:
         """Show what was shown before the replay."""
@@ -449,16 +452,23 @@ def _show(session: Session, document: Document) -> None:
     timeline = document.feature(Timeline)
     timeline.former_mode, session.view.mode = session.view.mode, Mode.GROUPS
     timeline.is_open = timeline.is_playing = True
+    timeline.came_from, timeline.went_to = (session.rig.goal, session.active_view), None
     go_to_step(session, 0)
 
 
 def close_timeline(session: Session) -> None:
-    """Show the scene as it is again; a view mode that was chosen during the replay stays."""
+    """Show the scene as it is again, from where the camera stood before the replay.
+
+    A view mode that was chosen during the replay, and a camera moved by hand, stay.
+    """
     timeline = timeline_of(session)
     if timeline.is_open:
         timeline.is_open = timeline.is_playing = False
         if session.view.mode is Mode.GROUPS:
             session.view.mode = timeline.former_mode
+        if timeline.came_from is not None and timeline.went_to is session.rig.goal:
+            pose, session.active_view = timeline.came_from
+            session.rig.return_to(pose)
 
 
 def toggle_timeline_playing(session: Session) -> None:
@@ -482,6 +492,7 @@ def go_to_step(session: Session, step: int) -> None:
     index = camera.view_index(session, view) if view else None
     if timeline.follows and index is not None:
         camera.go_to_view(session, index)
+        timeline.went_to = session.rig.goal
 
 
 def set_follows(session: Session, follows: bool) -> None:

@@ -149,19 +149,18 @@ def _recent(session: Session) -> None:
     listed = files.recent(session)
     label = f"{icons.CLOCK}  {OPEN_RECENT}###{OPEN_RECENT}"
     entries = [command.title_now(session) for command in listed]
-    with widgets.submenu(label, entries, enabled=bool(listed)) as is_open:
+    why_not = "" if listed else "Nothing was opened before."
+    with widgets.submenu(label, entries, why_not=why_not) as is_open:
         _items(session, listed if is_open else ())
 
 
 def _mask_folders(session: Session) -> None:
     listed = masks.folder_commands(session)
     label = f"{icons.MASK}  {USE_MASKS}###{USE_MASKS}"
-    if imgui.begin_menu(label, bool(listed)):
-        _items(session, listed)
-        imgui.end_menu()
-    if not listed:
-        why_not = "There is one mask folder at most, so there is nothing to choose."
-        widgets.tooltip(why_not, of_row=True)
+    entries = [command.title_now(session) for command in listed]
+    why_not = "" if listed else "There is one mask folder at most, so there is nothing to choose."
+    with widgets.submenu(label, entries, why_not=why_not) as is_open:
+        _items(session, listed if is_open else ())
 
 
 def _items(session: Session, listed: Sequence[Command]) -> None:
@@ -169,8 +168,10 @@ def _items(session: Session, listed: Sequence[Command]) -> None:
     for command in listed:
         is_on = command.is_on is not None and command.is_on(session)
         label = f"{theme.visual(command.title_now(session))}###{theme.visual(command.title)}"
-        if imgui.menu_item(label, "", is_on)[0]:
+        why_not = command.enabled(session)
+        if imgui.menu_item(label, "", is_on, not why_not)[0]:
             run_one(command, session)
+        widgets.tooltip(why_not, of_row=True)
 
 
 def _title(session: Session) -> None:

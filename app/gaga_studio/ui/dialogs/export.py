@@ -230,6 +230,8 @@ class ExportSheet:
     simulation: SimulationExport = field(default_factory=SimulationExport)
     options: ExportOptions = field(default_factory=ExportOptions)
     path: str = ""  # as it is typed
+    chosen: dict[What, Path] = field(default_factory=dict)  # places that a person named
+    chosen_for: tuple[str, Path] | None = None  # the scene that they are for: its name and folder
     waits: FileDialog | None = None  # the sheet comes back when a place was chosen
 
 
@@ -332,7 +334,22 @@ def _plan(sheet: ExportSheet) -> ExportPlan:
 
 def _propose(session: Session, sheet: ExportSheet) -> None:
     form = sheet.cameras if sheet.what == "cameras" else sheet.form
-    sheet.path = paths.shown(export.proposed(session, sheet.what, form))
+    proposed, scene = export.proposed(session, sheet.what, form), _scene(session)
+    if scene != sheet.chosen_for:
+        sheet.chosen, sheet.chosen_for = {}, scene
+    if (chosen := sheet.chosen.get(sheet.what)) is not None:
+        proposed = chosen if _is_folder(sheet) else chosen.parent / proposed.name
+    sheet.path = paths.shown(proposed)
+
+
+def _scene(session: Session) -> tuple[str, Path]:
+    return session.need().name, export.folder(session)
+
+
+def _keep_place(sheet: ExportSheet) -> None:
+    """Propose what was named when the sheet opens again, also after Cancel."""
+    if (path := _plan(sheet).path).is_absolute():
+        sheet.chosen[sheet.what] = path
 
 
 def _what_and_form(session: Session, sheet: ExportSheet) -> None:
@@ -381,6 +398,7 @@ def _place(sheet: ExportSheet, files: FilePicker) -> None:
     widgets.tooltip(sheet.path)
     if changed:
         _follow_name(sheet)
+        _keep_place(sheet)
     imgui.same_line()
     if widgets.button("Choose a place", Face(label, width=-1), hint="Choose another place"):
         imgui.close_current_popup()
@@ -401,6 +419,7 @@ def _ask(sheet: ExportSheet, files: FilePicker) -> None:
     def chosen(path: Path) -> None:
         sheet.path = paths.shown(path)
         _follow_name(sheet)
+        _keep_place(sheet)
 
     files.ask(dialog, chosen)
     sheet.waits = dialog

@@ -13,7 +13,6 @@ from gaga_core.pipeline import film as pipeline_video
 from gaga_core.pipeline.film import Split, What
 from gaga_studio.features import camera, export, split_view
 from gaga_studio.features.camera import no_path, no_photo_files
-from gaga_studio.features.find import association
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Side
@@ -127,8 +126,6 @@ def _film(session: Session, choices: FilmChoices) -> bool:
         seconds, n = _length(session, choices)
         kinds = ".mp4 (H.264) or .webm (VP9)"
         widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; {kinds}", wrap=True)
-        took = export.film_seconds(session, n, choices.width * choices.height)
-        widgets.dim(f"Writing takes {association.duration_text(took)} here")
     return _ends(FILM)
 
 

@@ -238,9 +238,10 @@ def heading(text: str) -> None:
 
 
 @contextmanager
-def submenu(label: str, entries: Iterable[str], *, enabled: bool = True) -> Iterator[bool]:
+def submenu(label: str, entries: Iterable[str], *, why_not: str = "") -> Iterator[bool]:
     """A menu next to its line in a menu; whether it is open. ``entries``: its words and keys.
 
+    Grey, it says ``why_not`` in its tooltip.
     Where neither side has room for them it unfolds below its line: it would cover the menu.
     """
     pad = imgui.get_style().window_padding.x
@@ -248,15 +249,18 @@ def submenu(label: str, entries: Iterable[str], *, enabled: bool = True) -> Iter
     left, screen = imgui.get_window_pos().x, imgui.get_main_viewport()
     right = screen.pos.x + screen.size.x - left - imgui.get_window_width()
     if needed <= max(left - screen.pos.x, right) + pad:
-        is_open = imgui.begin_menu(label, enabled)
+        is_open = imgui.begin_menu(label, not why_not)
+        if not is_open:
+            tooltip(why_not, of_row=True)
         yield is_open
         if is_open:
             imgui.end_menu()
         return
     flags = imgui.TreeNodeFlags_.span_avail_width | imgui.TreeNodeFlags_.no_tree_push_on_open
-    imgui.begin_disabled(not enabled)
+    imgui.begin_disabled(bool(why_not))
     is_open = imgui.tree_node_ex(label.partition("  ")[2] or label, flags)  # an arrow for the icon
     imgui.end_disabled()
+    tooltip(why_not, of_row=True)
     yield is_open
 
 
@@ -374,8 +378,13 @@ def slider(
     high: N,
     form: str = "%.2f",
     flags: int = imgui.SliderFlags_.always_clamp,
+    *,
+    ticks: Sequence[float] = (),
 ) -> tuple[bool, N]:
-    """A slider whose number stands right of it, where no knob covers it."""
+    """A slider whose number stands right of it, where no knob covers it.
+
+    ``ticks`` are values that get a mark under the middle of the knob that stands there.
+    """
     gap = imgui.get_style().item_inner_spacing.x
     room = max(imgui.calc_text_size(form % end).x for end in (low, high, value))
     is_typed = imgui.internal.temp_input_is_active(imgui.get_id(label))
@@ -385,6 +394,11 @@ def slider(
     drawn = imgui.slider_int if isinstance(value, int) else imgui.slider_float
     changed, value = drawn(label, value, low, high, form, flags)  # type: ignore[arg-type]
     imgui.pop_style_color()
+    top, foot = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    for tick in ticks:
+        x = knob_at(top.x, foot.x, (tick - low) / (high - low))
+        a, b = ImVec2(x, foot.y - em(0.25)), ImVec2(x, foot.y)
+        imgui.get_window_draw_list().add_line(a, b, theme.u32(theme.ACCENT), theme.scaled(2))
     imgui.same_line(0, gap)
     left = imgui.get_cursor_pos_x()
     shown = form % value
@@ -392,6 +406,16 @@ def slider(
     imgui.text_unformatted(shown)
     imgui.end_group()
     return changed, value
+
+
+_GRAB_PADDING = 2.0  # pixels between a slider's frame and its knob, whatever the style: of ImGui
+
+
+def knob_at(left: float, right: float, share: float) -> float:
+    """Where the middle of the knob of a slider from ``left`` to ``right`` stands at a share of its
+    range, pixels."""
+    pad = _GRAB_PADDING + imgui.get_style().grab_min_size / 2
+    return left + pad + (right - left - 2 * pad) * share
 
 
 def radio_button(label: str, is_chosen: bool) -> bool:

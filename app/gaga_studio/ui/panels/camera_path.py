@@ -59,28 +59,17 @@ def _scrub(session: Session, path: CameraPath) -> None:
     imgui.same_line()
     width = em(5.5)
     imgui.set_next_item_width(imgui.get_content_region_avail().x - width - em(0.6))
-    changed, at = widgets.slider("##Time", playback.at, 0.0, max(path.seconds, 1e-3), "%.2f s")
+    end = max(path.seconds, 1e-3)
+    changed, at = widgets.slider("##Time", playback.at, 0.0, end, "%.2f s", ticks=path.times())
     if changed:
         playback.is_playing = False
         camera.scrub(session, at)
-    _marks(path)
     imgui.same_line()
     imgui.set_next_item_width(width)
     changed, total = imgui.drag_float("##Total", path.seconds, 0.05, 0.1, 3600, "%.1f s in all")
     widgets.tooltip("Duration of the whole path; all times scale with it")
     if changed:
         camera.set_total_seconds(session, total)
-
-
-def _marks(path: CameraPath) -> None:
-    """Ticks at the keyframes under the slider."""
-    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
-    pad = imgui.get_style().frame_padding.x + imgui.get_style().grab_min_size / 2
-    room = high.x - low.x - 2 * pad
-    for t in path.times():
-        x = low.x + pad + room * t / max(path.seconds, 1e-6)
-        a, b = ImVec2(x, high.y - em(0.25)), ImVec2(x, high.y)
-        imgui.get_window_draw_list().add_line(a, b, theme.u32(theme.ACCENT), theme.scaled(2))
 
 
 _ROW = 20.2  # width of a keyframe's row, ems

@@ -339,8 +339,9 @@ def _sentence(session: Session, timeline: Timeline, growth: BankGrowth) -> None:
         widgets.line("Before the first view every splat is free.", theme.DIM)
         return
     if step == growth.last_step:
-        n = len(growth.views)
-        widgets.line(f"All {n} views: the groups as they are saved.", theme.DIM)
+        n, of = len(growth.views), len(session.cameras)
+        which = f"All {n} views" if n >= of else f"All {n} views with masks, of {of} photos"
+        widgets.line(f"{which}: the groups as they are saved.", theme.DIM)
         return
     bank = timeline.bank
     first, last = int(growth.n_decisions[step - 1]), int(growth.n_decisions[step])

@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.edits import How
 from gaga_core.scene.selection.by_value import Histogram, column_names
-from gaga_studio.features import selection
+from gaga_studio.features import selection, transform
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
@@ -103,7 +103,8 @@ def _by_color(session: Session, held: SelectBy) -> None:
     imgui.same_line()
     why_not = "" if len(session.selected_indices()) else "Nothing is selected."
     if widgets.button("Take", why_not=why_not, hint="The mean color of the selection"):
-        held.color = selection.selected_color(session)
+        red, green, blue = transform.selected_color(session).tolist()
+        held.color = (red, green, blue)
     widgets.field_name("Tolerance", em(_NAMES))
     _, held.tolerance = widgets.slider("##Tolerance", held.tolerance, 0.01, 0.5)
     how = _how_buttons("color")
