@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, DoubleArray, IntArray, check_shape
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, principal_axes, quats_to_matrices
 from gaga_core.scene.frame import scale_of
 from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection.bounds import robust_box
 
 _SNAP = np.cos(np.radians(3.0))  # an up this near to a world axis is that axis
 _NEARLY = np.cos(np.radians(30.0))  # ups nearer than this are meant to be the same
@@ -327,3 +328,54 @@ def _about(axis: int, angle: float) -> DoubleArray:
     matrix[i, i] = matrix[j, j] = np.cos(angle)
     matrix[i, j], matrix[j, i] = -np.sin(angle), np.sin(angle)
     return matrix
+
+
+# --- Which side of a scene without photos is open: a room is looked into, not at its back.
+
+
+_CORE = 0.6  # share of the sides of a scene's box that is its middle: no walls
+_CELLS = 64  # cells across a view in which surfaces hide each other
+_LARGEST = 3  # cells: radius of a sampled splat at most
+_BEHIND = 0.02  # of the view's distance: what is so little behind a surface is part of it
+_CLEARER = 0.05  # share of all splats that another view has to show more of in the middle
+
+
+def clearest_view(gaussians: Gaussians, views: Sequence[Camera]) -> int:
+    """Number of the view that shows the most of the middle of the scene: the first, unless another
+    one shows more of it by a twentieth of all splats.
+
+    Splats are sampled; each hides what lies behind it in the cells of a view that it covers.
+    """
+    opaque = np.flatnonzero(gaussians.opacities >= _SEEN)
+    rows = opaque[:: max(1, len(opaque) // _SAMPLE)]
+    means = gaussians.means[rows].astype(np.float64)
+    rows, means = rows[np.isfinite(means).all(axis=1)], means[np.isfinite(means).all(axis=1)]
+    if len(rows) == 0:
+        return 0
+    lo, hi = robust_box(means, 0.98)
+    is_core = (np.abs(means - (lo + hi) / 2) <= _CORE / 2 * (hi - lo)).all(axis=1)
+    # Fewer splats have to be larger to be as dense.
+    sizes = np.exp(np.sort(gaussians.log_scales[rows], axis=1)[:, 1].astype(np.float64))
+    sizes *= np.sqrt(max(1.0, len(opaque) / len(rows)))
+    shown = [_n_shown(means, sizes, is_core, view.at_most(_CELLS)) for view in views]
+    best = int(np.argmax(shown))
+    return best if shown[best] - shown[0] > _CLEARER * len(rows) else 0
+
+
+def _n_shown(means: DoubleArray, sizes: DoubleArray, is_core: BoolArray, view: Camera) -> int:
+    """How many of the core's splats nothing hides in a view."""
+    pixels, depths = view.project(means)
+    inside = np.flatnonzero(view.shows(pixels, depths))
+    u, v = pixels[inside].astype(np.int64).T
+    depth = depths[inside]
+    radius = np.minimum(sizes[inside] * view.K[0, 0] / depth, _LARGEST)
+    nearest = np.full((view.height, view.width), np.inf)
+    reach = np.arange(-_LARGEST, _LARGEST + 1)
+    for dv in reach:
+        for du in reach:
+            y, x = v + dv, u + du
+            on = (radius >= np.hypot(du, dv)) & (x >= 0) & (y >= 0)
+            on &= (x < view.width) & (y < view.height)
+            np.minimum.at(nearest, (y[on], x[on]), depth[on])
+    middle = float(np.median(depth)) if len(depth) else 0.0
+    return int((is_core[inside] & (depth <= nearest[v, u] + _BEHIND * middle)).sum())

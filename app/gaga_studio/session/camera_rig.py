@@ -7,9 +7,15 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
+from gaga_core.gaussians import Gaussians
 from gaga_core.scene.camera_path import Shot
 from gaga_core.scene.frame import inverse, scale_of
-from gaga_core.scene.orientation import common_target, estimate_up, upright_basis
+from gaga_core.scene.orientation import (
+    clearest_view,
+    common_target,
+    estimate_up,
+    upright_basis,
+)
 
 FLY_KEYS = frozenset("WASDQE")  # by their place on a US keyboard
 _JUMP_S = 0.35  # time of an animated jump
@@ -18,6 +24,7 @@ _ORBIT_PER_HEIGHT = np.pi  # drag over the picture's height: half a turn
 _ZOOM_PER_NOTCH = 0.15
 _FAR = 300.0  # scene radii between the pivot and an orthographic camera: 0.3 % of perspective left
 _LEVEL_PER_DRAG = 0.85  # share of a training camera's roll that an orbit step leaves
+_SIDES = 8  # from which a scene without photos may be seen first
 _THREE_QUARTERS = np.radians(30.0)  # from the front, of the first view without photos
 
 
@@ -278,6 +285,17 @@ class CameraRig:
         inside = inside and target is not None and np.all(target < hi + self.radius)
         self.pose = replace(self.pose, pivot=target if inside and target is not None else centre)
         self.go_to(cameras[0], animated=animated)
+
+    def turn_to_clearest(self, gaussians: Gaussians) -> None:
+        """Look at the scene from the side that is open, of eight all around: the present one,
+        unless another shows much more of its middle."""
+        turns = 2 * np.pi * np.arange(_SIDES) / _SIDES
+        poses = [replace(self.pose, yaw=self.pose.yaw + turn) for turn in turns]
+        views = []
+        for pose in poses:
+            self.pose = pose
+            views.append(self._camera(self._size))
+        self.pose = poses[clearest_view(gaussians, views)]
 
     def fly_from(self, start: Pose) -> None:
         """Come to the present pose from ``start``, as a jump does."""

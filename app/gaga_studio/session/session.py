@@ -577,6 +577,7 @@ class Session:
         else:
             up = self.rig.up if animated else guess_up(scene.gaussians)
             self.rig.frame_scene(*whole_box(scene), up=up)
+            self.rig.turn_to_clearest(scene.gaussians)
         self.rig.follow(document.world)
         if animated:
             self.rig.fly_from(before)

@@ -9,8 +9,10 @@ from threading import Event
 import numpy as np
 import pytest
 
+from gaga_core.io.files import assets
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import Progress, Stage, run_stage
+from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.project import open_path_stage
 from gaga_studio.features import files, objects, selection, transform
@@ -151,6 +153,18 @@ def test_a_lone_splat_file(new_session: Callable[[], Session], scene_folder: Pat
     assert offer is not None
     assert not offer.action
     assert session.pick(_W / 2, _H / 2, _W, _H) is not None  # the first view shows it
+
+
+def test_a_room_without_photos_is_looked_into(new_session: Callable[[], Session]) -> None:
+    """From the front of most models the demo's room shows the back of a wall."""
+    session = new_session()
+    session.open(assets() / "demo" / "point_cloud.sog")
+    finish(session)
+    view = session.rig.camera(320, 240)
+    picture = choose("cpu").render(scene_of(session).gaussians, view)
+    pixels, depths = view.project(np.array([[-0.15, 0.03, 0.80]]))  # the teapot
+    u, v = pixels[0].astype(int)
+    assert picture.median_depth[v, u] > 0.9 * depths[0]
 
 
 def test_a_folder_without_masks_offers_to_make_them(

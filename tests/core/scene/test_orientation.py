@@ -11,7 +11,13 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, quats_to_matrices
 from gaga_core.scene.edits.values import joined
 from gaga_core.scene.frame import carried_cameras
-from gaga_core.scene.orientation import estimate_up, guess_up, up_of_moved
+from gaga_core.scene.orientation import (
+    clearest_view,
+    estimate_up,
+    guess_up,
+    up_of_moved,
+    views_around,
+)
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import main_parts, object_box, splat_box, whole_box
 from tests.scenes import objects_scene, random_gaussians
@@ -122,3 +128,34 @@ def test_floaters_change_neither_the_box_nor_the_middle_of_an_object(n: int) -> 
     assert main_parts(halves, np.ones(n)).all(), "an object of two parts keeps both"
     assert main_parts(rng.uniform(size=(1, 3)), np.ones(1)).all()
     assert not main_parts(np.zeros((0, 3)), np.zeros(0)).size
+
+
+@pytest.mark.parametrize("turn", [0, 2, 4, 6])
+@pytest.mark.parametrize("is_room", [False, True])
+def test_a_room_is_looked_into_and_what_stands_free_is_seen_as_it_comes(
+    turn: int, is_room: bool
+) -> None:
+    rng = np.random.default_rng(turn)
+    out = rng.normal(size=(12_000, 3))
+    ball = out / np.linalg.norm(out, axis=1, keepdims=True)
+    walls = rng.uniform(-2, 2, (3, 8_000, 3))
+    for wall, (axis, at) in zip(walls, ((0, 2), (1, -2), (1, 2)), strict=True):
+        wall[:, axis] = at
+    means = np.concatenate([ball, *walls]) if is_room else ball
+    angle = 2 * np.pi * turn / 8
+    inwards = np.array([np.cos(angle), np.sin(angle), 0])
+    means = means @ np.array([inwards, [-inwards[1], inwards[0], 0], [0, 0, 1.0]])
+    splats = replace(
+        random_gaussians(len(means)),
+        means=means.astype(np.float32),
+        log_scales=np.full((len(means), 3), np.log(0.06), np.float32),
+        logit_opacities=np.full(len(means), 4.0, np.float32),
+    )
+    box, up = (np.full(3, -2.0), np.full(3, 2.0)), np.array([0, 0, 1.0])
+    views = views_around(box, up, ((20.0, 8),), side=200, field=np.radians(50), room=1.0)
+    chosen = clearest_view(splats, views)
+    if is_room:
+        eye = views[chosen].position
+        assert eye @ -inwards > 0.6 * np.linalg.norm(eye)
+    else:
+        assert chosen == 0
