@@ -12,7 +12,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, principal_axes, quats_to_matrices
 from gaga_core.scene.frame import scale_of
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.bounds import robust_box
+from gaga_core.scene.selection.bounds import robust_box, within
 
 _SNAP = np.cos(np.radians(3.0))  # an up this near to a world axis is that axis
 _NEARLY = np.cos(np.radians(30.0))  # ups nearer than this are meant to be the same
@@ -353,7 +353,8 @@ def clearest_view(gaussians: Gaussians, views: Sequence[Camera]) -> int:
     if len(rows) == 0:
         return 0
     lo, hi = robust_box(means, 0.98)
-    is_core = (np.abs(means - (lo + hi) / 2) <= _CORE / 2 * (hi - lo)).all(axis=1)
+    middle, half = (lo + hi) / 2, _CORE * (hi - lo) / 2
+    is_core = within(means, middle - half, middle + half)
     # Fewer splats have to be larger to be as dense.
     sizes = np.exp(np.sort(gaussians.log_scales[rows], axis=1)[:, 1].astype(np.float64))
     sizes *= np.sqrt(max(1.0, len(opaque) / len(rows)))
