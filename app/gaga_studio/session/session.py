@@ -173,7 +173,6 @@ class Session:
         self.jobs = JobRunner(self.notify)
         self.hovering = Hovering()
         self.notices: tuple[Notice, ...] = ()  # oldest first
-        self._not_opened: tuple[Notice, ...] = ()  # errors of the last opening
         self._questions: list[UserQuestion] = []  # shown one after the other, as a modal
         self.request: Request | None = None  # what a command asks of the window
         self.should_quit = False
@@ -233,9 +232,7 @@ class Session:
         waits = self.document is not None and self.document.waiting
         if waits and self.notices and self.notices[-1].text == notice.text:
             return  # it is said already, and a drag would say it in every frame
-        # An error stays on screen, so the same one takes the place of the one before.
-        others = (n for n in self.notices if level is not Level.ERROR or n.text != notice.text)
-        self.notices = (*others, notice)[-_MOST_NOTICES:]
+        self.notices = (*self.notices, notice)[-_MOST_NOTICES:]
 
     @property
     def pending_question(self) -> UserQuestion | None:
@@ -523,8 +520,6 @@ class Session:
 
     def _start_opening(self, path: Path | None, then: Callable[[], object] | None = None) -> None:
         """Open ``path``, or the demo."""
-        self.notices = tuple(n for n in self.notices if n not in self._not_opened)
-        self._not_opened, already = (), self.notices
         name = path.name if path else "the demo"
         stage = stages.open_stage(path) if path else stages.open_demo_stage(paths.demo_scene())
 
@@ -552,11 +547,7 @@ class Session:
                 self.change_settings(self.settings.opened(path))
             self.jobs.prepare("Prepare kernels", stages.kernels_stage())
 
-        def ended() -> None:
-            new = (n for n in self.notices if n not in already)
-            self._not_opened = tuple(n for n in new if n.level is Level.ERROR)
-
-        self.jobs.start(f"Open {name}", stage, on_done=read, on_end=ended)
+        self.jobs.start(f"Open {name}", stage, on_done=read)
 
     def take(self, project: Project) -> None:
         """Show ``project`` in place of what is open."""
