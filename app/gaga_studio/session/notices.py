@@ -30,6 +30,7 @@ class Notice:
     time: float = field(default_factory=time.monotonic)  # seconds, ``time.monotonic``
     shows: Path | None = None  # what was written: it can be shown in its folder
     otherwise: str = ""  # id of the other answer: the notice is a question, and stays until then
+    of_task: str = ""  # title of the one that failed: gone when it is tried again
 
 
 class NothingSelectedError(GagaError):
