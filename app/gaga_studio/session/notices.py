@@ -10,6 +10,8 @@ from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
 from gaga_core.errors import GagaError
 
+HINT_SECONDS = 4.0  # how long a hint is shown, as a card or in the status bar: two lines are read
+
 
 class Level(StrEnum):
     """Severity of a notice."""

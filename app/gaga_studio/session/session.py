@@ -37,6 +37,7 @@ from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
 from gaga_studio.session.jobs import JobRunner
 from gaga_studio.session.notices import (
+    HINT_SECONDS,
     Level,
     Notice,
     Request,
@@ -204,12 +205,14 @@ class Session:
 
     @property
     def hint(self) -> str:
-        """What is said of the last click or command, until the next one or a changed selection."""
-        return self._hint if self._hint_of == self._state else ""
+        """What is said of the last click or command, for seconds, or until the next one or a
+        changed selection."""
+        is_read = time.monotonic() - self._hint_at >= HINT_SECONDS
+        return self._hint if self._hint_of == self._state and not is_read else ""
 
     @hint.setter
     def hint(self, text: str) -> None:
-        self._hint, self._hint_of = text, self._state
+        self._hint, self._hint_of, self._hint_at = text, self._state, time.monotonic()
 
     @property
     def _state(self) -> tuple[Document | None, int]:

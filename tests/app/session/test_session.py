@@ -16,7 +16,7 @@ from gaga_core.scene.project import open_path_stage
 from gaga_studio.features import files, objects, selection, transform
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
-from gaga_studio.session.notices import Level, UserQuestion
+from gaga_studio.session.notices import HINT_SECONDS, Level, UserQuestion
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
@@ -79,6 +79,18 @@ def test_a_save_that_succeeds_takes_the_error_of_the_former_one(
         is_saved = path.exists()
         assert any(n.level is Level.ERROR for n in associated.notices) is not is_saved
     assert is_saved
+
+
+@pytest.mark.parametrize("wanted", ["camera.bookmark_1", "edit.undo"])
+def test_a_hint_goes_by_itself(
+    session: Session, monkeypatch: pytest.MonkeyPatch, wanted: str
+) -> None:
+    """What one gesture met was said until the next one, however long that took."""
+    assert not run(wanted, session)
+    assert session.hint
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + HINT_SECONDS)
+    assert not session.hint
 
 
 def test_what_is_said_again_is_one_notice_and_the_newest(associated: Session) -> None:
