@@ -710,7 +710,8 @@ class Studio:
         """Wanted frames a second at rest; 0 while something on the screen moves."""
         if self.never_idle or self._is_moving() or self._has_new_letters:
             return 0.0
-        if self.session.jobs.running is not None or self.ui.toasts.are_passing:
+        passes = self.ui.toasts.are_passing or self.session.hint
+        if self.session.jobs.running is not None or passes:
             return _JOB_RATE
         return _REST_RATE
 

@@ -46,11 +46,17 @@ class JobRunner:
 
     Saves work on values of their own, so they run next to any job, one after the other.
     ``notify`` gets the sentence when a job fails, and those that it said (`gaga_core.progress.say`)
-    when it is done; a quiet one fails into the log.
+    when it is done; a quiet one fails into the log. ``failed`` gets the title of a job and why it
+    failed; ``begins`` the title of one that the user starts.
     """
 
-    def __init__(self, notify: Notify) -> None:
-        self._notify = notify
+    def __init__(
+        self,
+        notify: Notify,
+        failed: Callable[[str, str], None],
+        begins: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._notify, self._failed, self._begins = notify, failed, begins
         self._worker: _Worker | None = None
         self._waiting: deque[_Worker] = deque()  # for the worker
         self._quiet: _Worker | None = None
@@ -102,6 +108,7 @@ class JobRunner:
             return False
         if ahead:
             self._notify(Level.HINT, f"Waits for {ahead[-1].title}: {title}.")
+        self._begins(title)
         worker = _Worker(title, _Delivery(stage, on_progress, on_done, on_end))
         worker.gives_way = gives_way
         if self._worker is not None and self._worker.gives_way:
@@ -121,6 +128,7 @@ class JobRunner:
 
         ``on_error`` gets what the user can fix; when it returns False the error is a notice.
         """
+        self._begins(title)
         self._saves.append(_Worker(title, _Delivery(stage, None, on_done, None), on_error))
         self._next_save()
 
@@ -242,11 +250,11 @@ class JobRunner:
         try:
             if isinstance(error, GagaError):
                 if worker.on_error is None or not worker.on_error(error):
-                    self._notify(Level.ERROR, str(error))
+                    self._failed(worker.title, str(error))
             elif error is not None:
                 _LOG.error("%s failed", worker.title, exc_info=error)
-                self._notify(
-                    Level.ERROR,
+                self._failed(
+                    worker.title,
                     f"Something went wrong in {worker.title}; the details are in the log file.",
                 )
             elif worker.has_value and not worker.is_cancelling:
@@ -260,7 +268,7 @@ class JobRunner:
         try:
             worker.delivery.done()
         except GagaError as error:
-            self._notify(Level.ERROR, str(error))
+            self._failed(worker.title, str(error))
 
 
 def _while_alive(worker: "_Worker | None") -> "_Worker | None":

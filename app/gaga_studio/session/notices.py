@@ -10,6 +10,8 @@ from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
 from gaga_core.errors import GagaError
 
+HINT_SECONDS = 4.0  # how long a hint is shown, as a card or in the status bar: two lines are read
+
 
 class Level(StrEnum):
     """Severity of a notice."""
@@ -30,6 +32,7 @@ class Notice:
     time: float = field(default_factory=time.monotonic)  # seconds, ``time.monotonic``
     shows: Path | None = None  # what was written: it can be shown in its folder
     otherwise: str = ""  # id of the other answer: the notice is a question, and stays until then
+    of_task: str = ""  # title of the one that failed: gone when it is tried again
 
 
 class NothingSelectedError(GagaError):

@@ -37,6 +37,7 @@ from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.document import Document
 from gaga_studio.session.jobs import JobRunner
 from gaga_studio.session.notices import (
+    HINT_SECONDS,
     Level,
     Notice,
     Request,
@@ -139,6 +140,7 @@ def _group_at(
 
 
 _MOST_NOTICES = 50
+_OPEN = "Open "  # begins the title of the task that opens something
 T = TypeVar("T")
 NO_GROUPS = "There are no groups here. Use Find objects to make them."
 NO_OBJECTS_OF_A_FILE = (
@@ -170,7 +172,7 @@ class Session:
         self.view = ViewState()
         self.rig = CameraRig()
         self.tool = ToolName.PICK
-        self.jobs = JobRunner(self.notify)
+        self.jobs = JobRunner(self.notify, self._task_failed, self._task_begins)
         self.hovering = Hovering()
         self.notices: tuple[Notice, ...] = ()  # oldest first
         self._questions: list[UserQuestion] = []  # shown one after the other, as a modal
@@ -203,12 +205,14 @@ class Session:
 
     @property
     def hint(self) -> str:
-        """What is said of the last click or command, until the next one or a changed selection."""
-        return self._hint if self._hint_of == self._state else ""
+        """What is said of the last click or command, for seconds, or until the next one or a
+        changed selection."""
+        is_read = time.monotonic() - self._hint_at >= HINT_SECONDS
+        return self._hint if self._hint_of == self._state and not is_read else ""
 
     @hint.setter
     def hint(self, text: str) -> None:
-        self._hint, self._hint_of = text, self._state
+        self._hint, self._hint_of, self._hint_at = text, self._state, time.monotonic()
 
     @property
     def _state(self) -> tuple[Document | None, int]:
@@ -226,13 +230,29 @@ class Session:
     ) -> None:
         """Tell the user one sentence; offer the command with this id, or to show a file.
 
-        With the command ``otherwise`` it is a question, which stays until it is answered.
+        With the command ``otherwise`` it is a question, which stays until it is answered. It takes
+        the place of one that says the same.
         """
-        notice = Notice(level, plain_text(text), command, shows=shows, otherwise=otherwise)
+        self._tell(Notice(level, plain_text(text), command, shows=shows, otherwise=otherwise))
+
+    def _tell(self, notice: Notice) -> None:
         waits = self.document is not None and self.document.waiting
         if waits and self.notices and self.notices[-1].text == notice.text:
             return  # it is said already, and a drag would say it in every frame
-        self.notices = (*self.notices, notice)[-_MOST_NOTICES:]
+        said = notice.level, notice.text
+        others = (n for n in self.notices if (n.level, n.text) != said)
+        self.notices = (*others, notice)[-_MOST_NOTICES:]
+
+    def _task_failed(self, title: str, text: str) -> None:
+        self._tell(Notice(Level.ERROR, plain_text(text), of_task=title))
+
+    def _task_begins(self, title: str) -> None:
+        """Drop errors of the former try; opening anything is another try of opening."""
+
+        def is_tried_again(task: str) -> bool:
+            return task == title or (task.startswith(_OPEN) and title.startswith(_OPEN))
+
+        self.notices = tuple(n for n in self.notices if not is_tried_again(n.of_task))
 
     @property
     def pending_question(self) -> UserQuestion | None:
@@ -547,7 +567,7 @@ class Session:
                 self.change_settings(self.settings.opened(path))
             self.jobs.prepare("Prepare kernels", stages.kernels_stage())
 
-        self.jobs.start(f"Open {name}", stage, on_done=read)
+        self.jobs.start(f"{_OPEN}{name}", stage, on_done=read)
 
     def take(self, project: Project) -> None:
         """Show ``project`` in place of what is open."""

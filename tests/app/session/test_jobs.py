@@ -17,7 +17,11 @@ Said = list[tuple[Level, str]]
 
 def _runner() -> tuple[JobRunner, Said]:
     said: Said = []
-    return JobRunner(lambda level, text: said.append((level, text))), said
+
+    def failed(_title: str, text: str) -> None:
+        said.append((Level.ERROR, text))
+
+    return JobRunner(lambda level, text: said.append((level, text)), failed), said
 
 
 def _count(n: int, pause_s: float = 0.0) -> Stage[int]:

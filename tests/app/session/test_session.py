@@ -18,7 +18,7 @@ from gaga_core.scene.project import meant_in, open_path_stage
 from gaga_studio.features import files, objects, selection, transform
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
-from gaga_studio.session.notices import Level, UserQuestion
+from gaga_studio.session.notices import HINT_SECONDS, Level, UserQuestion
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
@@ -49,12 +49,57 @@ def test_what_cannot_be_opened_loses_nothing(associated: Session, tmp_path: Path
     broken = tmp_path / "broken.ply"
     broken.write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 9\n")
     for path in (broken, tmp_path / "none.ply", tmp_path):
-        n = len(associated.notices)
         associated.open(path)
         assert associated.jobs.wait()
-        assert [x.level for x in associated.notices[n:]] == [Level.ERROR]
+        assert associated.notices[-1].level is Level.ERROR
         assert associated.document is document
         assert snapshot(scene_of(associated)) == before
+
+
+@pytest.mark.parametrize("names", [("a.ply",), ("a.ply", "a.ply"), ("a.ply", "b.ply", "c.ply")])
+def test_only_the_last_try_to_open_has_an_error(
+    associated: Session, tmp_path: Path, names: tuple[str, ...]
+) -> None:
+    """Cards about former tries stayed over the picture; an error of another task stays."""
+    associated.notify(Level.ERROR, "The disk is full.")
+    for name in names:
+        associated.open(tmp_path / name)
+        assert associated.jobs.wait()
+    other, last = (n.text for n in associated.notices if n.level is Level.ERROR)
+    assert other == "The disk is full."
+    assert names[-1] in last
+
+
+def test_a_save_that_succeeds_takes_the_error_of_the_former_one(
+    associated: Session, tmp_path: Path
+) -> None:
+    blocked = tmp_path / "blocked"
+    blocked.write_bytes(b"")
+    for path in (blocked / "a.gaga", tmp_path / "a.gaga"):
+        associated.save(path)
+        assert associated.jobs.wait()
+        is_saved = path.exists()
+        assert any(n.level is Level.ERROR for n in associated.notices) is not is_saved
+    assert is_saved
+
+
+@pytest.mark.parametrize("wanted", ["camera.bookmark_1", "edit.undo"])
+def test_a_hint_goes_by_itself(
+    session: Session, monkeypatch: pytest.MonkeyPatch, wanted: str
+) -> None:
+    """What one gesture met was said until the next one, however long that took."""
+    assert not run(wanted, session)
+    assert session.hint
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + HINT_SECONDS)
+    assert not session.hint
+
+
+def test_what_is_said_again_is_one_notice_and_the_newest(associated: Session) -> None:
+    """The same sentence filled the picture as often as it was said."""
+    for text in ("one", "two", "one"):
+        associated.notify(Level.ERROR, text)
+    assert [n.text for n in associated.notices if n.level is Level.ERROR] == ["two", "one"]
 
 
 @pytest.mark.parametrize("act", [Session.open, files.add_splats])

@@ -9,14 +9,19 @@ from dataclasses import dataclass, field
 from imgui_bundle import ImVec2, imgui
 
 from gaga_studio.features import commands, export
-from gaga_studio.session.notices import Level, Notice
+from gaga_studio.session.notices import HINT_SECONDS, Level, Notice
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
-_SECONDS = {Level.HINT: 4.0, Level.INFO: 4.0, Level.WARNING: 8.0, Level.ERROR: float("inf")}
+_SECONDS = {
+    Level.HINT: HINT_SECONDS,
+    Level.INFO: 4.0,
+    Level.WARNING: 8.0,
+    Level.ERROR: float("inf"),
+}
 _OFFER_SECONDS = 30.0  # with a button: it must be read and found
 _SHORT = (Level.HINT, Level.INFO)  # in a low picture: few lines, the rest in the tooltip
 _LINES = (2, 3)  # of these; where no other notice is
