@@ -345,6 +345,48 @@ TABLES: Mapping[str, Sequence[Row]] = {
             for name, data in (("fox", _FOX), ("demo", _DEMO))
         ),
         Row("captures that do what they must, of 17", Data("`make captures`", "yes"), once=(17,)),
+        *(
+            Row(
+                f"halves of {name}, placed apart and aligned: draws within 0.5 degrees and 0.5 % / "
+                "refused / median degrees / % of scale",
+                data,
+                tuple(
+                    f"align: halves of {name}, 10 draws, {k}"
+                    for k in (
+                        "within 0.5 degrees and 0.5 %",
+                        "refused",
+                        "median angle",
+                        "median error of scale",
+                    )
+                ),
+                (">= 9",),
+            )
+            for name, data in (
+                ("demo", Data("20 and 20 photos, no EXIF", "no")),
+                ("garden", Data("30 and 30 photos, no EXIF", "no")),
+            )
+        ),
+        *(
+            Row(
+                f"{said}: photos placed / PSNR of the object in held-out photos / IoU of the best "
+                "group / alpha beside the object",
+                Data("tankard, 69 photos of a turntable", "masks of the backdrop"),
+                tuple(
+                    f"{name}: {k}"
+                    for k in (
+                        "photos placed",
+                        "held-out PSNR of the object",
+                        "IoU of the best group",
+                        "alpha beside the object",
+                    )
+                ),
+                (">= 69", ">= 26", ">= 0.9", "<= 0.05"),
+            )
+            for said, name in (
+                ("no option", "tankard"),
+                ("its true masks", "tankard foreground"),
+            )
+        ),
     ],
     "Many objects, many views": [
         _hall(1000, 300, "looked at"),
