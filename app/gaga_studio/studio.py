@@ -446,7 +446,8 @@ class Studio:
         """Everything that a frame needs before it is drawn."""
         theme.use(self.session.settings.theme)
         self._letters()
-        theme.resize(self.session.settings.ui_scale)
+        size, dpi = imgui.get_io().display_size, imgui.get_style().font_scale_dpi
+        theme.resize(window.fitting_scale(self.session.settings.ui_scale, (size.x, size.y), dpi))
         self.session.tick(imgui.get_io().delta_time)
         self._guard.call("Names", lambda: follow(self.session))  # also where no list is shown
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)

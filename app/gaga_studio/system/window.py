@@ -5,6 +5,7 @@ only module that speaks to GLFW.
 """
 
 import ctypes
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -37,8 +38,21 @@ _STACKED = (
 )
 # In the settings file; the toolkit keeps size and place, of a maximized window the large one.
 _MAXIMIZED, _YES, _FREE_SIZE = "Maximized", "yes", "Size while not maximized"
+# Pixels at 96 dpi, width and height, in which every bar and every sheet works: half of the 800x500
+# in which text of double size is tested. The smallest window holds them.
+_ROOM = (400.0, 250.0)
+_STEP = 0.25  # of a scale that the window bounds: each has layouts of its own
 _LEAST = 80  # pixels: a remembered picture that is smaller is lost
 _PICTURE = re.compile(r"\[Window\]\[Viewport\]\n(?:(?!\[).*\n)*?Size=(\d+),(\d+)")
+
+
+def fitting_scale(wanted: float, size: tuple[float, float], dpi: float = 1.0) -> float:
+    """The scale of text for a window of ``size`` pixels: ``wanted``, or less where bars and sheets
+    would have no room. ``dpi``: the scale that the screen asks for."""
+    most = min(side / room for side, room in zip(size, _ROOM, strict=True)) / dpi
+    if most <= 0 or wanted <= most:  # 0: minimized
+        return wanted
+    return max(math.floor(most / _STEP), 1) * _STEP
 
 
 @dataclass(frozen=True)
@@ -285,7 +299,8 @@ class Window:
         _frame(p)
         p.fps_idling.time_active_after_last_event = 1.0
         self._callbacks(p.callbacks)
-        self._layout.prepare(p, self.options.size, self.options.ui_scale)
+        scale = fitting_scale(self.options.ui_scale, self.options.size)
+        self._layout.prepare(p, self.options.size, scale)
         return p
 
     def run(self) -> None:

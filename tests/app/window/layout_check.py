@@ -52,6 +52,16 @@ class TextWatch:
 
         return drawn
 
+    def labelled(self, draw: Callable[..., Any]) -> Callable[..., Any]:
+        """``draw`` a box to tick or one of several, then look at it with its label."""
+
+        def drawn(label: str, *rest: Any) -> Any:
+            answer = draw(label, *rest)
+            self._look(label.split("##")[0])
+            return answer
+
+        return drawn
+
     def _look(self, text: str) -> None:
         """Whether what was drawn last is cut; what can be scrolled to is not."""
         if not self.is_on:
@@ -76,7 +86,7 @@ class TextWatch:
 def findings(d: Driver, windows: Sequence[str]) -> list[str]:
     """Panels that are too small, and items that lie over each other, a sentence each."""
     found = []
-    scale = d.session.settings.ui_scale
+    scale = imgui.get_style().font_scale_main
     for name in windows:
         window = d.engine.get_window_by_ref(f"//{name}")
         if window is None or not window.active or window.hidden:

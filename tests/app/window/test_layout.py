@@ -350,8 +350,9 @@ _SIZES = {  # of the window, by the scale of the text
     1.0: ((800, 500), (1900, 1060)),
     1.25: ((1280, 720),),
     1.5: ((1440, 900),),
+    2.0: ((480, 320),),  # the smallest that the window can be
 }
-_SMALLEST = (800, 500)
+_SMALLEST, _LEAST_SIZE = (800, 500), (480, 320)
 _WITH_OPTIONS = (ToolName.LASSO, ToolName.OBJECT, ToolName.COLOR)
 _SHEETS = (
     "edit.preferences",
@@ -375,6 +376,8 @@ def test_no_text_is_cut_at_any_size(
         d.select(2)
         monkeypatch.setattr(imgui, "text_unformatted", watch.text(imgui.text_unformatted))
         monkeypatch.setattr(imgui, "button", watch.button(imgui.button))
+        for named in ("checkbox", "radio_button"):
+            monkeypatch.setattr(imgui, named, watch.labelled(getattr(imgui, named)))
         for scale, sizes in _SIZES.items():
             settings = replace(d.session.settings, ui_scale=scale)
             d.on_main(partial(d.session.change_settings, settings))
@@ -385,6 +388,8 @@ def test_no_text_is_cut_at_any_size(
     def look(d: Driver, size: tuple[int, int], scale: float) -> None:
         d.resize(*size)
         d.frames(5)
+        has_room = size != _LEAST_SIZE
+        assert (imgui.get_style().font_scale_main == scale) is has_room, "as it was asked for"
         watch.found.clear()
         for panels in _FRONTS:
             for panel in panels:
@@ -395,15 +400,32 @@ def test_no_text_is_cut_at_any_size(
             d.session.tool = tool
             watch.frame(d)
             d.session.tool = ToolName.PICK
-        for command in _SHEETS if (size, scale) == (_SMALLEST, 1.0) else ():
+        looked = (size, scale) in ((_SMALLEST, 1.0), (_LEAST_SIZE, 2.0))
+        for command in _SHEETS if looked else ():
             d.on_main(partial(commands.run, command, d.session))
             watch.frame(d)
+            wrong.extend(f"{size} {scale}: {command}: {text}" for text in _out_of_reach(d))
             d.keys(KEY.escape)
         wrong.extend(f"{size} {scale}: {text}" for text in watch.found)
 
     drive(walk, path=grouped_copy, size=_SMALLEST)
     assert watch.n_seen > 500, "the texts were looked at"
     assert not wrong, "\n".join(wrong)
+
+
+def _out_of_reach(d: Driver) -> Iterator[str]:
+    """What is wrong with the open sheet: it leaves the screen, or its buttons scroll away."""
+    context = imgui.get_current_context()
+    if not (opened := context.open_popup_stack):
+        yield "did not open"
+        return
+    sheet = opened[0].window
+    assert sheet is not None
+    box, screen = sheet.rect(), imgui.get_io().display_size
+    if min(box.min.x, box.min.y) < 0 or box.max.x > screen.x or box.max.y > screen.y:
+        yield "leaves the screen"
+    if sheet.scroll_max.x > 0 or sheet.scroll_max.y > 0:
+        yield "scrolls with its buttons"
 
 
 def test_what_an_empty_list_offers_fits_its_panel(

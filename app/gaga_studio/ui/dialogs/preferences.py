@@ -58,6 +58,7 @@ def _look(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Look")
     settings = replace(settings, theme=_choice("Theme", _THEMES, settings.theme))
     settings = _slider(settings, dragged, "ui_scale", "Size of text and buttons", "%.2f×")
+    widgets.tooltip("A small window shows them smaller, so that all of it stays in reach")
     widgets.field_name("Background", em(_NAMES))
     changed, color = imgui.color_edit3("##Background", list(settings.background_color))
     settings = replace(settings, background=hex_color(color)) if changed else settings

@@ -95,7 +95,8 @@ def _table(session: Session, path: CameraPath) -> None:
 def _camera_path_row(session: Session, path: CameraPath, index: int) -> None:
     chosen, times, key = session.view.playback.chosen, path.times(), path.keyframes[index]
     imgui.push_id(index)
-    is_narrow = imgui.get_content_region_avail().x < em(19.4)
+    room = imgui.get_content_region_avail().x
+    is_narrow = room < em(19.4)
     width, field = (em(5.6), em(4.4)) if is_narrow else (em(6.4), em(6.4))
     text = f"{index + 1}   at {times[index]:.1f} s"
     if imgui.selectable(f"{text}###Keyframe", index == chosen, 0, ImVec2(width, 0))[0]:
@@ -112,7 +113,8 @@ def _camera_path_row(session: Session, path: CameraPath, index: int) -> None:
         imgui.end_disabled()
         if changed:
             camera.set_seconds(session, index, seconds)
-    imgui.same_line(width + field + em(0.8))
+    if width + field + em(0.8 + 4 * 1.35) <= room:  # else the four icons have a line of their own
+        imgui.same_line(width + field + em(0.8))
     _row_buttons(session, index)
     imgui.pop_id()
 
