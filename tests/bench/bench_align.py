@@ -47,6 +47,8 @@ _MOVED = 3  # objects
 _MOVABLE = ("teapot", "mug", "oil bottle", "candle", "lemon", "bananas")  # nothing lies on them
 _FLAT = ("table", "table runner")  # things may stand there
 _TABLE = ((-0.65, -0.36), (0.65, 0.36))  # metres, x and y
+_LOW = 0.05  # metres: what begins so near to the table's top stands on it
+_TRIES = 2000  # places that are looked at
 _LEAST = 0.15  # metres from where an object stood
 _SAME = 0.05  # of the depth: a point that is farther from the true surface is of another one
 _NEAR = 0.07  # metres: a group's middle is that near the object's
@@ -198,22 +200,24 @@ def moved_items(seed: int) -> tuple[list[int], list[Item]]:
     discs: dict[int, tuple[DoubleArray, float]] = {}  # what stands on the table: middle, radius
     for k, item in enumerate(found, start=1):
         own = model.gaussians.means[model.labels == k].astype(np.float64)
-        if item.name not in _FLAT and own[:, 2].min() > TABLE_TOP - 0.05 and own[:, 2].max() < 1.3:
+        if item.name not in _FLAT and abs(own[:, 2].min() - TABLE_TOP) < _LOW:
             middle = (own[:, :2].min(axis=0) + own[:, :2].max(axis=0)) / 2
             discs[k] = middle, float(np.linalg.norm(own[:, :2] - middle, axis=1).max())
     can = [k for k, item in enumerate(found, start=1) if item.name in _MOVABLE]
-    moved = sorted(rng.choice(can, _MOVED, replace=False).tolist())
-    for k in moved:
-        middle, radius = discs.pop(k)
-        while True:
-            place = rng.uniform(_TABLE[0], _TABLE[1])
-            free = all(np.linalg.norm(place - m) > radius + r for m, r in discs.values())
-            if free and np.linalg.norm(place - middle) >= max(_LEAST, 2 * radius):
-                break
-        discs[k] = place, radius
-        matrix = found[k - 1].matrix.copy()
-        matrix[:2, 3] += place - middle
-        found[k - 1] = replace(found[k - 1], matrix=matrix)
+    places = rng.uniform(_TABLE[0], _TABLE[1], (_TRIES, 2))
+    moved: list[int] = []
+    for k in rng.permutation(can).tolist():
+        middle, radius = discs[k]
+        others = [disc for other, disc in discs.items() if other != k]
+        far = np.linalg.norm(places - middle, axis=1) >= max(_LEAST, 2 * radius)
+        gaps = [np.linalg.norm(places - m, axis=1) - radius - r for m, r in others]
+        free = places[far & (np.min(gaps, axis=0) > 0)]
+        if len(free) and len(moved) < _MOVED:
+            discs[k] = free[0], radius
+            matrix = found[k - 1].matrix.copy()
+            matrix[:2, 3] += free[0] - middle
+            found[k - 1] = replace(found[k - 1], matrix=matrix)
+            moved.append(k)
     return moved, found
 
 
