@@ -14,7 +14,7 @@ from gaga_core.io.splats.ply import write_ply
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
-from gaga_core.scene.project import meant_in, open_path_stage
+from gaga_core.scene.project import open_path_stage
 from gaga_studio.features import files, objects, selection, transform
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
@@ -167,23 +167,6 @@ def test_a_lone_file_says_that_a_project_was_saved_of_it(session: Session, tmp_p
 def test_recent_files_are_remembered(session: Session, scene_folder: Path) -> None:
     assert session.settings.recent == (str(scene_folder),)
     assert load_settings()[0].recent == (str(scene_folder),)
-
-
-def test_one_scene_is_listed_once_by_whatever_path_it_was_opened(associated: Session) -> None:
-    folder = associated.need().project.placed_folder
-    assert folder is not None
-    root = folder.root
-    selection.select_groups(associated, (objects_of(associated)[0],))
-    objects.delete(associated)
-    associated.save()
-    assert associated.jobs.wait()
-    associated.tick(0.1)
-    saved = meant_in(root)
-    assert saved is not None
-    for path in (root, saved, saved.parent, root):
-        associated.open(path)
-        finish(associated)
-        assert associated.settings.recent == (str(path),)
 
 
 def test_a_lone_splat_file(new_session: Callable[[], Session], scene_folder: Path) -> None:
