@@ -87,10 +87,11 @@ class Settings:
         """``lod_millions`` as a number of splats."""
         return int(self.lod_millions * 1e6)
 
-    def opened(self, path: Path) -> "Settings":
-        """These settings with ``path`` as the newest recent file."""
+    def opened(self, path: Path, former: Path | None = None) -> "Settings":
+        """These settings with ``path`` as the newest recent file, in place of ``former``."""
         name = str(path.resolve())
-        others = [p for p in self.recent if p != name]
+        gone = {name} if former is None else {name, str(former.resolve())}
+        others = [p for p in self.recent if p not in gone]
         return replace(self, recent=(name, *others)[:_MOST_RECENT])
 
 
