@@ -1285,6 +1285,10 @@ def test_cards_and_colors_keep_off_what_is_worked_on(display: str, grouped_copy:
     def walk(d: Driver) -> None:
         _the_card_of_an_object_stays_in_the_picture(d)
         _no_card_lies_over_handles(d)
+        for size in ((1280, 720), (800, 500)):
+            d.resize(*size)
+            d.frames(20)
+            _colors_are_chosen_over_the_panel(d)
 
     drive(walk, path=grouped_copy, size=(1280, 720))
 
@@ -1323,6 +1327,23 @@ def _no_card_lies_over_handles(d: Driver) -> None:
         assert not _tooltip(d), away
     d.session.tool = ToolName.PICK
     d.session.hovering.away()
+
+
+def _colors_are_chosen_over_the_panel(d: Driver) -> None:
+    """They lay over the object whose color changes."""
+    d.select(_lowest(d))
+    d.focus("Inspector")
+    d.click("Inspector/Properties/Color")
+    popup = d.engine.window_info("//$FOCUSED").window
+    card, picture = popup.rect(), d.engine.get_window_by_ref("//Viewport").rect()
+    panel = d.engine.get_window_by_ref("//Inspector").rect()
+    assert popup.active
+    wide = max(panel.get_width(), card.get_width())
+    assert panel.max.x - wide - 1 <= card.min.x < card.max.x <= panel.max.x + 1
+    if card.get_width() <= panel.get_width():
+        assert card.min.x >= picture.max.x - 1 or card.min.y >= picture.max.y - 1
+    assert not _overlap(d, f"//{popup.name}", "Inspector/Properties/Color")
+    d.keys(KEY.escape)
 
 
 def _tooltip(d: Driver) -> bool:

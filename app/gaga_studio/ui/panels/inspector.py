@@ -546,11 +546,11 @@ def _color(session: Session, document: Document, state: InspectorState) -> None:
         imgui.set_scroll_here_y()
         imgui.open_popup("Color picker")
     widgets.tooltip("Recolor: shading and reflections stay")
+    widgets.popup("Color picker", lambda: _picker(session, state, color), of_panel=True)
     _next_field()
     imgui.align_text_to_frame_padding()
     red, green, blue = (round(255 * min(max(c, 0.0), 1.0)) for c in color)
     widgets.dim(f"#{red:02X}{green:02X}{blue:02X}")
-    widgets.popup("Color picker", lambda: _picker(session, state, color))
     if state.color is not None and not imgui.is_popup_open("Color picker"):
         session.commit_preview()  # the popup was closed with the mouse still down
         state.color = None
