@@ -488,9 +488,7 @@ class Studio:
         if not self.is_settled or not viewport.texture or document is not self._document:
             return
         self._has_picture, project = True, document.project
-        root = project.folder.root if project.folder is not None else None
-        places = (project.path, root, project.model_path)
-        if not any(place is not None and str(place.resolve()) == recent[0] for place in places):
+        if str(project.opened_again_by(project.model_path).resolve()) != recent[0]:
             return  # the demo is not in the list
         file, pixels = paths.picture_of(recent[0]), viewport.read_pixels()
         step = max(max(pixels.shape[:2]) // _PICTURE_SIDE, 1)

@@ -7,6 +7,7 @@ up the next time.
 
 import hashlib
 import json
+import logging
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +19,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from gaga_core.errors import CancelledError, GagaError
+from gaga_core.errors import CancelledError, GagaError, plain_text
 from gaga_core.io.cameras.given import GivenPose, GivenPoses
 from gaga_core.io.cameras.poses import find_poses, read_poses
 from gaga_core.io.depth_maps import read_depth, write_scene_depth
@@ -48,6 +49,7 @@ from gaga_core.placing.given import (
     posed_photos,
     report_of,
     told,
+    warned,
     write_given,
 )
 from gaga_core.placing.ladder import Ladder, place_stage
@@ -73,9 +75,11 @@ from gaga_core.placing.video import (
     extract_moving_frames,
     shows_all_directions,
 )
-from gaga_core.progress import Progress, Stage, say
+from gaga_core.progress import Progress, Stage
 from gaga_core.segmentation.models.catalogue import MATCHER
 from gaga_core.segmentation.models.weights import find_model
+
+_LOG = logging.getLogger(__name__)
 
 # --- The photos of a reconstruction, in its workspace: from a folder, or frames of a film.
 
@@ -189,12 +193,19 @@ _MOST_LINKS = 3000  # in the report, the strongest
 _Index = Annotated[int, msgspec.Meta(ge=0)]
 
 
+class _Given(msgspec.Struct, frozen=True):
+    """What is said of given poses and is no warning."""
+
+    told: list[str] = []
+
+
 class _Placement(msgspec.Struct, frozen=True):
     """What is read again of the entry "sfm" of a report."""
 
     names: list[str]
     why_out: dict[str, str]
     links: list[tuple[_Index, _Index, _Index]]  # photo, photo, verified matches
+    given: _Given = _Given()
 
 
 class _Check(msgspec.Struct, frozen=True):
@@ -218,6 +229,7 @@ class PlacementReport:
     left_out: Mapping[str, str]  # names of those without a place, and why
     links: tuple[tuple[int, int, int], ...]  # photo, photo, verified matches
     cut_out: tuple[Path, Path] | None = None  # a photo whose background is left out, and its mask
+    told: tuple[str, ...] = ()  # those of the notes that are no warnings
 
     @property
     def n_placed(self) -> int:
@@ -242,7 +254,7 @@ def placement_of(
     images, masks = ({}, {}) if folder is None else (folder.image_paths, folder.foreground)
     both = [(images[name], mask) for name, mask in masks.items() if name in images]
     example = both[len(both) // 2] if both else None
-    return PlacementReport(tuple(sfm.names), out, tuple(inside), example)
+    return PlacementReport(tuple(sfm.names), out, tuple(inside), example, tuple(sfm.given.told))
 
 
 def sfm_entry(
@@ -410,7 +422,9 @@ def _given_poses(source: Path, config: ReconstructConfig) -> GivenPoses | None:
             f"{option('--poses', 'refine')} finds it."
         )
     if given is not None:
-        say(f"{given.told} ({option('--poses', config.poses)}).")
+        # At once, in the terminal; a window says it of the notes, where it is no warning.
+        said = f"{given.told} ({option('--poses', config.poses)})."
+        _LOG.warning("%s", plain_text(said))
     return given
 
 
@@ -510,7 +524,7 @@ def _given_entry(
     by_poses = _is_by_poses(made, workspace)
     report = report_of(workspace / GIVEN if by_poses else workspace)
     mode = config.poses if by_poses or config.poses == "scale" else "scale"
-    notes = told(given, mode, report)
+    said, notes = told(given, mode, report), warned(given)
     if mode != config.poses:
         notes.append("The photos contradict the given poses, so they were placed as without any.")
     left_out = dict.fromkeys(posed.without, "no pose is given") if by_poses else {}
@@ -520,8 +534,8 @@ def _given_entry(
     before = entry["notes"]
     assert isinstance(before, list)
     return {
-        "given": entry_of(given, mode, report, posed.without),
-        "notes": [*notes, *before],
+        "given": {**entry_of(given, mode, report, posed.without), "told": said},
+        "notes": [*said, *notes, *before],
         "why_out": {**why, **left_out},
         "names": [*names, *(name for name in left_out if name not in names)],
     }

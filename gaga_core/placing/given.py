@@ -174,12 +174,18 @@ def entry_of(
     }
 
 
+def warned(given: GivenPoses) -> list[str]:
+    """Sentences for a person about what of the file could not be taken over."""
+    if not given.missing:
+        return [*given.notes]
+    listed = ", ".join(given.missing[:3])
+    missing = f"{len(given.missing)} photos in {given.file.name} are not here: {listed}."
+    return [*given.notes, missing]
+
+
 def told(given: GivenPoses, mode: PosesMode, report: GivenReport | None) -> list[str]:
-    """Sentences for a person: whose poses these are, and what moved how far."""
-    notes = [f"{given.told}.", *given.notes]
-    if given.missing:
-        listed = ", ".join(given.missing[:3])
-        notes.append(f"{len(given.missing)} photos in {given.file.name} are not here: {listed}.")
+    """Sentences for a person, none a warning: whose poses these are, what moved how far."""
+    notes = [f"{given.told}."]
     if given.has_masks:
         notes.append("Its masks leave the background out; --foreground replaces them.")
     if any(pose.depth is not None for pose in given.poses):

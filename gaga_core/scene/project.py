@@ -561,6 +561,19 @@ class Project:
         """The project that was saved last of the single file that is open; None without one."""
         return None if self.folder is not None or self.path is not None else self._of_a_file()[1]
 
+    def opened_again_by(self, path: Path) -> Path:
+        """The one path, of all that open this as ``path`` did, that a list of scenes names.
+
+        A folder stands for the files in it: a scene's, a saved project's, a SOG's.
+        """
+        folder, saved = self.folder, self.path
+        if folder is not None and (saved is None or saved.resolve() == folder.work.resolve()):
+            return folder.root
+        if saved is not None:
+            return saved
+        is_inside = path.suffix == ".json" and meant_in(path.parent) == path
+        return path.parent if is_inside else path
+
     def _of_a_file(self) -> tuple[Path, Path | None]:
         """Path of the next save of a single file, and that of the last one."""
         last, path, n = None, self.model_path.with_suffix(".gaga"), 1

@@ -184,8 +184,10 @@ def make(
     def progress(payload: object) -> None:
         if isinstance(payload, TrainingUpdate) and training.take(payload):
             _frame(session, training.cameras)
+            placed = payload.placement
             for note in payload.notes:
-                session.notify(Level.WARNING, note)
+                is_told = placed is not None and note in placed.told
+                session.notify(Level.INFO if is_told else Level.WARNING, note)
 
     def done(result: "Reconstruction | _Refused") -> None:
         if isinstance(result, _Refused):

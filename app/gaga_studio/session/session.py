@@ -410,7 +410,8 @@ class Session:
             document.save_state.saved(content)
             self.notify(Level.INFO, f"Saved to {where}.")
             if document.project.folder is None:  # a scene folder opens with what was saved
-                self.change_settings(self.settings.opened(where))
+                former = document.project.model_path
+                self.change_settings(self.settings.opened(where, former))
             if self.document is document:
                 self._claim(document)
             if then is not None:
@@ -564,7 +565,8 @@ class Session:
                 self._forget()
                 self.photos = project
             if path is not None:
-                self.change_settings(self.settings.opened(path))
+                at = project.opened_again_by(path) if isinstance(project, Project) else path
+                self.change_settings(self.settings.opened(at))
             self.jobs.prepare("Prepare kernels", stages.kernels_stage())
 
         self.jobs.start(f"{_OPEN}{name}", stage, on_done=read)

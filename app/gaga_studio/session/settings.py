@@ -14,7 +14,6 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, set_aside
 from gaga_core.io.json_file import read_json
 from gaga_core.scene.edits.history import DEFAULT_BUDGET
-from gaga_core.scene.project import meant_in
 from gaga_studio.system import paths
 
 _LOG = logging.getLogger(__name__)
@@ -88,20 +87,12 @@ class Settings:
         """``lod_millions`` as a number of splats."""
         return int(self.lod_millions * 1e6)
 
-    def opened(self, path: Path) -> "Settings":
-        """These settings with ``path`` as the newest recent file, in place of other paths that mean
-        the same, as a folder and the project saved in it."""
-        name, meant = str(path.resolve()), _meant(path)
-        others = [p for p in self.recent if p != name and _meant(Path(p)) != meant]
+    def opened(self, path: Path, former: Path | None = None) -> "Settings":
+        """These settings with ``path`` as the newest recent file, in place of ``former``."""
+        name = str(path.resolve())
+        gone = {name} if former is None else {name, str(former.resolve())}
+        others = [p for p in self.recent if p not in gone]
         return replace(self, recent=(name, *others)[:_MOST_RECENT])
-
-
-def _meant(path: Path) -> Path:
-    """The file that opening ``path`` reads, if it is one of ours."""
-    try:
-        return (meant_in(path) or path).resolve()
-    except OSError:  # a drive that is gone
-        return path
 
 
 _TYPES = get_type_hints(Settings, include_extras=True)

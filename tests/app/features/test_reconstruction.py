@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
+from gaga_core.io.cameras.transforms_json import write_transforms_json
 from gaga_core.io.images import write_rgb
 from gaga_core.pipeline.reconstruct import SURFACES, look_at_photos, reconstruct_scene
 from gaga_core.pipeline.settings import ReconstructConfig
@@ -337,3 +338,25 @@ def test_too_few_photos_say_what_is_missing(
     plural = "" if n == 1 else "s"
     assert reconstruction.title(session) == f"Make splats from {n} photo{plural}"
     assert ("it takes at least 3" in reconstruction.why_not(session)) == (n < 3)
+
+
+def test_what_given_poses_tell_is_no_warning_but_what_they_lack_is(
+    new_session: Callable[[], Session], tmp_path: Path
+) -> None:
+    room = tmp_path / "room"
+    cameras = write_photos(room / "images", 9)
+    images = {camera.name: room / "images" / camera.name for camera in cameras}
+    write_transforms_json(room / "transforms.json", list(cameras), images)
+    images[cameras[0].name].unlink()
+    session = new_session()
+    opened(session, room)
+    found = session.photos
+    assert found is not None
+    config = replace(TINY, poses="keep")
+    reconstruction.make(session, ReconstructionPlan(config, found.scene))
+    assert session.jobs.wait(300)
+    assert session.scene is not None, session.notices
+    levels = {notice.text: notice.level for notice in session.notices}
+    of_poses = {level for text, level in levels.items() if "poses of" in text}
+    of_missing = {level for text, level in levels.items() if "are not here" in text}
+    assert (of_poses, of_missing) == ({Level.INFO}, {Level.WARNING}), levels

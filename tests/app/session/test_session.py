@@ -11,10 +11,11 @@ import pytest
 
 from gaga_core.io.files import assets
 from gaga_core.io.splats.ply import write_ply
+from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
-from gaga_core.scene.project import meant_in, open_path_stage
+from gaga_core.scene.project import open_path_stage
 from gaga_studio.features import files, objects, selection, transform
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
@@ -169,21 +170,45 @@ def test_recent_files_are_remembered(session: Session, scene_folder: Path) -> No
     assert load_settings()[0].recent == (str(scene_folder),)
 
 
-def test_one_scene_is_listed_once_by_whatever_path_it_was_opened(associated: Session) -> None:
-    folder = associated.need().project.placed_folder
-    assert folder is not None
-    root = folder.root
-    selection.select_groups(associated, (objects_of(associated)[0],))
-    objects.delete(associated)
+def test_a_scene_is_listed_once_however_it_is_opened(
+    associated: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By its folder, its project or the file in that, from anywhere; and once it is saved."""
     associated.save()
     assert associated.jobs.wait()
     associated.tick(0.1)
-    saved = meant_in(root)
-    assert saved is not None
-    for path in (root, saved, saved.parent, root):
-        associated.open(path)
-        finish(associated)
-        assert associated.settings.recent == (str(path),)
+    root = associated.need().project.folder
+    assert root is not None
+    monkeypatch.chdir(root.root.parent)
+    (tmp_path / "link").symlink_to(root.root, target_is_directory=True)
+    inside = (Path("gaga"), Path("gaga/project.json"))
+    ways = [Path(root.root.name), tmp_path / "link", *(root.root / one for one in inside)]
+    for way in ways:
+        associated.open(way)
+        assert associated.jobs.wait()
+        associated.tick(0.1)
+        assert associated.settings.recent == (str(root.root.resolve()),), way
+    file = tmp_path / "bowl.ply"
+    write_ply(file, objects_scene(2, 30, n_cameras=1).gaussians)
+    sog = tmp_path / "sog"
+    write_splats(tmp_path / "one.sog", random_gaussians(50, seed=2), SplatFormat.SOG)
+    shutil.unpack_archive(tmp_path / "one.sog", sog, "zip")
+    associated.open(file)
+    assert associated.jobs.wait()
+    associated.save()
+    assert associated.jobs.wait()
+    associated.tick(0.1)
+    project = tmp_path / "bowl.gaga"
+    for way in (project / "project.json", project):
+        associated.open(way)
+        assert associated.jobs.wait()
+        associated.tick(0.1)
+        assert associated.settings.recent == (str(project), str(root.root.resolve())), way
+    for way in (sog / "meta.json", sog):
+        associated.open(way)
+        assert associated.jobs.wait()
+        associated.tick(0.1)
+        assert associated.settings.recent[:2] == (str(sog), str(project)), way
 
 
 def test_a_lone_splat_file(new_session: Callable[[], Session], scene_folder: Path) -> None:

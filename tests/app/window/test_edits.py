@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 
 from gaga_core.arrays import DoubleArray, UInt8Array
 from gaga_core.color import LUMA
@@ -34,7 +35,9 @@ from tests.core.fill.tables import BOX, table_project
 from tests.scenes import objects_scene
 
 pytestmark = pytest.mark.window
-_SURROUNDINGS, _MODEL = "Inspector/###object.fill_continue", "Inspector/###object.fill_model"
+_SURROUNDINGS, _MODEL = (
+    f"Inspector/**/###object.{name}" for name in ("fill_continue", "fill_model")
+)
 
 
 def test_a_model_is_chosen_in_the_preview_and_left_again(display: str, tmp_path: Path) -> None:
@@ -165,9 +168,17 @@ def _a_preview_is_seen_and_ended_in_a_small_window(d: Driver) -> None:
     d.settle()
     d.focus("Inspector")
     assert not d.exists("**/How deep/Through")
-    for name in ("Apply", "Cancel"):
-        button = d.engine.item_info(f"//Inspector/###{name}")
-        assert button.rect_clipped.max.y == button.rect_full.max.y, name
+    words = d.engine.window_info("//Inspector/Preview").window
+    for at in (0.0, words.scroll_max.y):
+        d.on_main(partial(imgui.internal.set_scroll_y, words, at))
+        d.frames(3)
+        for name in ("Apply", "Cancel"):
+            button = d.engine.item_info(f"//Inspector/###{name}")
+            for side in ("min", "max"):
+                seen, whole = getattr(button.rect_clipped, side), getattr(button.rect_full, side)
+                assert (seen.x, seen.y) == (whole.x, whole.y), (name, at)
+    assert words.scroll.y > 0, "what it says does not fit"
+    assert d.engine.get_window_by_ref("//Inspector").scroll_max.y == 0, "the buttons stay"
     d.click("Inspector/###Cancel")
     session.tool = ToolName.PICK
     d.on_main(lambda: session.change_settings(replace(session.settings, ui_scale=1.0)))

@@ -1276,6 +1276,71 @@ def test_parts_of_the_window(display: str, grouped_copy: Path, tmp_path: Path) -
     drive(walk, path=grouped_copy, size=(1280, 720))
 
 
+def test_cards_and_colors_keep_off_what_is_worked_on(display: str, grouped_copy: Path) -> None:
+    def walk(d: Driver) -> None:
+        _the_card_of_an_object_stays_in_the_picture(d)
+        _no_card_lies_over_handles(d)
+        for size in ((1280, 720), (800, 500)):
+            d.resize(*size)
+            d.frames(20)
+            _colors_are_chosen_over_the_panel(d)
+
+    drive(walk, path=grouped_copy, size=(1280, 720))
+
+
+def _the_card_of_an_object_stays_in_the_picture(d: Driver) -> None:
+    """It lay over the Inspector and the status bar, whose buttons it covered."""
+    group = _lowest(d)
+    d.on_main(lambda: objects.rename(d.session, group, "the round one with a long name " * 4))
+    d.engine.mouse_move_to_pos(ImVec2(*_middle(d, group)))
+    d.until(lambda: d.session.hovered_group == group, "the mouse rests on it")
+    d.frames(4)
+    assert _tooltip(d)
+    card, picture = (
+        d.engine.get_window_by_ref(f"//{n}").rect() for n in ("##Tooltip_00", "Viewport")
+    )
+    assert picture.min.x - 1 <= card.min.x < card.max.x <= picture.max.x + 1
+    assert picture.min.y - 1 <= card.min.y < card.max.y <= picture.max.y + 1
+    d.on_main(partial(commands.run, "edit.preferences", d.session))
+    d.frames(4)
+    assert not _tooltip(d), "nor over a sheet"
+    d.keys(KEY.escape)
+
+
+def _no_card_lies_over_handles(d: Driver) -> None:
+    """It covered the handles that were to be taken."""
+    group = _lowest(d)
+    d.select(group)
+    d.session.tool = ToolName.MOVE
+    u, v = _middle(d, group)
+    for away in (0, 20):
+        d.engine.mouse_move_to_pos(ImVec2(u + away, v))
+        d.frames(4)
+        d.session.hovering.group = group
+        d.frames(2)
+        assert d.session.hovered_group == group
+        assert not _tooltip(d), away
+    d.session.tool = ToolName.PICK
+    d.session.hovering.away()
+
+
+def _colors_are_chosen_over_the_panel(d: Driver) -> None:
+    """They lay over the object whose color changes."""
+    d.select(_lowest(d))
+    d.focus("Inspector")
+    d.click("Inspector/Properties/Color")
+    popup = d.engine.window_info("//$FOCUSED").window
+    card, picture = popup.rect(), d.engine.get_window_by_ref("//Viewport").rect()
+    panel = d.engine.get_window_by_ref("//Inspector").rect()
+    assert popup.active
+    wide = max(panel.get_width(), card.get_width())
+    assert panel.max.x - wide - 1 <= card.min.x < card.max.x <= panel.max.x + 1
+    if card.get_width() <= panel.get_width():
+        assert card.min.x >= picture.max.x - 1 or card.min.y >= picture.max.y - 1
+    assert not _overlap(d, f"//{popup.name}", "Inspector/Properties/Color")
+    d.keys(KEY.escape)
+
+
 def _tooltip(d: Driver) -> bool:
     """Whether a tooltip is shown after the mouse has rested."""
     d.frames(3)

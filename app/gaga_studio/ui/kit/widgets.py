@@ -535,16 +535,26 @@ def floating_card(name: str, draw: Callable[[], object], *, scrolls: bool = Fals
 
 
 def popup(
-    name: str, draw: Callable[[], object], *, of_item: bool = False, of_button: bool = False
+    name: str,
+    draw: Callable[[], object],
+    *,
+    of_item: bool = False,
+    of_button: bool = False,
+    of_panel: bool = False,
 ) -> None:
     """What ``draw`` shows while a popup is open; ``of_item``: the menu of the item drawn last.
 
-    ``of_button``: it is opened by that item and does not cover it.
+    ``of_button``: it is opened by that item and does not cover it. ``of_panel``: nor the picture
+    next to the panel, from whose outer edge it begins.
     """
-    if of_button:
+    if of_button or of_panel:
         low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        if of_panel:
+            panel = imgui.internal.get_current_window().root_window.rect()
+            low, high = ImVec2(panel.min.x, low.y), ImVec2(panel.max.x, high.y)
         middle = imgui.get_main_viewport().get_center()
-        is_low, is_right = high.y > middle.y, low.x > middle.x
+        is_low = high.y > middle.y
+        is_right = (low.x + high.x) / 2 > middle.x if of_panel else low.x > middle.x
         gap = theme.scaled(2)
         at = ImVec2(high.x if is_right else low.x, low.y - gap if is_low else high.y + gap)
         imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(float(is_right), float(is_low)))

@@ -1,6 +1,7 @@
 """The selected objects: names and counts, color, placement by numbers, and what can be done."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -221,26 +222,28 @@ def _grade(session: Session, sliders: GradeSliders) -> None:
 # --- Clean up in the inspector: what would come and go, and the two ways to end the preview.
 
 
-def _cleaning(session: Session) -> bool:
-    """The preview in the place of the buttons; False when there is none."""
+def _cleaning(session: Session, document: Document, n_splats: int) -> bool:
+    """The preview in the place of the panel; False when there is none."""
     found = cleanup.shown(session)
     if found is None:
         return False
     counts = found.counts
-    _apply_or_cancel(session, "object.clean_apply", cleanup.cancel)
-    _line(
-        DROPPED,
-        f"{_splats(len(found.remove))} to drop",
-        (
-            (counts["stray"], "floater" if counts["stray"] == 1 else "floaters"),
-            (counts["neighbours_out"], "of its neighbours"),
-        ),
-    )
-    _line(
-        TAKEN_IN,
-        f"{_splats(len(found.add))} to add",
-        ((counts["inside"], "hidden inside"), (counts["neighbours_in"], "at its edge")),
-    )
+    with _preview(session, "object.clean_apply", cleanup.cancel):
+        _title(session, document, n_splats)
+        _line(
+            DROPPED,
+            f"{_splats(len(found.remove))} to drop",
+            (
+                (counts["stray"], "floater" if counts["stray"] == 1 else "floaters"),
+                (counts["neighbours_out"], "of its neighbours"),
+            ),
+        )
+        _line(
+            TAKEN_IN,
+            f"{_splats(len(found.add))} to add",
+            ((counts["inside"], "hidden inside"), (counts["neighbours_in"], "at its edge")),
+        )
+        _confidence(session, document)
     return True
 
 
@@ -279,15 +282,17 @@ def _filling(session: Session) -> bool:
     if found is None:
         return False
     edit = session.need().history.preview_edit
-    widgets.paragraph("Delete and fill" if edit is None else edit.title)
-    _apply_or_cancel(session, "object.fill_apply", fill.cancel)
-    for line in fill.summary(found):
-        widgets.dim(line, wrap=True)
-    command = commands.command("object.fill_lighten")
-    if widgets.checkbox(f"{command.title}###Lighten", found.lighten)[0]:
-        commands.run(command.id, session)
-    widgets.tooltip("Lighten the object's shadow to match its surroundings")
-    _colors(session)
+    title = "Delete and fill" if edit is None else edit.title
+    with _preview(session, "object.fill_apply", fill.cancel):
+        widgets.paragraph(title)
+        for line in fill.summary(found):
+            widgets.dim(line, wrap=True)
+        command = commands.command("object.fill_lighten")
+        label = widgets.elided(command.title, _beside_mark())
+        if widgets.checkbox(f"{label}###Lighten", found.lighten)[0]:
+            commands.run(command.id, session)
+        widgets.tooltip("Lighten the object's shadow to match its surroundings")
+        _colors(session)
     return True
 
 
@@ -296,11 +301,22 @@ def _adding(session: Session) -> bool:
     found = add_scene.shown(session)
     if found is None:
         return False
-    imgui.text_unformatted("Add a scene")
-    _apply_or_cancel(session, "scene.add_apply", add_scene.cancel)
-    for line in add_scene.summary(found):
-        widgets.dim(line, wrap=True)
+    with _preview(session, "scene.add_apply", add_scene.cancel):
+        imgui.text_unformatted("Add a scene")
+        for line in add_scene.summary(found):
+            widgets.dim(line, wrap=True)
     return True
+
+
+@contextmanager
+def _preview(session: Session, apply: str, cancel: Callable[[Session], object]) -> Iterator[None]:
+    """What a preview says, under the two ways to end it: those stay while the rest scrolls."""
+    _apply_or_cancel(session, apply, cancel)
+    imgui.begin_child("Preview")
+    try:
+        yield
+    finally:
+        imgui.end_child()
 
 
 def _apply_or_cancel(session: Session, apply: str, cancel: Callable[[Session], object]) -> None:
@@ -320,19 +336,23 @@ def _colors(session: Session) -> None:
     """Where the colors of the hole come from; the file of a model is asked for."""
     widgets.dim("Colors of the hole")
     model = Path(session.settings.inpainting_model).name
-    room = imgui.get_content_region_avail().x - imgui.get_frame_height() - em(1)
-    by_model = widgets.elided(model, room) if model else "Inpainting model…"
     for id_, label, is_on in (
-        ("object.fill_continue", "Continue the surroundings", not model),
-        ("object.fill_model", by_model, bool(model)),
+        ("object.fill_continue", "Surroundings", not model),
+        ("object.fill_model", model or "Inpainting model…", bool(model)),
     ):
         command = commands.command(id_)
         why_not = command.enabled(session)
         imgui.begin_disabled(bool(why_not))
-        if widgets.radio_button(f"{label}###{id_}", is_on):
+        if widgets.radio_button(f"{widgets.elided(label, _beside_mark())}###{id_}", is_on):
             commands.run(id_, session)
         imgui.end_disabled()
         widgets.tooltip(why_not or command.title)
+
+
+def _beside_mark() -> float:
+    """Room for the label of a box to tick that is drawn next, pixels."""
+    used = imgui.get_frame_height() + imgui.get_style().item_inner_spacing.x
+    return imgui.get_content_region_avail().x - used
 
 
 # --- Sections of the inspector: how well an object agrees with its masks, how sure its splats are.
@@ -447,10 +467,9 @@ def draw(session: Session, state: InspectorState) -> None:
         hint = "Click an object in the view or in the list." if document is not None else ""
         widgets.empty_state(icons.BOX, "Nothing selected", hint)
         return
-    _title(session, document, n_splats)
-    if _cleaning(session):
-        _confidence(session, document)
+    if _cleaning(session, document, n_splats):
         return
+    _title(session, document, n_splats)
     _buttons(session)
     _properties(session, document, state)
     groups = session.selected_groups()
@@ -527,11 +546,11 @@ def _color(session: Session, document: Document, state: InspectorState) -> None:
         imgui.set_scroll_here_y()
         imgui.open_popup("Color picker")
     widgets.tooltip("Recolor: shading and reflections stay")
+    widgets.popup("Color picker", lambda: _picker(session, state, color), of_panel=True)
     _next_field()
     imgui.align_text_to_frame_padding()
     red, green, blue = (round(255 * min(max(c, 0.0), 1.0)) for c in color)
     widgets.dim(f"#{red:02X}{green:02X}{blue:02X}")
-    widgets.popup("Color picker", lambda: _picker(session, state, color))
     if state.color is not None and not imgui.is_popup_open("Color picker"):
         session.commit_preview()  # the popup was closed with the mouse still down
         state.color = None

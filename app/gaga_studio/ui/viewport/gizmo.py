@@ -29,12 +29,14 @@ class Gizmo:
     def __init__(self) -> None:
         self._matrix: DoubleArray | None = None  # (4, 4) world, while a handle is held
         self._ignored = False  # the drag was cancelled; wait until the button is up
+        self.is_shown = False  # in the frame that was drawn last
 
     def draw(
         self, session: Session, tool: MoveTool, camera: Camera, corner: ImVec2, size: ImVec2
     ) -> bool:
         """Draw the handles, pass a drag on to ``tool``; whether the mouse belongs to them."""
         at = tool.handles(session) if self._matrix is None else self._matrix
+        self.is_shown = at is not None
         if at is None:
             return False
         values = _matrix16(at)
@@ -68,7 +70,7 @@ class Gizmo:
     def cancel(self) -> None:
         """Forget the drag until the button is released (Escape)."""
         self._ignored = self._matrix is not None
-        self._matrix = None
+        self._matrix, self.is_shown = None, False
 
 
 def _step(tool: ToolName, camera: Camera, at: DoubleArray) -> _guizmo.Matrix3:

@@ -391,7 +391,7 @@ class ViewportPanel:
         overlays.box(session, camera, corner)
         overlays.parts(session, camera, corner)
         overlays.draw_marks(session, camera, corner, follows=follows)
-        _name_under_mouse(session, is_over and not self.controller.is_dragging)
+        _name_under_mouse(session, area, is_shown=follows and not self.gizmo.is_shown)
         _on_the_picture(session, state, area)
 
     @property
@@ -523,21 +523,34 @@ def _mouse_area(size: ImVec2, has_handles: bool) -> bool:
     return imgui.is_item_hovered() or imgui.is_item_active()
 
 
-def _name_under_mouse(session: Session, is_over: bool) -> None:
+def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) -> None:
+    """A card at the mouse, in the picture alone: next to it are panels and their buttons.
+
+    Not where there are handles to be taken; the status bar has the name as well.
+    """
     group, document = session.hovered_group, session.document
-    if not is_over or not group or document is None:
+    if not is_shown or not group or document is None:
         return
     table = session.objects()
     row = table.row(group)
     if row is None or table.n_hidden[row] == table.counts[row]:
         return
+    pad, gap = imgui.get_style().window_padding, imgui.get_style().item_spacing.x
+    dot, count = "●", f"{int(table.counts[row]):,} splats"
+    around = imgui.calc_text_size(dot).x + em(0.4) + gap + imgui.calc_text_size(count).x + 2 * pad.x
+    name = widgets.elided(table.names[row], area.width - around)
+    size = ImVec2(around + imgui.calc_text_size(name).x, imgui.get_text_line_height() + 2 * pad.y)
+    mouse, foot = imgui.get_io().mouse_pos, min(area.bottom, area.offer_top)
+    left = max(min(mouse.x + em(1), area.left + area.width - size.x), area.left)
+    below, above = mouse.y + em(1), max(mouse.y - em(0.5) - size.y, area.top)
+    top = below if below + size.y <= foot else above
+    imgui.set_next_window_pos(ImVec2(left, top))
     if imgui.begin_tooltip():
-        color = widgets.rgba(table.colors[row])
-        widgets.text("●", color)
+        widgets.text(dot, widgets.rgba(table.colors[row]))
         imgui.same_line(0, em(0.4))
-        imgui.text_unformatted(theme.visual(table.names[row]))
+        imgui.text_unformatted(name)
         imgui.same_line()
-        widgets.dim(f"{int(table.counts[row]):,} splats")
+        widgets.dim(count)
         imgui.end_tooltip()
 
 
