@@ -428,6 +428,35 @@ def _out_of_reach(d: Driver) -> Iterator[str]:
         yield "scrolls with its buttons"
 
 
+def test_all_of_the_tool_bar_is_in_reach_at_any_width(display: str) -> None:
+    """Photos, flying, framing and the search were left out of a narrow one."""
+
+    def ends(ref: str, d: Driver) -> bool:
+        box = d.engine.item_info(f"//{ref}").rect_full
+        return bool(0 <= box.min.x < box.max.x <= imgui.get_io().display_size.x)
+
+    def walk(d: Driver) -> None:
+        ids = ("view.frusta", "view.fly", "view.frame_all", "help.palette")
+        listed = [commands.command(command_id).title for command_id in ids]
+        found = set()
+        for width in (480, 560, 640, 680, 720, 800, 1200):
+            d.resize(width, 400)
+            d.frames(10)
+            assert ends("**/###More render modes", d), width
+            direct = [d.exists(f"**/###{title.rstrip('…')}") for title in listed]
+            found.add(all(direct))
+            if all(direct):
+                assert all(ends(f"**/###{title.rstrip('…')}", d) for title in listed), width
+                continue
+            d.click("**/###More render modes")
+            for title in listed:
+                assert d.exists(f"$FOCUSED/###{title}"), (width, title)
+            d.keys(KEY.escape)
+        assert found == {True, False}, "narrow and wide ones were looked at"
+
+    drive(walk, size=(800, 500), settings=Settings(first_steps_done=True))
+
+
 def test_what_an_empty_list_offers_fits_its_panel(
     display: str, scene_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -212,10 +212,13 @@ _SELECTING = [
     f"tool.{tool}" for tool in ("pick", "object", "rect", "lasso", "polygon", "brush", "sphere")
 ]
 _MOVING = ("tool.move", "tool.rotate", "tool.scale")
+_VIEWING = ("view.frusta", "view.fly", "view.frame_all")
+_ICON = 1.12  # width of an icon button, of its height
+_LEAST_SEARCH = 3.0  # width of the search, em
 
 
 def draw(session: Session, area: PictureArea) -> None:
-    """The whole bar, left to right; what does not fit a small window is left to the menus.
+    """The whole bar, left to right; what does not fit a small window is listed with the modes.
 
     Options of the tool that do not fit are drawn over the picture.
     """
@@ -226,18 +229,19 @@ def draw(session: Session, area: PictureArea) -> None:
     for listed in (_SELECTING, _MOVING, ("edit.undo", "edit.redo")):
         _icons(session, listed)
         rule(0.25 if is_narrow else 0.6)
-    if is_narrow:
-        _more_modes(session, ())
+    shown = () if is_narrow else tuple(mode for mode, *_ in _MODES)
+    if shown:
+        _modes(session, shown, with_text=width > em(58))
+    _more_button(session, shown)
+    room = width - (imgui.get_item_rect_max().x - left)
+    viewing = em(2 * 0.6 + 2 * 0.15) + 3 * _ICON * imgui.get_frame_height()
+    if room < viewing + imgui.get_style().item_spacing.x + em(_LEAST_SEARCH + 0.3):
+        _more_list(session, shown, (*_VIEWING, "help.palette"))
         area.has_options = True
         return
-    _modes(session, with_text=width > em(58))
-    imgui.same_line()
-    if width - (imgui.get_cursor_screen_pos().x - left) < 3 * imgui.get_frame_height() + em(3):
-        imgui.new_line()
-        area.has_options = True
-        return
+    _more_list(session, shown, ())
     rule()
-    _icons(session, ("view.frusta", "view.fly", "view.frame_all"))
+    _icons(session, _VIEWING)
     used = imgui.get_item_rect_max().x - left
     area.has_options = not fits(session, width - used)
     if not area.has_options:
@@ -260,8 +264,7 @@ def _paint() -> None:
     imgui.get_background_draw_list().add_rect_filled(whole.pos, far, theme.u32(theme.BACK))
 
 
-def _modes(session: Session, *, with_text: bool) -> None:
-    shown = [mode for mode, *_ in _MODES]
+def _modes(session: Session, shown: Sequence[Mode], *, with_text: bool) -> None:
     why_not = {mode: commands.command(f"view.{mode}").enabled(session) for mode in shown}
     picked = widgets.segmented(
         "Render mode", _MODES, session.view.mode, why_not=why_not, with_text=with_text
@@ -269,10 +272,9 @@ def _modes(session: Session, *, with_text: bool) -> None:
     if picked is not session.view.mode:
         commands.run(f"view.{picked}", session)
     imgui.same_line(0, theme.scaled(1))
-    _more_modes(session, shown)
 
 
-def _more_modes(session: Session, shown: Sequence[Mode]) -> None:
+def _more_button(session: Session, shown: Sequence[Mode]) -> None:
     """The way to what is not ``shown`` next to it."""
     hint = "Confidence, centres, rings, a mask, and the look of small splats"
     if widgets.icon_button(
@@ -282,9 +284,15 @@ def _more_modes(session: Session, shown: Sequence[Mode]) -> None:
         on=session.view.mode not in (shown or (Mode.COLOR,)),
     ):
         imgui.open_popup("More modes")
+
+
+def _more_list(session: Session, shown: Sequence[Mode], left_out: Sequence[str]) -> None:
+    """What the button drawn last opens: other modes than those ``shown``, and what the bar has no
+    room for."""
     more = [f"view.{mode}" for mode in Mode if mode not in shown]
     looks = [f"view.look_{look}" for look in SplatLook]
     listed = (*more, "view.folder_colors", "", *looks, "", "view.background")
+    listed = (*left_out, "", *listed) if left_out else listed
     draw = partial(command_buttons.command_items, session, listed)
     widgets.popup("More modes", draw, of_button=True)
 
@@ -293,7 +301,7 @@ def _search(session: Session, width: float, used: float) -> None:
     """Looks like a text field; opens the list of all commands."""
     room = width - used - em(0.3)
     size = min(em(15), room)
-    if size < em(3):
+    if size < em(_LEAST_SEARCH):
         imgui.new_line()
         return
     imgui.same_line(imgui.get_cursor_pos_x() + room - size)
