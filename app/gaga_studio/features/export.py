@@ -153,6 +153,9 @@ def _bodies_sentence(session: Session) -> str:
     return f"{session.need().names_of(groups)} {verb}, all else stays."
 
 
+_NO_OBJECTS = "Objects and their names are not in the file: they are saved with the project."
+
+
 def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     if plan.what == "cameras" or isinstance(plan.form, CameraForm):
         return _cameras_summary(session, plan)
@@ -173,6 +176,8 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
         splats = options.inside(scene, exported_indices(scene, what))  # type: ignore[arg-type]
         n_files = 1
         lost = export_losses(scene, plan.form, what=what, options=options)  # type: ignore[arg-type]
+        if plan.form is not SplatFormat.HTML and scene.labels[splats].any():
+            lost = (*lost, _NO_OBJECTS)
     degree = scene.gaussians.sh_degree
     if options.sh_degree is not None:
         degree = min(degree, options.sh_degree)

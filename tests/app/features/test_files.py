@@ -12,8 +12,10 @@ import pytest
 from gaga_core.export.export import objects_losses
 from gaga_core.export.options import ExportOptions
 from gaga_core.io.splats.splat_files import SplatFormat, read_splats, write_splats
+from gaga_core.progress import run_stage
 from gaga_core.scene.export_manifest import listed_files
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.project import open_path_stage
 from gaga_studio.features import camera, export, selection
 from gaga_studio.features import files as files_actions
 from gaga_studio.features.export import ExportPlan
@@ -93,6 +95,21 @@ def test_an_export_says_before_what_it_loses(session: Session, tmp_path: Path) -
     assert not export.summary(session, ExportPlan(tmp_path / "out.ply")).lost
     inside = replace(plan, options=ExportOptions(crop=((-1, -1, -1), (0, 1, 1)), scale=3.0))
     assert 0 < export.summary(session, inside).n_splats < told.n_splats
+
+
+def test_an_export_of_a_scene_says_that_its_objects_are_not_in_the_file(
+    associated: Session, tmp_path: Path
+) -> None:
+    """True of every form but the web page, which lists them; exported objects are objects."""
+    for form in SplatFormat:
+        told = export.summary(associated, ExportPlan(tmp_path / "out", form=form)).lost
+        assert ("Objects and their names" in " ".join(told)) == (form is not SplatFormat.HTML)
+    objects = ExportPlan(tmp_path / "objects", "objects", SplatFormat.PLY)
+    assert not export.summary(associated, objects).lost
+    plan = ExportPlan(tmp_path / "out.ply")
+    assert export.start(associated, plan)
+    assert associated.jobs.wait()
+    assert not run_stage(open_path_stage(plan.path)).scene.labels.any()
 
 
 def test_an_export_into_what_is_no_folder_is_told(session: Session, tmp_path: Path) -> None:

@@ -156,7 +156,7 @@ _WHATS: tuple[tuple[What, str, str, str, str], ...] = (
     ("cameras", "", "Cameras", "The photos' cameras around what is visible", _CAMERAS),
 )
 _FORMS: tuple[tuple[SplatFormat, str, str, str], ...] = (
-    (SplatFormat.PLY, "", "PLY", "Keeps everything. Every program for splats opens it."),
+    (SplatFormat.PLY, "", "PLY", "Keeps all of the splats. Every program for splats opens it."),
     (
         SplatFormat.COMPRESSED_PLY,
         "",
