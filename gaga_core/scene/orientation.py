@@ -12,7 +12,6 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, principal_axes, quats_to_matrices
 from gaga_core.scene.frame import scale_of
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.bounds import robust_box, within
 
 _SNAP = np.cos(np.radians(3.0))  # an up this near to a world axis is that axis
 _NEARLY = np.cos(np.radians(30.0))  # ups nearer than this are meant to be the same
@@ -340,9 +339,11 @@ _BEHIND = 0.02  # of the view's distance: what is so little behind a surface is 
 _CLEARER = 0.05  # share of all splats that another view has to show more of in the middle
 
 
-def clearest_view(gaussians: Gaussians, views: Sequence[Camera]) -> int:
-    """Number of the view that shows the most of the middle of the scene: the first, unless another
-    one shows more of it by a twentieth of all splats.
+def clearest_view(
+    gaussians: Gaussians, box: tuple[DoubleArray, DoubleArray], views: Sequence[Camera]
+) -> int:
+    """Number of the view that shows the most of the middle of the box lo, hi (3,): the first,
+    unless another one shows more of it by a twentieth of all splats.
 
     Splats are sampled; each hides what lies behind it in the cells of a view that it covers.
     """
@@ -352,9 +353,9 @@ def clearest_view(gaussians: Gaussians, views: Sequence[Camera]) -> int:
     rows, means = rows[np.isfinite(means).all(axis=1)], means[np.isfinite(means).all(axis=1)]
     if len(rows) == 0:
         return 0
-    lo, hi = robust_box(means, 0.98)
-    middle, half = (lo + hi) / 2, _CORE * (hi - lo) / 2
-    is_core = within(means, middle - half, middle + half)
+    middle, half = (box[0] + box[1]) / 2, _CORE * (box[1] - box[0]) / 2
+    far: BoolArray = np.abs(means - middle) > half
+    is_core: BoolArray = ~far.any(axis=1)
     # Fewer splats have to be larger to be as dense.
     sizes = np.exp(np.sort(gaussians.log_scales[rows], axis=1)[:, 1].astype(np.float64))
     sizes *= np.sqrt(max(1.0, len(opaque) / len(rows)))

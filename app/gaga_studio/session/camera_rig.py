@@ -286,7 +286,7 @@ class CameraRig:
         self.pose = replace(self.pose, pivot=target if inside and target is not None else centre)
         self.go_to(cameras[0], animated=animated)
 
-    def turn_to_clearest(self, gaussians: Gaussians) -> None:
+    def turn_to_clearest(self, gaussians: Gaussians, box: tuple[DoubleArray, DoubleArray]) -> None:
         """Look at the scene from the side that is open, of eight all around: the present one,
         unless another shows much more of its middle."""
         turns = 2 * np.pi * np.arange(_SIDES) / _SIDES
@@ -295,7 +295,7 @@ class CameraRig:
         for pose in poses:
             self.pose = pose
             views.append(self._camera(self._size))
-        self.pose = poses[clearest_view(gaussians, views)]
+        self.pose = poses[clearest_view(gaussians, box, views)]
 
     def fly_from(self, start: Pose) -> None:
         """Come to the present pose from ``start``, as a jump does."""

@@ -589,8 +589,9 @@ class Session:
             self.rig.frame_scene(*splat_box(scene), self.cameras, up=up)
         else:
             up = self.rig.up if animated else guess_up(scene.gaussians)
-            self.rig.frame_scene(*whole_box(scene), up=up)
-            self.rig.turn_to_clearest(scene.gaussians)
+            box = whole_box(scene)
+            self.rig.frame_scene(*box, up=up)
+            self.rig.turn_to_clearest(scene.gaussians, box)
         self.rig.follow(document.world)
         if animated:
             self.rig.fly_from(before)
