@@ -354,8 +354,7 @@ def clearest_view(
     if len(rows) == 0:
         return 0
     middle, half = (box[0] + box[1]) / 2, _CORE * (box[1] - box[0]) / 2
-    far: BoolArray = np.abs(means - middle) > half
-    is_core: BoolArray = ~far.any(axis=1)
+    is_core: BoolArray = np.logical_and.reduce(np.abs(means - middle) <= half, axis=1)
     # Fewer splats have to be larger to be as dense.
     sizes = np.exp(np.sort(gaussians.log_scales[rows], axis=1)[:, 1].astype(np.float64))
     sizes *= np.sqrt(max(1.0, len(opaque) / len(rows)))
