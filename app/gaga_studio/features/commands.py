@@ -84,6 +84,9 @@ def no_cancel(session: Session) -> str:
     compares = session.view.compare is not PhotoCompareMode.OFF
     if session.is_previewing or leaves or compares or not no_selection(session):
         return ""
+    job = session.jobs.running
+    if job is not None:
+        return f"{job.title} goes on: Cancel in the status bar ends it."
     return "There is nothing to cancel."
 
 

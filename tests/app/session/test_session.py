@@ -441,6 +441,15 @@ def test_quitting_asks_while_a_job_runs(associated: Session) -> None:
     assert not associated.unsaved
 
 
+def test_escape_says_what_ends_a_task_that_it_does_not_end(associated: Session) -> None:
+    assert command("edit.cancel").enabled(associated) == "There is nothing to cancel."
+    _endless(associated)
+    assert "Film out.mp4 goes on" in command("edit.cancel").enabled(associated)
+    run("job.cancel", associated)
+    assert associated.jobs.wait()
+    assert command("edit.cancel").enabled(associated) == "There is nothing to cancel."
+
+
 @pytest.mark.parametrize("is_seen", [False, True])
 def test_a_question_about_a_job_that_ends_behind_it_is_asked_anew(
     associated: Session, *, is_seen: bool
