@@ -48,6 +48,13 @@ class TrainView:
         result: FloatArray = (picture * share + behind * (1 - share)).astype(np.float32)
         return result
 
+    def backdrop(self, default: FloatArray) -> FloatArray:
+        """Mean color (3,) of the background that is left out, 0..1; ``default`` (3,) without any."""
+        out = self.alpha is not None and self.alpha <= _IS_OBJECT
+        if not np.any(out):
+            return default
+        return (self.picture[out].mean(axis=0) / 255).astype(np.float32)
+
     def smaller(self, times: float) -> "TrainView":
         """The view at ``times`` its size, at least one pixel."""
         width = max(1, round(self.camera.width * times))
@@ -160,14 +167,16 @@ def quality_stage(
 ) -> Stage[HeldOutQuality | None]:
     """PSNR and SSIM of ``views``, colors clipped to 0..1; None when there are none.
 
-    Where a background is left out, PSNR is over the pixels of the object.
+    Where a background is left out, PSNR is over the pixels of the object, before the mean color of
+    what is left out: masks that were found take some of the backdrop, each photo another piece.
     """
     found = []
     for i, view in enumerate(views):
         yield Progress(MEASURE_STAGE, i, len(views), view.camera.name)
-        image = rasterizer.render(gaussians, view.camera, background=background).image
+        behind = view.backdrop(np.asarray(background, np.float32))
+        image = rasterizer.render(gaussians, view.camera, background=behind).image
         image = np.clip(image, 0, 1)
-        target = view.target(np.asarray(background, np.float32))
+        target = view.target(behind)
         value = psnr(image, target)
         if view.alpha is not None and (view.alpha > _IS_OBJECT).any():
             value = psnr(image[view.alpha > _IS_OBJECT], target[view.alpha > _IS_OBJECT])

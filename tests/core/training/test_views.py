@@ -5,12 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.arrays import BoolArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
 from gaga_core.io.images import write_rgb
 from gaga_core.progress import run_stage
-from gaga_core.training.views import TrainView, TrainViews, load_views_stage
-from tests.scenes import orbit_cameras
+from gaga_core.raster import choose
+from gaga_core.training.views import TrainView, TrainViews, load_views_stage, quality_stage
+from tests.scenes import orbit_cameras, random_gaussians
 
 
 def photos(
@@ -64,3 +67,25 @@ def test_a_view_of_one_pixel_stays_one(tmp_path: Path) -> None:
     assert (view.camera.width, view.camera.height) == (2, 1)
     with pytest.raises(ValueError, match="picture"):
         TrainView(camera, np.zeros((2, 3, 3), np.uint8))
+
+
+def test_a_mask_that_takes_some_of_the_backdrop_makes_no_model_worse() -> None:
+    """Found masks do; what is left of a plain backdrop is no error, and a part that is missing is
+    one."""
+    camera, gaussians = orbit_cameras(1, width=80, height=60)[0], random_gaussians(400, extent=0.3)
+    paper = np.array([0.9, 0.85, 0.8], np.float32)
+    frame = choose("cpu").render(gaussians, camera, background=paper)
+    noise = np.random.default_rng(0).normal(0, 0.02, frame.image.shape)
+    photo = np.round(np.clip(frame.image + noise, 0, 1) * 255).astype(np.uint8)
+    true = frame.alpha > 0.5
+    taken = true.copy()
+    taken[:, : true.any(axis=0).argmax()] = True  # the paper beside it
+
+    def psnr(mask: BoolArray, model: Gaussians) -> float:
+        view = TrainView(camera, photo, mask.astype(np.uint8) * 255)
+        quality = run_stage(quality_stage(model, [view], choose("cpu"), np.zeros(3)))
+        assert quality is not None
+        return quality.psnr
+
+    assert psnr(taken, gaussians) > psnr(true, gaussians) - 1
+    assert psnr(taken, gaussians.take(np.arange(300))) < psnr(taken, gaussians) - 3
