@@ -49,7 +49,7 @@ class TrainView:
         return result
 
     def backdrop(self, default: FloatArray) -> FloatArray:
-        """Mean color (3,) of the background that is left out, 0..1; ``default`` (3,) without any."""
+        """Mean color (3,) of what is left out, 0..1; ``default`` (3,) where nothing is."""
         out = self.alpha is not None and self.alpha <= _IS_OBJECT
         if not np.any(out):
             return default
