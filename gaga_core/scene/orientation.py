@@ -9,7 +9,7 @@ from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, check_s
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.geometry import look_at, principal_axes, quats_to_matrices
+from gaga_core.geometry import look_at, principal_axes, quats_to_matrices, turned
 from gaga_core.scene.frame import scale_of
 from gaga_core.scene.scene import Scene
 
@@ -340,16 +340,18 @@ _CLEARER = 0.05  # share of all splats that another view has to show more of in 
 
 
 def clearest_view(
-    gaussians: Gaussians, box: tuple[DoubleArray, DoubleArray], views: Sequence[Camera]
+    scene: Scene, box: tuple[DoubleArray, DoubleArray], views: Sequence[Camera]
 ) -> int:
     """Number of the view that shows the most of the middle of the box lo, hi (3,): the first,
     unless another one shows more of it by a twentieth of all splats.
 
-    Splats are sampled; each hides what lies behind it in the cells of a view that it covers.
+    Splats are sampled; each hides what lies behind it in the cells of a view that it covers. Where
+    the whole scene was moved to counts, not what was done to its parts.
     """
+    gaussians, world = scene.gaussians, scene.frame.world
     opaque = np.flatnonzero(gaussians.opacities >= _SEEN)
     rows = opaque[:: max(1, len(opaque) // _SAMPLE)]
-    means = gaussians.means[rows].astype(np.float64)
+    means = turned(gaussians.means[rows].astype(np.float64), world[:3, :3]) + world[:3, 3]
     rows, means = rows[np.isfinite(means).all(axis=1)], means[np.isfinite(means).all(axis=1)]
     if len(rows) == 0:
         return 0
@@ -357,7 +359,7 @@ def clearest_view(
     is_core: BoolArray = np.logical_and.reduce(np.abs(means - middle) <= half, axis=1)
     # Fewer splats have to be larger to be as dense.
     sizes = np.exp(np.sort(gaussians.log_scales[rows], axis=1)[:, 1].astype(np.float64))
-    sizes *= np.sqrt(max(1.0, len(opaque) / len(rows)))
+    sizes *= scale_of(world) * np.sqrt(max(1.0, len(opaque) / len(rows)))
     shown = [_n_shown(means, sizes, is_core, view.at_most(_CELLS)) for view in views]
     best = int(np.argmax(shown))
     return best if shown[best] - shown[0] > _CLEARER * len(rows) else 0

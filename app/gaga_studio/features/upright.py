@@ -91,7 +91,9 @@ def _turn(session: Session, *, is_content: bool) -> bool:
     scene = document.settled().scene
     edit = edits.move_scene(scene, _HALF_TURN, _TITLE)
     done = document.do(edit, is_content=is_content)
-    session.rig.frame_scene(*splat_box(scene))
+    box = splat_box(scene)
+    session.rig.frame_scene(*box)
+    session.rig.turn_to_clearest(scene, box)
     return done
 
 

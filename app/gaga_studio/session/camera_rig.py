@@ -7,7 +7,6 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
-from gaga_core.gaussians import Gaussians
 from gaga_core.scene.camera_path import Shot
 from gaga_core.scene.frame import inverse, scale_of
 from gaga_core.scene.orientation import (
@@ -16,6 +15,7 @@ from gaga_core.scene.orientation import (
     estimate_up,
     upright_basis,
 )
+from gaga_core.scene.scene import Scene
 
 FLY_KEYS = frozenset("WASDQE")  # by their place on a US keyboard
 _JUMP_S = 0.35  # time of an animated jump
@@ -286,7 +286,7 @@ class CameraRig:
         self.pose = replace(self.pose, pivot=target if inside and target is not None else centre)
         self.go_to(cameras[0], animated=animated)
 
-    def turn_to_clearest(self, gaussians: Gaussians, box: tuple[DoubleArray, DoubleArray]) -> None:
+    def turn_to_clearest(self, scene: Scene, box: tuple[DoubleArray, DoubleArray]) -> None:
         """Look at the scene from the side that is open, of eight all around: the present one,
         unless another shows much more of its middle."""
         turns = 2 * np.pi * np.arange(_SIDES) / _SIDES
@@ -295,7 +295,7 @@ class CameraRig:
         for pose in poses:
             self.pose = pose
             views.append(self._camera(self._size))
-        self.pose = poses[clearest_view(gaussians, box, views)]
+        self.pose = poses[clearest_view(scene, box, views)]
 
     def fly_from(self, start: Pose) -> None:
         """Come to the present pose from ``start``, as a jump does."""

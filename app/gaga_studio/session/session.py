@@ -591,7 +591,7 @@ class Session:
             up = self.rig.up if animated else guess_up(scene.gaussians)
             box = whole_box(scene)
             self.rig.frame_scene(*box, up=up)
-            self.rig.turn_to_clearest(scene.gaussians, box)
+            self.rig.turn_to_clearest(scene, box)
         self.rig.follow(document.world)
         if animated:
             self.rig.fly_from(before)

@@ -15,6 +15,7 @@ from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
+from gaga_core.scene.bake import bake
 from gaga_core.scene.project import open_path_stage
 from gaga_studio.features import files, objects, selection, transform
 from gaga_studio.features.commands import command, run
@@ -223,14 +224,23 @@ def test_a_lone_splat_file(new_session: Callable[[], Session], scene_folder: Pat
     assert session.pick(_W / 2, _H / 2, _W, _H) is not None  # the first view shows it
 
 
-def test_a_room_without_photos_is_looked_into(new_session: Callable[[], Session]) -> None:
-    """From the front of most models the demo's room shows the back of a wall."""
+@pytest.mark.parametrize("is_home", [False, True])
+def test_a_room_without_photos_is_looked_into(
+    new_session: Callable[[], Session], is_home: bool
+) -> None:
+    """From the front of most models the demo's room shows the back of a wall; Home shows it as it
+    was first, wherever the whole scene was moved to."""
     session = new_session()
     session.open(assets() / "demo" / "point_cloud.sog")
     finish(session)
+    if is_home:
+        matrix = np.column_stack([50 * np.eye(3), [900.0, -300.0, 70.0]])
+        session.edit(lambda scene: edits.move_scene(scene, matrix, "Set scale"))
+        session.show_start()
     view = session.rig.camera(320, 240)
-    picture = choose("cpu").render(scene_of(session).gaussians, view)
-    pixels, depths = view.project(np.array([[-0.15, 0.03, 0.80]]))  # the teapot
+    picture = choose("cpu").render(bake(scene_of(session)), view)
+    teapot = np.array([[-0.15, 0.03, 0.80, 1.0]]) @ scene_of(session).frame.world[:3].T
+    pixels, depths = view.project(teapot)
     u, v = pixels[0].astype(int)
     assert picture.median_depth[v, u] > 0.9 * depths[0]
 
