@@ -29,6 +29,7 @@ from gaga_core.io.splats.splat_files import read_splats
 from gaga_core.pipeline.align import Aligned, align_stage, open_capture_stage, workspace_of
 from gaga_core.pipeline.place import place_photos
 from gaga_core.pipeline.settings import AlignConfig, ReconstructConfig
+from gaga_core.placing.poses import similarity_between
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.captures.alignment import Capture, difference
@@ -135,7 +136,8 @@ def _to_truth(scene: Path, truth: Sequence[Camera], splats: Gaussians) -> Double
     model = read_colmap(scene / "sparse" / "0")
     known = {camera.name: camera for camera in truth}
     pairs = [(camera, known[camera.name]) for camera in model.cameras]
-    world = np.vstack([fit_similarity(*_frames(pairs)), [0.0, 0.0, 0.0, 1.0]])
+    poses = [np.array([pair[k].cam_from_world[:3] for pair in pairs]) for k in (0, 1)]
+    world = similarity_between(poses[0], poses[1])
     own, true, engine = [], [], choose("cpu")
     for camera, view in pairs:
         pixels, depths = camera.project(model.points)
@@ -157,17 +159,6 @@ def _to_truth(scene: Path, truth: Sequence[Camera], splats: Gaussians) -> Double
         off = np.linalg.norm(turned(a, world[:3, :3]) + world[:3, 3] - b, axis=1)
         keep = off <= 3 * np.median(off)
     return world
-
-
-def _frames(pairs: Sequence[tuple[Camera, Camera]]) -> tuple[DoubleArray, DoubleArray]:
-    """Places of the cameras, and points as far in front of them as they are apart, in both."""
-    both = []
-    for k in (0, 1):
-        places = np.array([pair[k].position for pair in pairs])
-        spread = np.linalg.norm(places - places.mean(axis=0), axis=1).mean()
-        ahead = np.array([pair[k].cam_from_world[2, :3] for pair in pairs])
-        both.append(np.concatenate([places, places + spread * ahead]))
-    return both[0], both[1]
 
 
 def changed(seed: int) -> tuple[int, int]:

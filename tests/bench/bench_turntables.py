@@ -53,7 +53,7 @@ def figures() -> list[Figure]:
             Figure(f"{name}: photos placed", made.placed, "", f">= {made.photos}"),
             Figure(f"{name}: held-out PSNR of the object", made.psnr, "dB", ">= 26"),
             Figure(f"{name}: IoU of the best group", made.iou, "", f">= {_GROUP}"),
-            Figure(f"{name}: alpha beside the object", made.alpha, "", "<= 0.05"),
+            Figure(f"{name}: alpha outside the object", made.alpha, "", "<= 0.05"),
         ]
     if is_long() and data_folder("ycb_meshes").is_dir():
         all_made = [Made(**run_worker("tests.bench.bench_turntables", [kind])) for kind in TWELVE]
@@ -110,8 +110,8 @@ def _looked_at(path: Path, masks: Path, n: int) -> Made:
         both += np.bincount(labels[truth], minlength=n_groups)
         either += truth.sum()
         kept = folder.foreground.get(camera.name)
-        beside = ~truth if kept is None else ~(truth | _mask(kept, shape))
-        outside.append(float(frame.alpha[beside].mean()))
+        free = ~truth if kept is None else ~(truth | _mask(kept, shape))
+        outside.append(float(frame.alpha[free].mean()))
         if camera.name in folder.test:
             error = (np.clip(frame.image, 0, 1) - view.picture / 255.0)[truth]
             errors.append(float((error**2).mean()))

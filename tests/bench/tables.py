@@ -369,7 +369,7 @@ TABLES: Mapping[str, Sequence[Row]] = {
         *(
             Row(
                 f"{said}: photos placed / PSNR of the object in held-out photos / IoU of the best "
-                "group / alpha beside the object",
+                "group / alpha outside the object",
                 Data("tankard, 69 photos of a turntable", "masks of the backdrop"),
                 tuple(
                     f"{name}: {k}"
@@ -377,7 +377,7 @@ TABLES: Mapping[str, Sequence[Row]] = {
                         "photos placed",
                         "held-out PSNR of the object",
                         "IoU of the best group",
-                        "alpha beside the object",
+                        "alpha outside the object",
                     )
                 ),
                 (">= 69", ">= 26", ">= 0.9", "<= 0.05"),

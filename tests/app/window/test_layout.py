@@ -1452,7 +1452,7 @@ def _the_camera_path_shows_its_keyframes(d: Driver) -> None:
 
 
 def _a_click_on_a_tick_goes_to_its_keyframe(d: Driver) -> None:
-    """Ticks stood up to half a knob beside the moment of their keyframe."""
+    """Ticks stood up to half a knob from the moment of their keyframe."""
     path = camera.path_of(d.session)
     slider = d.engine.item_info("//Camera path/##Time").rect_full
     left, right, y = slider.min.x, slider.max.x, (slider.min.y + slider.max.y) / 2

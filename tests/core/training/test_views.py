@@ -79,7 +79,7 @@ def test_a_mask_that_takes_some_of_the_backdrop_makes_no_model_worse() -> None:
     photo = np.round(np.clip(frame.image + noise, 0, 1) * 255).astype(np.uint8)
     true = frame.alpha > 0.5
     taken = true.copy()
-    taken[:, : true.any(axis=0).argmax()] = True  # the paper beside it
+    taken[:, : true.any(axis=0).argmax()] = True  # the paper next to it
 
     def psnr(mask: BoolArray, model: Gaussians) -> float:
         view = TrainView(camera, photo, mask.astype(np.uint8) * 255)

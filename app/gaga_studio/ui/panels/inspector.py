@@ -288,7 +288,7 @@ def _filling(session: Session) -> bool:
         for line in fill.summary(found):
             widgets.dim(line, wrap=True)
         command = commands.command("object.fill_lighten")
-        label = widgets.elided(command.title, _beside_mark())
+        label = widgets.elided(command.title, _label_room())
         if widgets.checkbox(f"{label}###Lighten", found.lighten)[0]:
             commands.run(command.id, session)
         widgets.tooltip("Lighten the object's shadow to match its surroundings")
@@ -343,13 +343,13 @@ def _colors(session: Session) -> None:
         command = commands.command(id_)
         why_not = command.enabled(session)
         imgui.begin_disabled(bool(why_not))
-        if widgets.radio_button(f"{widgets.elided(label, _beside_mark())}###{id_}", is_on):
+        if widgets.radio_button(f"{widgets.elided(label, _label_room())}###{id_}", is_on):
             commands.run(id_, session)
         imgui.end_disabled()
         widgets.tooltip(why_not or command.title)
 
 
-def _beside_mark() -> float:
+def _label_room() -> float:
     """Room for the label of a box to tick that is drawn next, pixels."""
     used = imgui.get_frame_height() + imgui.get_style().item_inner_spacing.x
     return imgui.get_content_region_avail().x - used
