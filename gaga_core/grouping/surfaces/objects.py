@@ -445,6 +445,8 @@ def objects_stage(
     """
     sample = sample_surfels(views, load_masks, load_further, depths, config.surfels)
     surfels = yield from part(sample, 0, _STEPS, STAGE)
+    if config.silhouettes:
+        surfels = surfels.with_supports(_SILHOUETTES)
     if len(surfels.points) < LEAST_SURFELS:
         raise GagaError("The views show almost none of the splats. Check poses and model.")
     yield Progress(STAGE, 1, _STEPS, "small pieces")
@@ -464,7 +466,8 @@ def objects_stage(
     features = node_features(seen, tree, views, n_splats)
     objectness = learned().objects(features)
     if config.silhouettes:
-        objectness = _by_silhouettes(tree, objectness, features[:, _OF_SILHOUETTES])
+        fit = features[:, _FIT_AT_LEVEL + _SILHOUETTES]
+        objectness = _by_silhouettes(tree, objectness, fit)
     is_rest = tree.leaves() @ np.bincount(tree.leaf, n_splats, tree.n_leaves) < _LEAST_SPLATS
     least = OBJECT if config.background else -np.inf
     clusters, behind, sure = cuts(tree, objectness, is_rest, least)
@@ -484,7 +487,8 @@ def objects_stage(
 
 
 OF_CUTS = 10  # feature of a node: the share of views that cut it
-_OF_SILHOUETTES = 5  # feature of a node: how it fits the regions of the coarsest level
+_FIT_AT_LEVEL = 4  # first feature of how a node fits the regions of a level of detail
+_SILHOUETTES = 1  # the level at which regions may be outlines of whole objects: the coarsest
 
 
 def _by_silhouettes(tree: Tree, objectness: DoubleArray, fit: DoubleArray) -> DoubleArray:

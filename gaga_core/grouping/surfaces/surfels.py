@@ -5,17 +5,17 @@ rendered depth maps, averaged over all views that see a point, are not.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.camera import Camera
-from gaga_core.geometry import turned
+from gaga_core.geometry import principal_axes, turned
 from gaga_core.grouping.robust.surface_graph import edges_once
 from gaga_core.grouping.robust.surface_points import (
     DepthMaps,
@@ -64,6 +64,15 @@ class Surfels:
         yield (0 if has_levels else None), self.regions[:, v]
         for k in range(0 if odd else n):
             yield (1 + k if has_levels else None), self.further[:, v * n + k]
+
+    def with_supports(self, level: int) -> "Surfels":
+        """The same, where regions at a level of detail end at what the rest stands on."""
+        is_support, further = support_of(self.points, self.normals), self.further.copy()
+        n = further.shape[1] // self.regions.shape[1]
+        if n == N_LEVELS - 1 and is_support.any():
+            for column in further.T[level - 1 :: n]:
+                column[is_support & (column > 0)] += column.max()
+        return replace(self, further=further)
 
     def maps(self) -> Iterator[tuple[int | None, IntArray]]:
         """Those of all views."""
@@ -180,6 +189,62 @@ def _weighted_normals(
     distance = np.linalg.norm(ray, axis=1, keepdims=True)
     facing = np.clip((normals * ray).sum(axis=1, keepdims=True) / distance, 0, 1)
     result: DoubleArray = normals * facing / distance
+    return result
+
+
+# --- What an object stands on: it turns along with it, and both have one outline.
+
+
+_FACES = 0.9  # least cosine of a flat surface's normals with that of its plane: 25 degrees
+_NEAR_PLANE = 2.0  # times the spacing of samples: distance from a plane of what lies on it
+_LEAST_GROUND = 0.01  # share of all samples that a layer of the ground has at least
+_WITHIN = 0.8  # least share of what is just above the ground that lies inside of its outline
+_BELOW = 0.03  # most of what lies inside of its outline that is below: noise
+
+
+def support_of(points: DoubleArray, normals: DoubleArray) -> BoolArray:
+    """Which of the points (S, 3) with normals (S, 3) are a flat surface that all else stands on.
+
+    What lies within its outline is on the side to which it faces: no surface of an object that
+    stands on its own is like that, but the ground under it. And what stands on it is within its
+    outline: the side of a bowl is not within its floor. What is below the surface goes with it;
+    none where there is no such surface.
+    """
+    best, largest, least = np.zeros(len(points), np.bool_), 0, _LEAST_GROUND * len(points)
+    ways = np.unique(np.round(2 * normals), axis=0)
+    reach = _NEAR_PLANE * float(np.median(np.asarray(cKDTree(points).query(points, k=2)[0])[:, 1]))
+    for way in ways[ways.any(axis=1)]:
+        normal = normals[normals @ way > _FACES * np.linalg.norm(way)].sum(axis=0)
+        normal /= max(np.linalg.norm(normal), 1e-12)
+        height, faces = points @ normal, normals @ normal > _FACES
+        layer = np.floor((height - height.min()) / reach).astype(np.int64)
+        for k in np.flatnonzero(np.bincount(layer[faces], minlength=1) > least):
+            flat = faces & (layer >= k - 1) & (layer <= k + 1)
+            centre = points[flat].mean(axis=0)
+            axis = principal_axes(np.cov(points[flat].T)[None])[1][0, :, 0]
+            axis = axis if axis @ normal > 0 else -axis
+            above = (points - centre) @ axis
+            flat = faces & (np.abs(above) < reach)
+            if flat.sum() <= largest:
+                continue
+            within = _is_within(points[flat], points, axis, 2 * reach)
+            foot = (above > reach) & (above < 3 * reach)
+            is_below = above < -reach
+            if within[foot].sum() > _WITHIN * max(foot.sum(), 1) and (
+                is_below[within].sum() < _BELOW * within.sum()
+            ):
+                best, largest = flat | is_below, int(flat.sum())
+    return best
+
+
+def _is_within(
+    ground: DoubleArray, points: DoubleArray, axis: DoubleArray, margin: float
+) -> BoolArray:
+    """Which points (S, 3) lie over the convex outline of others (K, 3), by a margin."""
+    first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    across = np.stack([first, np.cross(axis, first)]).T / np.linalg.norm(first)
+    hull = ConvexHull(ground @ across).equations
+    result: BoolArray = ((points @ across) @ hull[:, :2].T + hull[:, 2] < -margin).all(axis=1)
     return result
 
 

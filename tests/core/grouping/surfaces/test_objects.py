@@ -156,19 +156,37 @@ def test_other_levels_of_detail_of_the_masks_count(scene: Synthetic) -> None:
     assert not np.array_equal(found.labels, alone.labels)
 
 
-def test_silhouettes_say_what_is_whole(scene: Synthetic) -> None:
+def test_silhouettes_say_what_is_whole() -> None:
     """What stands before a background that was left out is one object, whatever its parts look
-    like; what has a silhouette of its own stays apart."""
-    maps, config = _masks(scene), HierarchyConfig(silhouettes=True)
-
-    def found(coarsest: dict[str, IntArray]) -> IntArray:
-        further = {name: [coarsest[name], maps[name], maps[name]] for name in maps}
-        return _found(scene.gaussians, scene.cameras, maps, config, further=further).labels
-
-    whole = np.bincount(found({name: np.ones_like(labels) for name, labels in maps.items()}))
+    like: one ball on another, each in two halves."""
+    scene = objects_scene(2, 1500, n_cameras=12)
+    is_ball, means = scene.labels > 0, scene.gaussians.means.copy()
+    lower, upper = scene.labels == 1, scene.labels == 2
+    means[upper] += means[lower].mean(axis=0) - means[upper].mean(axis=0) + np.array([0, 0, 0.5])
+    two = replace(scene.gaussians, means=means).take(is_ball)
+    scene = Synthetic(two, scene.labels[is_ball], scene.cameras)
+    found = _with_outlines(scene, {})
+    whole = np.bincount(found)
     assert whole.max() > 0.97 * whole.sum()
-    apart = found({name: np.where(labels > 0, labels // 2, 0) for name, labels in maps.items()})
-    assert min(_best_ious(scene.labels, apart)) > 0.85
+
+
+def test_what_has_a_silhouette_of_its_own_stays_apart(scene: Synthetic) -> None:
+    maps = _masks(scene)
+    apart = {name: np.where(labels > 0, labels // 2, 0) for name, labels in maps.items()}
+    assert min(_best_ious(scene.labels, _with_outlines(scene, apart))) > 0.85
+
+
+def test_an_outline_ends_at_what_its_objects_stand_on(scene: Synthetic) -> None:
+    """A plate turns along with what stands on it, so both have one outline."""
+    assert min(_best_ious(scene.labels, _with_outlines(scene, {}))) > 0.85
+
+
+def _with_outlines(scene: Synthetic, outlines: dict[str, IntArray]) -> IntArray:
+    """Labels (N,) where the coarsest regions are ``outlines``, or all that is seen is in one."""
+    maps, config = _masks(scene), HierarchyConfig(silhouettes=True)
+    whole = {name: (labels > 0).astype(np.int32) for name, labels in maps.items()} | outlines
+    further = {name: [whole[name], maps[name], maps[name]] for name in maps}
+    return _found(scene.gaussians, scene.cameras, maps, config, further=further).labels
 
 
 def test_masks_of_a_model_are_not_touched(scene: Synthetic) -> None:
