@@ -9,6 +9,7 @@ from threading import Event
 
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 from PIL import Image
 
 from gaga_core import kernels as kernels_of_numba
@@ -405,3 +406,35 @@ def test_one_bar_for_all_steps_from_the_kernels_on(
 
     settings = Settings(first_steps_done=True)
     drive(walk, path=tmp_path / "shots", settings=settings, size=(1000, 640), patience_s=300)
+
+
+def test_why_a_model_is_not_got_is_said_in_the_sheet(
+    display: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The notice stood behind it; in a low window names of models were cut to nothing."""
+    fresh_models(tmp_path, monkeypatch)
+    shown, draw = list[str](), imgui.text_unformatted
+
+    def noted(text: str) -> None:
+        shown.append(text.replace("\n", " "))
+        draw(text)
+
+    monkeypatch.setattr(imgui, "text_unformatted", noted)
+
+    def walk(d: Driver) -> None:
+        d.session.change_settings(replace(d.session.settings, hub_mirror="http://127.0.0.1:9"))
+        d.menu("Find/###Models…")
+        d.frames(3)
+        assert any(TINY.title in text for text in shown)
+        d.click(f"**/{TINY.name}/###Get")
+        d.until(lambda: bool(d.session.feature(ModelsState).problem), "it is told")
+        shown.clear()
+        d.frames(3)
+        assert any("cannot be reached" in text for text in shown)
+        assert not d.session.notices
+        d.click("**/###All models")
+        d.frames(3)
+        assert d.exists(f"**/{TINY.name}/###Get")
+        d.click("Models/###Close")
+
+    drive(walk, size=(800, 500), settings=Settings(first_steps_done=True, ui_scale=2.0))

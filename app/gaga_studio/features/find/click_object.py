@@ -89,7 +89,7 @@ def why_no_model(session: Session) -> str:
     """Return why no model can be asked; "" when one can."""
     if models_here(session):
         return ""
-    return "No Segment Anything model is installed. Get one with Find, Models…."
+    return "No Segment Anything model is installed. Get one by Models in the menu Find."
 
 
 def choose_model(session: Session, name: str) -> None:

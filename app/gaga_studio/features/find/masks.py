@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError
@@ -50,6 +50,8 @@ class ModelsState:
     entries: tuple[ModelStatus, ...] = ()  # as last looked at; empty = look when it is shown
     offered: Listing | None = None  # its licence and size are shown, the user has not answered
     removing: KnownModel | None = None  # the user is asked whether
+    problem: str = ""  # why the last one was not got, said in the sheet
+    is_shown: bool = False  # a notice would stand over it or behind it
     then: Callable[[], object] | None = None  # what the offered model was wanted for
     promptable: tuple[ProviderEntry, ...] | None = None  # can segment one object; None = look
     prompters: dict[str, "Prompter"] = field(default_factory=dict)  # loaded, by name of the model
@@ -629,11 +631,25 @@ def ask_model(
         yield Progress("Look at the model", 0, 0, config.host)
         return list_files(model, config)
 
-    def seen(listing: Listing) -> None:
+    def seen(listing: Listing | None) -> None:
         state.offered, state.then = listing, then
 
-    state.offered = state.removing = state.then = None
-    session.jobs.start(f"Look at {model.title}", look(), on_done=seen)
+    decline_model(session)
+    session.jobs.start(f"Look at {model.title}", _told(state, look()), on_done=seen)
+
+
+T = TypeVar("T")
+
+
+def _told(state: ModelsState, stage: Stage[T]) -> Stage[T | None]:
+    """``stage``; None where its error is told in the sheet."""
+    try:
+        return (yield from stage)
+    except GagaError as error:
+        if not state.is_shown:
+            raise
+        state.problem = str(error)
+        return None
 
 
 def accept_model(session: Session) -> None:
@@ -644,7 +660,9 @@ def accept_model(session: Session) -> None:
         return
     consent = Consent(listing.model.name, listing.licence_name)
 
-    def done(installed: Installed) -> None:
+    def done(installed: Installed | None) -> None:
+        if installed is None:
+            return
         session.notify(Level.INFO, f"{installed.model.title} is here: {installed.path}.")
         if then is not None:
             after.append(then)
@@ -655,7 +673,7 @@ def accept_model(session: Session) -> None:
             act()
 
     after: list[Callable[[], object]] = []
-    stage = download(listing, consent, hub_config(session))
+    stage = _told(state, download(listing, consent, hub_config(session)))
     if session.jobs.start(f"Download {listing.model.title}", stage, None, done, end):
         state.offered = state.then = None
 
@@ -664,6 +682,7 @@ def decline_model(session: Session) -> None:
     """Download nothing, remove nothing."""
     state = session.feature(ModelsState)
     state.offered = state.removing = state.then = None
+    state.problem = ""
 
 
 def ask_remove_model(session: Session, model: KnownModel) -> None:

@@ -232,14 +232,16 @@ def draw(session: Session, area: PictureArea) -> None:
     shown = () if is_narrow else tuple(mode for mode, *_ in _MODES)
     if shown:
         _modes(session, shown, with_text=width > em(58))
-    _more_button(session, shown)
-    room = width - (imgui.get_item_rect_max().x - left)
-    viewing = em(2 * 0.6 + 2 * 0.15) + 3 * _ICON * imgui.get_frame_height()
-    if room < viewing + imgui.get_style().item_spacing.x + em(_LEAST_SEARCH + 0.3):
-        _more_list(session, shown, (*_VIEWING, "help.palette"))
+    button = _ICON * imgui.get_frame_height()
+    room = width - (imgui.get_cursor_screen_pos().x - left) - button
+    viewing = em(2 * 0.6 + 2 * 0.15) + 3 * button
+    needed = viewing + imgui.get_style().item_spacing.x + em(_LEAST_SEARCH + 0.3)
+    left_out = (*_VIEWING, "help.palette") if room < needed else ()
+    _more_button(session, shown, has_all=not left_out)
+    _more_list(session, shown, left_out)
+    if left_out:
         area.has_options = True
         return
-    _more_list(session, shown, ())
     rule()
     _icons(session, _VIEWING)
     used = imgui.get_item_rect_max().x - left
@@ -274,13 +276,16 @@ def _modes(session: Session, shown: Sequence[Mode], *, with_text: bool) -> None:
     imgui.same_line(0, theme.scaled(1))
 
 
-def _more_button(session: Session, shown: Sequence[Mode]) -> None:
-    """The way to what is not ``shown`` next to it."""
-    hint = "Confidence, centres, rings, a mask, and the look of small splats"
+def _more_button(session: Session, shown: Sequence[Mode], *, has_all: bool) -> None:
+    """The way to the modes that are not ``shown`` next to it, and to what the bar has no room for
+    unless it ``has_all``."""
+    hint = "confidence, centres, rings, a mask, and the look of small splats"
+    hint = hint if shown else f"color, groups, depth, {hint}"
+    hint = hint if has_all else f"photos, flying, framing, the list of commands, {hint}"
     if widgets.icon_button(
         "More render modes",
-        icons.MORE if shown else icons.COLOR,
-        hint=hint if shown else f"Color, groups, depth, {hint[0].lower()}{hint[1:]}",
+        icons.MORE if shown or not has_all else icons.COLOR,
+        hint=f"{hint[0].upper()}{hint[1:]}",
         on=session.view.mode not in (shown or (Mode.COLOR,)),
     ):
         imgui.open_popup("More modes")

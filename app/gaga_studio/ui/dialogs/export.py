@@ -170,7 +170,7 @@ _FORMS: tuple[tuple[SplatFormat, str, str, str], ...] = (
         "Small, rounded, for browsers. Colors look the same from every side.",
     ),
     (SplatFormat.SPZ, "", "SPZ", "Small, rounded, for phones. Colors still change with the view."),
-    (SplatFormat.SOG, "", "SOG", "Smallest, rounded, for browsers: PlayCanvas and SuperSplat."),
+    (SplatFormat.SOG, "", "SOG", "Small, rounded, for browsers: PlayCanvas and SuperSplat."),
     (SplatFormat.GLB, "", "GLB", "glTF with KHR_gaussian_splatting: exact, for 3D programs."),
     (SplatFormat.USD, "", "USD", "OpenUSD 26.03, exact: for simulators and film. Needs usd-core."),
     (

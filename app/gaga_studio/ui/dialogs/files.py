@@ -525,7 +525,7 @@ def _ask(picker: FilePicker, asked: _Asked, session: Session) -> None:
 
 
 def start_folder(session: Session) -> Path:
-    """The folder of what is open, else of what was open last, else the user's own.
+    """The folder of what is open, else of what was open before, else the user's own.
 
     Never a hidden one of ours, where the demo is.
     """
@@ -533,7 +533,7 @@ def start_folder(session: Session) -> Path:
     if session.project is not None:
         folder = session.project.folder
         places.append(folder.root if folder is not None else session.project.model_path.parent)
-    places += [Path(name).parent for name in session.settings.recent[:1]]
+    places += [Path(name).parent for name in session.settings.recent]
     seen = (place for place in places if not place.resolve().is_relative_to(paths.home().resolve()))
     return next((place for place in seen if place.is_dir()), Path.home())
 

@@ -22,14 +22,15 @@ _PURPOSES = {
     "boxes": "Find in a view",
     "matches": "Placing photos",
 }
+_NARROW = 34.0  # em: a narrower sheet leaves out three columns, or no name could be read
 _TABLE = 26.0  # em, while something is asked below it
-_COLUMNS = (  # title, and width in em: below 0 a share of the room that is left
-    ("Model", -0.47),
-    ("Good for", -0.53),
-    ("Size", 4.7),
-    ("License", 5.8),
-    ("Time a photo", 5.8),
-    ("", 5.6),
+_COLUMNS = (  # title, width in em: below 0 a share of the room that is left; in a narrow sheet?
+    ("Model", -0.47, True),
+    ("Good for", -0.53, False),
+    ("Size", 4.7, True),
+    ("License", 5.8, False),
+    ("Time a photo", 5.8, False),
+    ("", 5.6, True),
 )
 _FOOT, _LOW_FOOT = 5.0, 1.6  # em: two lines and a row of buttons; one line
 
@@ -37,12 +38,15 @@ _FOOT, _LOW_FOOT = 5.0, 1.6  # em: two lines and a row of buttons; one line
 def opens(session: Session) -> None:
     """Look what is here, and open the sheet."""
     masks.refresh_models(session)
+    session.feature(ModelsState).problem = ""
     imgui.open_popup(SHEET)
 
 
 def draw(session: Session) -> None:
     """The whole sheet."""
-    if not begin_modal(SHEET, em(70)):
+    state = session.feature(ModelsState)
+    state.is_shown = begin_modal(SHEET, em(70))
+    if not state.is_shown:
         return
     if not session.feature(ModelsState).entries:
         masks.refresh_models(session)
@@ -51,13 +55,17 @@ def draw(session: Session) -> None:
         wrap=True,
     )
     widgets.line(f"Models are in {paths.shown(models_folder())}.", theme.DIM)
-    state = session.feature(ModelsState)
-    is_asking = state.offered is not None or state.removing is not None
-    footer = em(_FOOT if is_asking or session.jobs.running is not None else _LOW_FOOT)
-    below = footer + imgui.get_style().item_spacing.y
-    if begin_part("Known", ImVec2(0, body_height(em(_TABLE + _FOOT)) - below)):
-        _table(session)
-    imgui.end_child()
+    is_asking = state.offered is not None or state.removing is not None or bool(state.problem)
+    is_high = is_asking or session.jobs.running is not None
+    footer = em(_FOOT if is_high else _LOW_FOOT)
+    height = body_height(em(_TABLE + _FOOT))
+    room = height - footer - imgui.get_style().item_spacing.y
+    if is_high and room < 3 * imgui.get_frame_height():  # a low window has room for one of both
+        footer = height
+    else:
+        if begin_part("Known", ImVec2(0, room)):
+            _table(session)
+        imgui.end_child()
     if begin_part("Answer", ImVec2(0, footer)):
         _foot(session)
     imgui.end_child()
@@ -67,9 +75,11 @@ def draw(session: Session) -> None:
 
 def _table(session: Session) -> None:
     flags = imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_stretch_prop
-    if not imgui.begin_table("Models", len(_COLUMNS), flags):
+    is_narrow = imgui.get_content_region_avail().x < em(_NARROW)
+    shown = [column for column in _COLUMNS if column[2] or not is_narrow]
+    if not imgui.begin_table("Models", len(shown), flags):
         return
-    for title, width in _COLUMNS:
+    for title, width, _ in shown:
         kind = imgui.TableColumnFlags_
         flag = kind.width_fixed if width > 0 else kind.width_stretch
         imgui.table_setup_column(title, flag, em(width) if width > 0 else -width)
@@ -77,29 +87,33 @@ def _table(session: Session) -> None:
     for entry in session.feature(ModelsState).entries:
         imgui.table_next_row()
         imgui.push_id(entry.model.name)
-        _row(session, entry)
+        _row(session, entry, is_narrow=is_narrow)
         imgui.pop_id()
     imgui.end_table()
 
 
-def _row(session: Session, entry: ModelStatus) -> None:
+def _row(session: Session, entry: ModelStatus, *, is_narrow: bool) -> None:
     model = entry.model
+    purpose = ", ".join(filter(None, (_PURPOSES[model.purpose], model.note)))
     imgui.table_next_column()
     imgui.align_text_to_frame_padding()
     icon = icons.CHECK if entry.path is not None else icons.BLANK
     widgets.line(f"{icon}  {model.title}", theme.TEXT if entry.path is not None else theme.DIM)
-    widgets.tooltip(str(entry.path) if entry.path is not None else model.hub)
-    imgui.table_next_column()
-    widgets.line(", ".join(filter(None, (_PURPOSES[model.purpose], model.note))))
-    widgets.tooltip(entry.good_for)
+    where = str(entry.path) if entry.path is not None else model.hub
+    widgets.tooltip(f"{purpose}: {entry.good_for}\n{where}" if is_narrow else where)
+    if not is_narrow:
+        imgui.table_next_column()
+        widgets.line(purpose)
+        widgets.tooltip(entry.good_for)
     imgui.table_next_column()
     widgets.line(f"{model.megabytes:,} MB")
-    imgui.table_next_column()
-    if imgui.text_link(f"{model.licence}##licence"):
-        masks.open_model_page(model)
-    widgets.tooltip(f"Open {model.page}")
-    imgui.table_next_column()
-    widgets.line(_seconds(entry))
+    if not is_narrow:
+        imgui.table_next_column()
+        if imgui.text_link(f"{model.licence}##licence"):
+            masks.open_model_page(model)
+        widgets.tooltip(f"Open {model.page}")
+        imgui.table_next_column()
+        widgets.line(_seconds(entry))
     imgui.table_next_column()
     why_not = masks.why_no_download(session)
     if entry.path is None:
@@ -132,6 +146,11 @@ def _foot(session: Session) -> None:
         imgui.same_line()
         if widgets.button("Keep it"):
             masks.decline_model(session)
+    elif state.problem:
+        if widgets.button("All models"):
+            masks.decline_model(session)
+        with theme.text_color(theme.BAD):
+            widgets.paragraph(state.problem)
     else:
         widgets.dim("Get… shows the license and the exact size, and asks.")
 

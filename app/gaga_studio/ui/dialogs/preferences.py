@@ -71,7 +71,7 @@ def _handling(settings: Settings, dragged: DraggedPreferences) -> Settings:
     widgets.heading("Keys and mouse")
     settings = replace(settings, keys=_choice("Keys as in", _PROFILES, settings.keys))
     settings = _slider(settings, dragged, "fly_speed", "Fly speed", "%.1f×")
-    label = "The wheel zooms the other way"
+    label = "The wheel is reversed"
     return replace(settings, invert_zoom=_tick(label, settings.invert_zoom))
 
 
