@@ -7,6 +7,7 @@ which the main thread calls every frame.
 """
 
 import logging
+import math
 import os
 import threading
 import time
@@ -18,14 +19,16 @@ from typing import Generic, TypeVar
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_core.progress import Pace, Progress, Stage, heard
+from gaga_core.progress import TELLING, Pace, Progress, Stage, heard
 from gaga_studio.session.notices import Level
 
 T = TypeVar("T")
 Notify = Callable[[Level, str], None]
 _LOG = logging.getLogger(__name__)
 _QUIET_STEP_S = 60.0  # longest step of a quiet job: seconds of compiling, on a busy machine
-_LEAST_FOR_ETA = 0.03  # below this share of what was left at first a rate is no estimate
+# For how long a rate is measured before it is said, and in how many seconds what is said follows
+# two thirds of a change: as long as a person needs to read it, about.
+_MEASURED_S, _FOLLOWS_S = 5.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -290,10 +293,26 @@ class _Delivery(Generic[T]):
         self._value: T | None = None
         self._payload: object = None
         self.latest: Progress | None = None
+        self._heard_at = 0.0  # time of the newest word
+        self._said: tuple[float, float] | None = None  # when, and how many seconds were left
         self._paces: dict[str, Pace] = {}  # of the steps that have a share
         self._steps: set[str] = set()  # those that were named, with a share or without
 
     def seconds_left(self) -> float | None:
+        """Seconds left, as the user reads them: None until enough is measured; they count down, and
+        what they are wrong by is made good within seconds, without a jump."""
+        now, left = time.monotonic(), self._measured_left()
+        if left is None:
+            self._said = None
+            return None
+        if self._said is not None:
+            at, before = self._said
+            expected = max(before - (now - at), 0.0)
+            left = expected + (left - expected) * (1 - math.exp(-(now - at) / _FOLLOWS_S))
+        self._said = now, left
+        return left
+
+    def _measured_left(self) -> float | None:
         """Estimate of the time left in the present step; None while it is not known.
 
         Goes on at the pace of the last part (`Pace`): a first word that waited for kernels, what a
@@ -304,13 +323,13 @@ class _Delivery(Generic[T]):
         if latest is None or latest.total <= 0:
             return None
         if latest.left_s is not None:
-            return latest.left_s
+            return max(latest.left_s - (time.monotonic() - self._heard_at), 0.0)
         pace = self._paces.get(latest.stage)
         seconds = pace.seconds if pace is not None else None
-        if pace is None or seconds is None:
+        if pace is None or seconds is None or pace.measured_s < _MEASURED_S:
             return None
         ahead = 1 - min(latest.done / latest.total, 1.0)
-        if 1 - ahead - pace.first < _LEAST_FOR_ETA * (1 - pace.first):
+        if 1 - ahead - pace.first < TELLING * (1 - pace.first):
             return None
         left = seconds * ahead - (time.monotonic() - pace.heard_at)
         return left if left >= 0 else -left * ahead / pace.done
@@ -330,9 +349,10 @@ class _Delivery(Generic[T]):
         if progress.payload is not None:
             self._payload = progress.payload
         self._steps.add(progress.stage)
+        self._heard_at = time.monotonic()
         if progress.total > 0:
             pace = self._paces.setdefault(progress.stage, Pace())
-            pace.hear(time.monotonic(), progress.done / progress.total)
+            pace.hear(self._heard_at, progress.done / progress.total)
         self.latest = progress
         return True
 
