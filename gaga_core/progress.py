@@ -24,7 +24,7 @@ _STEPS = 1000  # progress units of one part; parts differ in their number of ste
 # How far a pace looks back, at most: seconds, but a few words, and never more than this share of
 # what was done. Two recorded drafts, whose load becomes 2 or 3 times as much or as little on the
 # way: afterwards the time left is wrong by more than 1.5 times for 9 % of the time, by the share
-# alone for 16 %; with 10 s for 9 %, but up and down by 12 % in 5 s instead of 10; with 20 s for 10 %.
+# alone for 16 %; with 10 s for 9 %, but up and down by 12 % in 5 s, not 10; with 20 s for 10 %.
 RECENT_S, _FEW_WORDS, _RECENT = 15.0, 10, 0.25
 TELLING = 0.05  # share of a task, or of a step, that is done until it tells what is to come
 _TICK_S = 0.1  # how often a cancel is looked for while a thread is waited for
