@@ -66,11 +66,9 @@ class Pace:
         self._n_on = 0  # words that went on
         self._since = 0.0  # when the first of them came
         self.first = 0.0  # share of the first word
-        self.heard_at = 0.0  # time of the newest word
 
     def hear(self, at: float, share: float) -> None:
-        """Take the newest word of the step."""
-        self.heard_at = at
+        """Take the newest word of the step; one that does not go on only says that it waits."""
         if not self._words:
             self.first = share
         elif share <= self._words[-1][1]:
@@ -91,20 +89,26 @@ class Pace:
     @property
     def measured_s(self) -> float:
         """For how long it was measured, seconds."""
-        return self.heard_at - self._since if self._n_on > 1 else 0.0
+        return self._words[-1][0] - self._since if self._n_on > 1 else 0.0
 
     @property
     def seconds(self) -> float | None:
         """How long a whole step takes at this pace; None before two words went on."""
         if self._n_on < 2:
             return None
-        (since, before), (_, share) = self._words[0], self._words[-1]
-        return (self.heard_at - since) / (share - before)
+        (since, before), (at, share) = self._words[0], self._words[-1]
+        return (at - since) / (share - before)
 
-    @property
-    def done(self) -> float:
-        """Share that was done in the part that tells the pace."""
-        return self._words[-1][1] - self._words[0][1] if self._words else 0.0
+    def left(self, now: float) -> float | None:
+        """Seconds that are left of the step; None before two words went on.
+
+        It counts down while no word goes on, and grows again once that is overdue.
+        """
+        if self.seconds is None:
+            return None
+        at, share = self._words[-1]
+        left = self.seconds * (1 - share) - (now - at)
+        return left if left >= 0 else -left * (1 - share) / (share - self._words[0][1])
 
 
 def say(text: str) -> None:

@@ -459,7 +459,7 @@ class Estimate:
             trust = min(max(measured, part / _TRUSTED), 1.0) if seconds is not None else 0.0
             guess = max(usual * self._off(took, expected), at - began)
             whole = trust * (seconds or 0.0) * (1 - first) + (1 - trust) * guess
-            left = whole * (1 - part)
+            left = trust * (self._pace.left(at) or 0.0) + (1 - trust) * guess * (1 - part)
             took, expected = took + part * whole, expected + part * usual
         latest = max((STEPS.index(step) for step in self._began), default=-1)
         ahead = sum(self._expected.get(step, 0.0) for step in STEPS[latest + 1 :])

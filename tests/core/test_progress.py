@@ -56,5 +56,7 @@ def test_the_pace_of_a_step_that_goes_on_is_that_of_what_is_done_now() -> None:
     assert pace.seconds is None, "it may hold what was prepared"
     pace.hear(107.0, 0.8)
     assert pace.seconds == pytest.approx(30), "three for a tenth"
-    pace.hear(108.0, 0.8)
-    assert pace.seconds == pytest.approx(40), "it waits"
+    assert [pace.left(now) for now in (107.0, 110.0, 113.0)] == pytest.approx([6, 3, 0])
+    pace.hear(112.0, 0.8)
+    assert pace.left(110.0) == pytest.approx(3), "that it waits says nothing"
+    assert pace.left(116.0) == pytest.approx(6), "overdue"

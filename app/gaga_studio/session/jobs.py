@@ -316,23 +316,17 @@ class _Delivery(Generic[T]):
         """Estimate of the time left in the present step; None while it is not known.
 
         Goes on at the pace of the last part (`Pace`): a first word that waited for kernels, what a
-        resumed training had behind it and the steps before say nothing. It counts down while no
-        word comes, and grows again once that is overdue.
+        resumed training had behind it and the steps before say nothing.
         """
-        latest = self.latest
+        latest, now = self.latest, time.monotonic()
         if latest is None or latest.total <= 0:
             return None
         if latest.left_s is not None:
-            return max(latest.left_s - (time.monotonic() - self._heard_at), 0.0)
-        pace = self._paces.get(latest.stage)
-        seconds = pace.seconds if pace is not None else None
-        if pace is None or seconds is None or pace.measured_s < _MEASURED_S:
-            return None
-        ahead = 1 - min(latest.done / latest.total, 1.0)
-        if 1 - ahead - pace.first < TELLING * (1 - pace.first):
-            return None
-        left = seconds * ahead - (time.monotonic() - pace.heard_at)
-        return left if left >= 0 else -left * ahead / pace.done
+            return max(latest.left_s - (now - self._heard_at), 0.0)
+        pace = self._paces[latest.stage]
+        done = min(latest.done / latest.total, 1.0) - pace.first
+        is_measured = pace.measured_s >= _MEASURED_S and done >= TELLING * (1 - pace.first)
+        return pace.left(now) if is_measured else None
 
     @property
     def is_of_step(self) -> bool:

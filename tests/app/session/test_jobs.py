@@ -207,6 +207,21 @@ def test_a_first_word_that_waited_does_not_spoil_the_time_left(
     assert told.is_of_step, "a share that begins again is said to be of a step"
 
 
+@pytest.mark.parametrize("known_s", [0.5, 4.0])
+def test_a_step_whose_rest_says_nothing_of_itself_has_no_time_left(
+    known_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """*Simulate* said 2 min 45 s at 20 % for the last ten: the surface was meshed at once, and the
+    search for convex parts said only that it went on."""
+    told, at = _Told(monkeypatch), 0.0
+    for k in range(100):
+        at = known_s * k / 100
+        assert told.hear(at, k / 250, 2) is None
+    while at < 60:
+        at += 0.1
+        assert told.hear(at, 0.4, 2) is None
+
+
 @pytest.mark.parametrize("load", [1 / 3, 1 / 2, 2, 3])
 def test_a_change_of_load_moves_the_time_left_within_seconds_and_without_a_jump(
     load: float, monkeypatch: pytest.MonkeyPatch
