@@ -376,7 +376,7 @@ def export_film(
     return session.jobs.start(
         f"Film {target.name}",
         stages.prepared("Draw", lambda: stage, parts=("window",)) if has_kernels else stage,
-        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
     )
 
 
@@ -398,7 +398,7 @@ def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, v
     return session.jobs.start(
         f"Film {target.name}",
         stages.prepared("Draw", lambda: stage, parts=("window",)),
-        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
     )
 
 
@@ -431,7 +431,9 @@ def save_picture(
     return session.jobs.start(
         f"Save {target.name}",
         stages.prepared("Draw", lambda: stage, parts=("window",)) if painter is None else stage,
-        on_done=lambda path: session.notify(Level.INFO, f"Saved the picture to {path}."),
+        on_done=lambda path: session.notify(
+            Level.INFO, f"Saved the picture to {path}.", shows=path
+        ),
     )
 
 

@@ -48,9 +48,9 @@ class JobRunner:
     """One worker thread at most, one for saves, and one for a quiet job that no user started.
 
     Saves work on values of their own, so they run next to any job, one after the other.
-    ``notify`` gets the sentence when a job fails, and those that it said (`gaga_core.progress.say`)
-    when it is done; a quiet one fails into the log. ``failed`` gets the title of a job and why it
-    failed; ``begins`` the title of one that the user starts.
+    ``notify`` gets the sentence when a job fails or was cancelled, and those that it said
+    (`gaga_core.progress.say`) when it is done; a quiet one fails into the log. ``failed`` gets the
+    title of a job and why it failed; ``begins`` the title of one that the user starts.
     """
 
     def __init__(
@@ -187,7 +187,15 @@ class JobRunner:
             self._next()
 
     def cancel(self) -> None:
-        """Ask the job to stop at its next step; everything stays as it was before it."""
+        """Ask the job to stop at its next step; everything stays as it was before it, which is said
+        when it has ended."""
+        worker = self._worker or self._saver
+        if worker is not None:
+            worker.says_cancelled = True
+            worker.cancel()
+
+    def drop(self) -> None:
+        """Ask the job to stop, without a word: who started it has no more use for it."""
         worker = self._worker or self._saver
         if worker is not None:
             worker.cancel()
@@ -262,6 +270,8 @@ class JobRunner:
                 )
             elif worker.has_value and not worker.is_cancelling:
                 self._deliver(worker)
+            elif worker.says_cancelled:
+                self._notify(Level.HINT, f"Cancelled: {worker.title}.")
         finally:
             worker.delivery.end()
 
@@ -381,6 +391,7 @@ class _Worker(threading.Thread):
         self.delivery = delivery
         self.on_error = on_error
         self.gives_way = False
+        self.says_cancelled = False  # the user asked for it
         self.error: Exception | None = None
         self.said: list[str] = []  # sentences for the user: what readers left out, say
         self.has_value = False

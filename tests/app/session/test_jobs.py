@@ -76,7 +76,12 @@ def test_cancel_closes_the_stage_and_delivers_no_value() -> None:
     assert closed == [True]
     assert ends == [True]
     assert values == []
-    assert said == []
+    assert said == [(Level.HINT, "Cancelled: Count.")]
+    said.clear()
+    runner.start("Count", _count(10_000, 0.001))
+    runner.drop()
+    assert runner.wait(5)
+    assert said == [], "nobody asked for that"
 
 
 def test_error_of_the_user_becomes_its_sentence() -> None:

@@ -84,10 +84,12 @@ def test_what_the_label_says_is_what_the_picture_shows(
         draw(*args)
         seen.extend((viewport.read_pixels().tobytes(), list(said)) for viewport in watched)
 
+    def labelled(text: str, *rest: Any) -> float:
+        said.append(text)
+        return badge(text, *rest)
+
     monkeypatch.setattr(picture_panel, "_on_the_picture", drawn)
-    monkeypatch.setattr(
-        picture_panel, "_badge", lambda text, *rest: (said.append(text), badge(text, *rest))[1]
-    )
+    monkeypatch.setattr(picture_panel, "_badge", labelled)
     labels = {Mode.GROUPS: ["Group colors"], Mode.DEPTH: ["Depth: near is bright"], Mode.COLOR: []}
 
     def walk(d: Driver) -> None:
