@@ -306,7 +306,7 @@ class PhotoFind:
     @property
     def name(self) -> str:
         """Its name."""
-        return (self.photos or self.scene).name
+        return self.scene.name if self.photos is None else _told_name(self.photos)
 
     def seconds(
         self, config: ReconstructConfig, rates: Rates | None = None, kernels_s: float = 0.0
@@ -542,12 +542,31 @@ def _poses_near(source: Path) -> str:
 def scene_of(photos: Path) -> Path:
     """Scene folder for photos or a video that lie outside one, where the user names none.
 
-    Next to them, with "-scene" behind the name; for SCENE/images and SCENE/input it is SCENE.
+    Next to them, with "-scene" behind the name; for SCENE/images and SCENE/input it is SCENE. A
+    folder whose name says nothing, as THING/photos, has that of the folder that it is in; one that
+    was begun under its own stays.
     """
     photos = photos.absolute()
     if photos.is_dir() and photos.name in ("images", ORIGINALS):
         return photos.parent
-    return photos.with_name(f"{photos.stem if photos.is_file() else photos.name}-scene")
+    if photos.is_file():
+        return photos.with_name(f"{photos.stem}-scene")
+    own = photos.with_name(f"{photos.name}-scene")
+    return own if own.is_dir() else photos.with_name(f"{_told_name(photos)}-scene")
+
+
+# What cameras and programs call a folder of photos, whatever they show.
+_SAYS_NOTHING = {
+    "color", "dcim", "frames", "image", "images", "img", "input", "jpg", "jpeg", "photo", "photos",
+    "pictures", "png", "rgb",
+}  # fmt: skip
+
+
+def _told_name(photos: Path) -> str:
+    """The name of a folder of photos, or of a video, or of the folder that says what they show."""
+    folders = (photos.absolute(), *photos.absolute().parents)
+    telling = (one.name for one in folders if one.name.lower() not in _SAYS_NOTHING)
+    return next(filter(None, telling), photos.name)
 
 
 def source_of(path: Path) -> tuple[Path | None, Path]:
