@@ -450,7 +450,7 @@ def test_a_task_is_cancelled_by_its_button(display: str, balls: Path) -> None:
         d.click("**/###Cancel")
         d.settle()
         assert ended == [True]
-        assert d.session.notices == ()
+        assert [notice.text for notice in d.session.notices] == ["Cancelled: Count."]
 
     drive(test, path=balls, size=(1280, 720))
 
