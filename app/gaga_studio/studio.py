@@ -349,7 +349,9 @@ class Studio:
         self._named: tuple[int, ...] | None = None  # state whose names have their glyphs
         self._has_new_letters = False  # what was drawn before is drawn again, at once
         self.never_idle = False  # tests want every frame at once
-        self.picture = ViewportPanel(self._render, self._render_left, window.physical_keys)
+        self.picture = ViewportPanel(
+            self._render, self._render_left, self._mode_drawn, window.physical_keys
+        )
         remembered = WindowOptions(settings_file=paths.home() / "window.ini")
         options = replace(options or remembered, ui_scale=self.session.settings.ui_scale)
         listed = panels(self.session, self.ui, self.picture)
@@ -624,6 +626,9 @@ class Studio:
             whole_s = self.viewport.slices.seconds if frame_s else time.perf_counter() - start
             self._pacing.drew(whole_s * 1000)
         return texture
+
+    def _mode_drawn(self) -> Mode:
+        return self.session.view.mode if self.viewport is None else self.viewport.mode
 
     def _render_left(self, camera: Camera) -> int:
         """The left side of a split view; 0 when it is no drawing of splats."""

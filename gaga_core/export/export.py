@@ -51,13 +51,9 @@ MESH_LOSS = (
 )
 _STANDING = (SplatFormat.GLB, SplatFormat.USD)  # with an axis that is up
 _HEADER = 1500  # bytes before the splats of a file, about
-_SPZ = 0.75  # of its bytes are left when it is packed, about
-# Measured on scans and on random splats, which hardly shrink: bytes of the code books in meta.json,
-# of a splat, and of an SH coefficient in the palette.
-_SOG_LABEL = 1.5  # bytes of a splat's place in the palette of SH, measured
-_SOG_HEAD, _SOG, _SOG_SH = 11_000, 13.5, 0.7
-# The same of a web page, in base64, and of an object with its picture.
-_PAGE_HEAD, _PAGE, _PAGE_SH, _PAGE_OBJECT = 11_000, 19.0, 0.9, 2_600
+# Measured, bytes: of the code books of a SOG and of a page, which do not grow with the splats; of a
+# splat's place in the palette of SH; of an object of a page with its picture.
+_BOOKS, _SOG_LABEL, _PAGE_LABEL, _PAGE_OBJECT = 11_000, 1.5, 2.7, 2_600
 _SPLAT = 32  # bytes of a splat in a .splat
 
 
@@ -395,19 +391,30 @@ def slug(name: str) -> str:
 _SAMPLE, _PIECE = 16_000, 500  # splats, 40 ms; of so many in a row, as neighbours are alike
 
 
+PACKED = (SplatFormat.SPZ, SplatFormat.SPZ4, SplatFormat.SOG, SplatFormat.HTML)
+
+
 def sampled_bytes(
-    gaussians: Gaussians, splats: IntArray, n: int, options: ExportOptions, form: SplatFormat
+    gaussians: Gaussians,
+    splats: IntArray,
+    n: int,
+    options: ExportOptions,
+    form: SplatFormat,
+    n_objects: int = 0,
 ) -> int:
-    """About how large an .spz or .sog of ``n`` splats like ``splats`` (K,) is: some are written.
+    """About how large a file of ``n`` splats like ``splats`` (K,) is, in a form of `PACKED`: some
+    are written.
 
     How well its numbers are packed depends on the scene: three times as well where most splats
-    look the same from every side.
+    look the same from every side. ``n_objects``: how many a web page lists, with a picture each.
     """
     if len(splats) == 0:
         return 0
     pieces = np.array_split(splats, max(1, len(splats) // _PIECE))
     some = np.concatenate(pieces[:: max(1, len(splats) // _SAMPLE)])
     placed = options.applied(gaussians.take(some), np.zeros(3))
+    is_page = form is SplatFormat.HTML
+    fixed = {SplatFormat.SOG: _BOOKS, SplatFormat.HTML: viewer_bytes() + _BOOKS}.get(form, 0)
     with tempfile.TemporaryDirectory() as folder:
 
         def size(what: Gaussians) -> int:
@@ -415,22 +422,20 @@ def sampled_bytes(
             run_stage(write_splats_stage(path, what, form))
             return path.stat().st_size
 
-        if form is SplatFormat.SPZ or placed.sh_degree == 0:
-            return round(size(placed) * n / len(some))
-        # The palette of SH has as many rows as there are splats, but no more than PALETTE.
-        plain = size(replace(placed, sh=placed.sh[:, :1]))
-        rows = size(placed) - plain - _SOG_LABEL * len(some)
-        shown = _SOG_LABEL * n + rows * min(n, PALETTE) / min(len(some), PALETTE)
-        return round(plain * n / len(some) + shown)
+        if fixed == 0 or placed.sh_degree == 0:
+            shown, plain = 0.0, size(placed)
+        else:  # the palette of SH has as many rows as there are splats, but no more than PALETTE
+            label = _PAGE_LABEL if is_page else _SOG_LABEL
+            plain = size(replace(placed, sh=placed.sh[:, :1]))
+            rows = size(placed) - plain - label * len(some)
+            shown = label * n + rows * min(n, PALETTE) / min(len(some), PALETTE)
+        listed = _PAGE_OBJECT * n_objects if is_page else 0
+        return round(fixed + max(plain - fixed, 0) * n / len(some) + shown + listed)
 
 
-def estimated_bytes(
-    gaussians: Gaussians, n: int, form: SplatFormat, sh_degree: int, n_objects: int = 0
-) -> int:
-    """About how large a file with ``n`` splats like ``gaussians`` is, at ``sh_degree``.
-
-    ``n_objects``: how many a web page lists, with a picture each.
-    """
+def estimated_bytes(gaussians: Gaussians, n: int, form: SplatFormat, sh_degree: int) -> int:
+    """How large a file with ``n`` splats like ``gaussians`` is, at ``sh_degree``, in a form whose
+    splats take the same bytes each."""
     n_rest = 3 * ((sh_degree + 1) ** 2 - 1)
     if form is SplatFormat.SPLAT:
         return n * _SPLAT
@@ -438,14 +443,7 @@ def estimated_bytes(
         return _HEADER + n * (16 + n_rest) + -(-n // 256) * 72
     if form is SplatFormat.PLY:
         extra = sum(c.nbytes // max(len(c), 1) for c in gaussians.extra.values())
+        extra += 4 * len({"nx", "ny", "nz"} - {*gaussians.extra})  # normals that are 0
         return _HEADER + n * (4 * (14 + n_rest) + extra)
-    if form in _STANDING:
-        shown = 4 if form is SplatFormat.GLB else 0  # COLOR_0, for viewers without the extension
-        return _HEADER + 4 * n * (11 + 3 + n_rest + shown)
-    if form is SplatFormat.HTML:
-        sh = (_PAGE_SH * n_rest * min(n, PALETTE) + 2.7 * n) if n_rest else 0
-        return round(viewer_bytes() + _PAGE_HEAD + _PAGE * n + sh + _PAGE_OBJECT * n_objects)
-    if form is SplatFormat.SOG:
-        sh = 5_500 + 1.5 * n + _SOG_SH * n_rest * min(n, PALETTE) if n_rest else 0
-        return round(_SOG_HEAD + _SOG * n + sh)
-    return round(_SPZ * n * (9 + 1 + 3 + 3 + 4 + n_rest))
+    shown = 4 if form is SplatFormat.GLB else 0  # COLOR_0, for viewers without the extension
+    return _HEADER + 4 * n * (11 + 3 + n_rest + shown)

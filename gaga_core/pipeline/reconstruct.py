@@ -57,7 +57,7 @@ from gaga_core.placing.photos import (
 from gaga_core.placing.recordings import is_recording, look_at_recording
 from gaga_core.placing.undistort import ORIGINALS
 from gaga_core.placing.video import expected_frames
-from gaga_core.progress import Pace, Progress, Stage
+from gaga_core.progress import RECENT_S, TELLING, Pace, Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.project import PROJECT_FILE, meant_in
@@ -273,8 +273,9 @@ _RATES = {
 }  # fmt: skip
 _LEARNED = 0.5  # weight of the newest run in a rate that is kept
 _MOST_OFF = 20.0  # factor: a rate that is off by more was measured while something else was wrong
-_TRUSTED = 0.3  # share of a step from which on its own rate is trusted more than what was expected
-_TELLING = 0.05  # share of all that is done until it tells what is to come
+# Share of a step from which on its own rate is trusted more than what was expected, where it was
+# not measured for `RECENT_S` before.
+_TRUSTED = 0.3
 # Of what a run is off where earlier ones are known, in logarithms: what later steps share with it,
 # a slower machine; the rest is of these photos. On fox, demo and sceaux the time left is off by 1.5
 # times at most; at 0.3 by 1.7, at 1 by 3.
@@ -305,7 +306,7 @@ class PhotoFind:
     @property
     def name(self) -> str:
         """Its name."""
-        return (self.photos or self.scene).name
+        return self.scene.name if self.photos is None else _told_name(self.photos)
 
     def seconds(
         self, config: ReconstructConfig, rates: Rates | None = None, kernels_s: float = 0.0
@@ -431,7 +432,7 @@ class Estimate:
         self._end_step(self._clock())
         result = dict(self._known)
         for step, seconds in self._took.items():
-            if done[step] < _TELLING:
+            if done[step] < TELLING:
                 continue
             before = self._known.get(step, 1.0)
             measured = seconds * before / max(self._expected[step] * done[step], 1e-6)
@@ -454,10 +455,11 @@ class Estimate:
             seconds = self._pace.seconds
             part = (share - first) / max(1 - first, 1e-9)
             usual = self._expected[self._now]
-            trust = min(part / _TRUSTED, 1.0) if seconds is not None else 0.0
+            measured = min(self._pace.measured_s / RECENT_S, part / TELLING)
+            trust = min(max(measured, part / _TRUSTED), 1.0) if seconds is not None else 0.0
             guess = max(usual * self._off(took, expected), at - began)
             whole = trust * (seconds or 0.0) * (1 - first) + (1 - trust) * guess
-            left = whole * (1 - part)
+            left = trust * (self._pace.left(at) or 0.0) + (1 - trust) * guess * (1 - part)
             took, expected = took + part * whole, expected + part * usual
         latest = max((STEPS.index(step) for step in self._began), default=-1)
         ahead = sum(self._expected.get(step, 0.0) for step in STEPS[latest + 1 :])
@@ -467,7 +469,7 @@ class Estimate:
         """By how much what is to come is off, after ``expected`` seconds that ``took`` others."""
         if expected <= 0:
             return 1.0
-        weight = min(expected / (_TELLING * sum(self._expected.values())), 1.0)
+        weight = min(expected / (TELLING * sum(self._expected.values())), 1.0)
         off = min(max(took / expected, 1 / _MOST_OFF), _MOST_OFF)
         return float(off ** (weight * (_SHARED if self._known else 1.0)))
 
@@ -540,12 +542,31 @@ def _poses_near(source: Path) -> str:
 def scene_of(photos: Path) -> Path:
     """Scene folder for photos or a video that lie outside one, where the user names none.
 
-    Next to them, with "-scene" behind the name; for SCENE/images and SCENE/input it is SCENE.
+    Next to them, with "-scene" behind the name; for SCENE/images and SCENE/input it is SCENE. A
+    folder whose name says nothing, as THING/photos, has that of the folder that it is in; one that
+    was begun under its own stays.
     """
     photos = photos.absolute()
     if photos.is_dir() and photos.name in ("images", ORIGINALS):
         return photos.parent
-    return photos.with_name(f"{photos.stem if photos.is_file() else photos.name}-scene")
+    if photos.is_file():
+        return photos.with_name(f"{photos.stem}-scene")
+    own = photos.with_name(f"{photos.name}-scene")
+    return own if own.is_dir() else photos.with_name(f"{_told_name(photos)}-scene")
+
+
+# What cameras and programs call a folder of photos, whatever they show.
+_SAYS_NOTHING = {
+    "color", "dcim", "frames", "image", "images", "img", "input", "jpg", "jpeg", "photo", "photos",
+    "pictures", "png", "rgb",
+}  # fmt: skip
+
+
+def _told_name(photos: Path) -> str:
+    """The name of a folder of photos, or of a video, or of the folder that says what they show."""
+    folders = (photos.absolute(), *photos.absolute().parents)
+    telling = (one.name for one in folders if one.name.lower() not in _SAYS_NOTHING)
+    return next(filter(None, telling), photos.name)
 
 
 def source_of(path: Path) -> tuple[Path | None, Path]:

@@ -54,7 +54,7 @@ def _work(folder: Path) -> None:
     took: dict[str, tuple[float, float]] = {}
 
     def test(driver: Driver) -> None:
-        session, scene = driver.session, folder / "photos-scene"
+        session, scene = driver.session, folder / f"{folder.name}-scene"
         driver.on_main(lambda: session.open(folder / "photos"))
         driver.until(lambda: session.photos is not None, "the photos are found")
         plan = reconstruction.ReconstructionPlan(ReconstructConfig(), scene)

@@ -211,7 +211,7 @@ def close_reduce_plan(session: Session, plan: ReducePlan) -> None:
         return
     plan.asked = None
     if is_estimating(session):
-        session.jobs.cancel()
+        session.jobs.drop()
 
 
 def is_estimating(session: Session) -> bool:
@@ -283,7 +283,7 @@ def start_reducing(session: Session, plan: ReducePlan) -> None:
         return
     if session.jobs.running is not None:
         plan.starts = True  # when the estimate has stopped
-        session.jobs.cancel()
+        session.jobs.drop()
         return
     document = session.need()
     scene, views, chosen = _snapshot(session, plan)

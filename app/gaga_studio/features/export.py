@@ -13,6 +13,7 @@ from gaga_core.errors import GagaError
 from gaga_core.evaluate.photo_film import PhotoFilmConfig, photo_film_stage
 from gaga_core.export.cameras import CameraForm, estimated_camera_bytes, export_cameras
 from gaga_core.export.export import (
+    PACKED,
     MeshExport,
     MeshForm,
     estimated_bytes,
@@ -183,10 +184,11 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
         degree = min(degree, options.sh_degree)
     n_splats = options.count(len(splats))
     n_listed = len(np.unique(scene.labels[splats])) if plan.form is SplatFormat.HTML else 0
-    if plan.form in (SplatFormat.SPZ, SplatFormat.SOG):
-        n_bytes = sampled_bytes(scene.gaussians, splats, n_splats, options, plan.form)
+    if plan.form in PACKED:
+        sample = scene.gaussians, splats, n_splats, options, plan.form
+        n_bytes = sampled_bytes(*sample, n_listed)
     else:
-        n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree, n_listed)
+        n_bytes = estimated_bytes(scene.gaussians, n_splats, plan.form, degree)
     if n_splats < len(splats):
         lost = ("Neighbours are merged; the loss is measured afterwards.", *lost)
     return ExportSummary(n_splats, n_files, n_bytes, lost)
@@ -376,7 +378,7 @@ def export_film(
     return session.jobs.start(
         f"Film {target.name}",
         stages.prepared("Draw", lambda: stage, parts=("window",)) if has_kernels else stage,
-        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
     )
 
 
@@ -398,7 +400,7 @@ def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, v
     return session.jobs.start(
         f"Film {target.name}",
         stages.prepared("Draw", lambda: stage, parts=("window",)),
-        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}."),
+        on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
     )
 
 
@@ -431,7 +433,9 @@ def save_picture(
     return session.jobs.start(
         f"Save {target.name}",
         stages.prepared("Draw", lambda: stage, parts=("window",)) if painter is None else stage,
-        on_done=lambda path: session.notify(Level.INFO, f"Saved the picture to {path}."),
+        on_done=lambda path: session.notify(
+            Level.INFO, f"Saved the picture to {path}.", shows=path
+        ),
     )
 
 

@@ -225,7 +225,7 @@ def stop_here(session: Session) -> None:
     """End the training; what is there becomes the scene, and the training can go on later."""
     if session.training is not None:
         session.training.keeps = True
-        session.jobs.cancel()
+        session.jobs.drop()
 
 
 class StoppedTraining:

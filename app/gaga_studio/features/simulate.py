@@ -6,6 +6,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from gaga_core.export.simulation.export import (
 from gaga_core.export.simulation.falling import fall
 from gaga_core.export.simulation.settings import SimulationConfig
 from gaga_core.export.solids import MeshConfig
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
@@ -35,7 +36,8 @@ from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 
 COMMAND = "object.simulate"
-_TITLE = "Simulate"
+_TITLE, PREPARES = "Simulate", "Prepare bodies"
+_READY = "The bodies are ready. Hold to simulate, and they fall at once."
 _FRAME = 1 / 30  # s between the places that are shown
 _MOST_SECONDS = 60.0  # of falling
 _STILL, _REST_S = 1e-5, 0.5  # change of places between two frames, and for how long: at rest
@@ -51,6 +53,7 @@ class SimulateState:
 
     is_held: bool = False  # its worker reads it
     is_falling: bool = False  # the bodies are made, and something was shown
+    runs: object = None  # the groups, and the state of the scene, that its worker is for
 
 
 def state_of(session: Session) -> SimulateState | None:
@@ -66,76 +69,118 @@ def not_possible(session: Session) -> str:
     return no_groups(session) or busy(session)
 
 
+def label(session: Session) -> str:
+    """What the button says: how far its bodies are, after it was let go before they were made."""
+    state, job = state_of(session), session.jobs.running
+    is_prepared = state is None or state.runs is None or state.is_falling
+    if is_prepared or job is None or job.title != PREPARES:
+        return "Hold to simulate"
+    return f"{PREPARES} {100 * max(job.fraction, 0.0):.0f} %"
+
+
 @notifies
 def start(session: Session) -> bool:
     """Let the selected objects fall, else all but the background, until `stop`.
 
-    The bodies are those whose parts were shown, or that fell before, if they are still right.
+    The bodies are those whose parts were shown, that fell before, or that are being made since it
+    was held before, if they are still right. Else they are made first, also when it is let go.
     """
     for name in ("manifold3d", "coacd", "mujoco"):
         library(name)
-    document = session.need()
-    scene, state = document.settled().scene, document.feature(SimulateState)
-    groups = session.selected_groups()
+    state = session.need().feature(SimulateState)
+    wanted = session.selected_groups(), _moves(session.need().settled().scene)
+    if state.runs == wanted:
+        state.is_held = True  # its worker goes on to the fall
+        return True
+    return _run(session, wanted)
+
+
+def _run(session: Session, wanted: tuple[tuple[int, ...], object]) -> bool:
+    """Start the worker for ``wanted``: groups, none for all, and what the scene is."""
+    document, (groups, moves) = session.need(), wanted
+    scene, state = document.scene, document.feature(SimulateState)
     how = _placed(session, SimulationExport(config=_CONFIG, mesh=_MESH))
     rows = {int(g): group_indices(scene, int(g)) for g in np.unique(scene.labels) if g > 0}
-    state.is_held, state.is_falling = True, False
     bodies = document.feature(PartsState)
-    is_right = bodies.groups == tuple(groups) and bodies.moves == _moves(scene)
-    world = bodies.world if is_right else None
+    world = bodies.world if (bodies.groups, bodies.moves) == wanted else None
     place = upright_place(how.up, how.scale)
+    making = mapped(world_stage(scene, how, groups or None), partial(replace, stage=PREPARES))
 
     def stage() -> Stage[Motions]:
         nonlocal world
-        world = world or (yield from world_stage(scene, how, groups or None))
-        motions, begin = Motions(), time.monotonic()
-        first: DoubleArray | None = None
-        former, n_still = np.zeros(0), 0
-        for k, places in enumerate(fall(world, _MOST_SECONDS, _FRAME)):
-            n_still = n_still + 1 if k and np.abs(places - former).max() < _STILL else 0
-            first, former = (places if first is None else first), places
-            motions = [
-                (body.id, np.linalg.inv(place) @ now @ np.linalg.inv(then) @ place)
-                for body, now, then in zip(world.bodies, places, first, strict=True)
-            ]
-            yield Progress(_TITLE, 0, 0, payload=motions)
-            if not state.is_held or n_still * _FRAME > _REST_S:
-                break
-            time.sleep(max(0.0, begin + k * _FRAME - time.monotonic()))  # as fast as it is
-        return motions
+        world = world or (yield from stages.prepared(PREPARES, lambda: making, parts=("window",)))
+        return (yield from _fall_stage(world, place, state))
+
+    def is_right() -> bool:
+        return session.document is document and _moves(document.scene) == moves
 
     def show(motions: object) -> None:
-        if session.document is document and isinstance(motions, list):
+        if isinstance(motions, list) and (state.is_falling or is_right()):
             state.is_falling = True
-            moves = [(rows[group], matrix[:3]) for group, matrix in motions]
-            document.preview_with(lambda now: edits.transform_each(now, moves, _TITLE))
+            moved = [(rows[group], matrix[:3]) for group, matrix in motions]
+            document.preview_with(lambda now: edits.transform_each(now, moved, _TITLE))
 
-    def keep(motions: Motions) -> None:
-        show(motions)
-        if session.document is document and world is not None:
+    def done(motions: Motions) -> None:
+        assert world is not None  # it is what was made
+        if motions:
+            show(motions)
+        if state.is_falling and session.document is document:
             document.commit_preview()
-            bodies.keep_fallen(world, tuple(groups), motions, place)
-            bodies.moves = _moves(document.scene)
+            bodies.keep_fallen(world, groups, motions, place, _moves(document.scene))
+        elif is_right():
+            bodies.keep(world, *wanted)
+            if not state.is_held:
+                session.notify(Level.INFO, _READY)
 
     def end() -> None:
+        if state.runs is not wanted:  # another one has begun
+            return
         if session.document is document and state.is_falling:
             document.cancel_preview()  # of one that failed; else nothing is shown any more
-        state.is_held = state.is_falling = False
+        is_held_again = state.is_held and not state.is_falling and bodies.world is world
+        state.is_held, state.is_falling, state.runs = False, False, None
+        if is_held_again and is_right() and world is not None:
+            start(session)
 
-    started = session.jobs.start(_TITLE, stage(), show, keep, end)
-    state.is_held = started
+    title, is_made = (PREPARES, False) if world is None else (_TITLE, True)
+    before = state.runs
+    state.is_held, state.is_falling, state.runs = True, False, wanted
+    started = session.jobs.start(title, stage(), show, done, end, gives_way=not is_made)
+    if not started:
+        state.is_held, state.runs = False, before
     return started
 
 
+def _fall_stage(world: World, place: DoubleArray, state: SimulateState) -> Stage[Motions]:
+    """Let ``world`` fall while it is held; returns how its bodies moved, in the scene, whose map to
+    the world is ``place`` (4, 4)."""
+    motions, begin = Motions(), time.monotonic()
+    if not state.is_held:
+        return motions
+    first: DoubleArray | None = None
+    former, n_still = np.zeros(0), 0
+    for k, places in enumerate(fall(world, _MOST_SECONDS, _FRAME)):
+        n_still = n_still + 1 if k and np.abs(places - former).max() < _STILL else 0
+        first, former = (places if first is None else first), places
+        motions = [
+            (body.id, np.linalg.inv(place) @ now @ np.linalg.inv(then) @ place)
+            for body, now, then in zip(world.bodies, places, first, strict=True)
+        ]
+        yield Progress(_TITLE, 0, 0, payload=motions)
+        if not state.is_held or n_still * _FRAME > _REST_S:
+            break
+        time.sleep(max(0.0, begin + k * _FRAME - time.monotonic()))  # as fast as it is
+    return motions
+
+
 def stop(session: Session) -> bool:
-    """End it: where the objects are now is one edit."""
+    """End it: where the objects are now is one edit. Bodies that are not ready go on being made."""
     state = state_of(session)
     if state is None or not state.is_held:
         return False
     state.is_held = False
     if not state.is_falling:
-        session.jobs.cancel()
-        session.notify(Level.HINT, "The bodies were not ready yet. Hold it until they fall.")
+        session.notify(Level.HINT, "The bodies are being prepared: hold it again when they are.")
     return True
 
 
@@ -162,8 +207,19 @@ class PartsState:
     parts: IntArray | None = None  # (E,) which part each is of
     moves: object = None  # revisions of the scene that they are right for
 
+    def keep(self, world: World, groups: tuple[int, ...], moves: object) -> None:
+        """Hold bodies that were made."""
+        self.edges = None if self.world is not world else self.edges
+        self.world, self.groups, self.moves = world, groups, moves
+        self.key = None  # an export makes them of what the scene is now
+
     def keep_fallen(
-        self, world: World, groups: tuple[int, ...], motions: Motions, place: DoubleArray
+        self,
+        world: World,
+        groups: tuple[int, ...],
+        motions: Motions,
+        place: DoubleArray,
+        moves: object,
     ) -> None:
         """Hold the bodies where ``motions`` brought them; ``place`` (4, 4): of their world."""
         fallen = []
@@ -171,11 +227,11 @@ class PartsState:
             turned = place @ motion @ np.linalg.inv(place)
             position = turned[:3, :3] @ body.position + turned[:3, 3]
             fallen.append(replace(body, position=position, turn=turned[:3, :3] @ body.turn))
-        self.edges = None if self.world is not world else self.edges
-        self.world, self.groups = replace(world, bodies=tuple(fallen)), groups
-        self.key = None  # an export makes them of what the scene is now
-        if self.edges is not None:
-            self.edges, self.parts = part_edges(self.world, np.linalg.inv(place))
+        had_edges = self.edges is not None and self.world is world
+        now = replace(world, bodies=tuple(fallen))
+        self.keep(now, groups, moves)
+        if had_edges:
+            self.edges, self.parts = part_edges(now, np.linalg.inv(place))
 
 
 def _placed(session: Session, how: SimulationExport) -> SimulationExport:

@@ -138,6 +138,7 @@ class Viewport:
         self._drawn: tuple[object, ...] = ()  # what the picture shows
         self._parts: Generator[str, None, None] | None = None  # a picture that is begun
         self._begun: tuple[object, ...] = ()  # what it will show
+        self._begun_mode = self.mode = Mode.COLOR  # whose colors it, and the picture, are in
         self._is_draft = False
         self._is_current = True  # the picture shows what was asked for last
         self._tree: LodTree | None = None  # of the scene
@@ -207,6 +208,7 @@ class Viewport:
             if self._parts is None or wanted != self._begun:
                 self._is_draft = is_draft
                 self._parts, self._begun = self._render(camera, view, overlays), wanted
+                self._begun_mode = view.mode
                 n_pixels = camera.width * camera.height * view.resolution_scale**2
                 self.slices.begin(max(round(n_pixels), 1))
             self._go_on(frame_s)
@@ -363,7 +365,7 @@ class Viewport:
                     break
         slices.leave(start, is_done=is_done)
         if is_done:
-            self._parts, self._drawn = None, self._begun
+            self._parts, self._drawn, self.mode = None, self._begun, self._begun_mode
             self.n_draws += self._order is not None  # before the first order it is empty
 
     def _render(

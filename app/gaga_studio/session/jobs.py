@@ -7,6 +7,7 @@ which the main thread calls every frame.
 """
 
 import logging
+import math
 import os
 import threading
 import time
@@ -18,14 +19,16 @@ from typing import Generic, TypeVar
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_core.progress import Pace, Progress, Stage, heard
+from gaga_core.progress import TELLING, Pace, Progress, Stage, heard
 from gaga_studio.session.notices import Level
 
 T = TypeVar("T")
 Notify = Callable[[Level, str], None]
 _LOG = logging.getLogger(__name__)
 _QUIET_STEP_S = 60.0  # longest step of a quiet job: seconds of compiling, on a busy machine
-_LEAST_FOR_ETA = 0.03  # below this share of what was left at first a rate is no estimate
+# For how long a rate is measured before it is said, and in how many seconds what is said follows
+# two thirds of a change: as long as a person needs to read it, about.
+_MEASURED_S, _FOLLOWS_S = 5.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -45,9 +48,9 @@ class JobRunner:
     """One worker thread at most, one for saves, and one for a quiet job that no user started.
 
     Saves work on values of their own, so they run next to any job, one after the other.
-    ``notify`` gets the sentence when a job fails, and those that it said (`gaga_core.progress.say`)
-    when it is done; a quiet one fails into the log. ``failed`` gets the title of a job and why it
-    failed; ``begins`` the title of one that the user starts.
+    ``notify`` gets the sentence when a job fails or was cancelled, and those that it said
+    (`gaga_core.progress.say`) when it is done; a quiet one fails into the log. ``failed`` gets the
+    title of a job and why it failed; ``begins`` the title of one that the user starts.
     """
 
     def __init__(
@@ -184,7 +187,15 @@ class JobRunner:
             self._next()
 
     def cancel(self) -> None:
-        """Ask the job to stop at its next step; everything stays as it was before it."""
+        """Ask the job to stop at its next step; everything stays as it was before it, which is said
+        when it has ended."""
+        worker = self._worker or self._saver
+        if worker is not None:
+            worker.says_cancelled = True
+            worker.cancel()
+
+    def drop(self) -> None:
+        """Ask the job to stop, without a word: who started it has no more use for it."""
         worker = self._worker or self._saver
         if worker is not None:
             worker.cancel()
@@ -259,6 +270,8 @@ class JobRunner:
                 )
             elif worker.has_value and not worker.is_cancelling:
                 self._deliver(worker)
+            elif worker.says_cancelled:
+                self._notify(Level.HINT, f"Cancelled: {worker.title}.")
         finally:
             worker.delivery.end()
 
@@ -290,30 +303,40 @@ class _Delivery(Generic[T]):
         self._value: T | None = None
         self._payload: object = None
         self.latest: Progress | None = None
+        self._heard_at = 0.0  # time of the newest word
+        self._said: tuple[float, float] | None = None  # when, and how many seconds were left
         self._paces: dict[str, Pace] = {}  # of the steps that have a share
         self._steps: set[str] = set()  # those that were named, with a share or without
 
     def seconds_left(self) -> float | None:
+        """Seconds left, as the user reads them: None until enough is measured; they count down, and
+        what they are wrong by is made good within seconds, without a jump."""
+        now, left = time.monotonic(), self._measured_left()
+        if left is None:
+            self._said = None
+            return None
+        if self._said is not None:
+            at, before = self._said
+            expected = max(before - (now - at), 0.0)
+            left = expected + (left - expected) * (1 - math.exp(-(now - at) / _FOLLOWS_S))
+        self._said = now, left
+        return left
+
+    def _measured_left(self) -> float | None:
         """Estimate of the time left in the present step; None while it is not known.
 
         Goes on at the pace of the last part (`Pace`): a first word that waited for kernels, what a
-        resumed training had behind it and the steps before say nothing. It counts down while no
-        word comes, and grows again once that is overdue.
+        resumed training had behind it and the steps before say nothing.
         """
-        latest = self.latest
+        latest, now = self.latest, time.monotonic()
         if latest is None or latest.total <= 0:
             return None
         if latest.left_s is not None:
-            return latest.left_s
-        pace = self._paces.get(latest.stage)
-        seconds = pace.seconds if pace is not None else None
-        if pace is None or seconds is None:
-            return None
-        ahead = 1 - min(latest.done / latest.total, 1.0)
-        if 1 - ahead - pace.first < _LEAST_FOR_ETA * (1 - pace.first):
-            return None
-        left = seconds * ahead - (time.monotonic() - pace.heard_at)
-        return left if left >= 0 else -left * ahead / pace.done
+            return max(latest.left_s - (now - self._heard_at), 0.0)
+        pace = self._paces[latest.stage]
+        done = min(latest.done / latest.total, 1.0) - pace.first
+        is_measured = pace.measured_s >= _MEASURED_S and done >= TELLING * (1 - pace.first)
+        return pace.left(now) if is_measured else None
 
     @property
     def is_of_step(self) -> bool:
@@ -330,9 +353,10 @@ class _Delivery(Generic[T]):
         if progress.payload is not None:
             self._payload = progress.payload
         self._steps.add(progress.stage)
+        self._heard_at = time.monotonic()
         if progress.total > 0:
             pace = self._paces.setdefault(progress.stage, Pace())
-            pace.hear(time.monotonic(), progress.done / progress.total)
+            pace.hear(self._heard_at, progress.done / progress.total)
         self.latest = progress
         return True
 
@@ -367,6 +391,7 @@ class _Worker(threading.Thread):
         self.delivery = delivery
         self.on_error = on_error
         self.gives_way = False
+        self.says_cancelled = False  # the user asked for it
         self.error: Exception | None = None
         self.said: list[str] = []  # sentences for the user: what readers left out, say
         self.has_value = False

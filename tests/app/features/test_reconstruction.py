@@ -323,6 +323,25 @@ def test_what_a_path_means(tmp_path: Path) -> None:
     assert look_at_photos(tmp_path) is None
 
 
+@pytest.mark.parametrize("name", ["photos", "Photos", "rgb", "DCIM", "frames"])
+@pytest.mark.parametrize("between", [(), ("input",)])
+def test_a_folder_whose_name_says_nothing_has_that_of_what_it_is_in(
+    name: str, between: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Every scene was "photos-scene", in the title, among the recent ones and in exports."""
+    folder = tmp_path.joinpath("tankard", *between, name)
+    write_photos(folder, 3)
+    found = look_at_photos(folder)
+    assert found is not None
+    assert found.name == "tankard"
+    assert found.scene == folder.parent / "tankard-scene"
+    begun = folder.parent / f"{name}-scene"
+    begun.mkdir()
+    again = look_at_photos(folder)
+    assert again is not None
+    assert again.scene == begun, "it was begun under its own name"
+
+
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_too_few_photos_say_what_is_missing(
     new_session: Callable[[], Session], tmp_path: Path, n: int

@@ -3,6 +3,7 @@
 import gzip
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +18,10 @@ from gaga_studio.features import camera, commands, export, selection
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.find.memory_bank import Timeline
+from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.notices import Level
 from gaga_studio.session.view import CentreColors, Mode, PhotoCompareMode, Side, SplatLook
+from gaga_studio.ui.viewport import viewport as picture_panel
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import random_gaussians
@@ -64,6 +67,50 @@ def test_modes_look_background_and_a_motion(
         assert pacing.is_settled
         d.drag_picture((260, 150), (-60, 0), 2)
         assert np.abs(d.pixels().astype(int) - full).mean() < 1  # full again, as before
+
+    drive(walk, path=grouped_scene)
+
+
+def test_what_the_label_says_is_what_the_picture_shows(
+    display: str, grouped_scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ "Group colors" stood over the scene's own while a slow machine still drew the groups."""
+    said, seen = list[str](), list[tuple[bytes, list[str]]]()
+    draw, badge = picture_panel._on_the_picture, picture_panel._badge
+    watched: list[Viewport] = []
+
+    def drawn(*args: Any) -> None:
+        said.clear()
+        draw(*args)
+        seen.extend((viewport.read_pixels().tobytes(), list(said)) for viewport in watched)
+
+    def labelled(text: str, *rest: Any) -> float:
+        said.append(text)
+        return badge(text, *rest)
+
+    monkeypatch.setattr(picture_panel, "_on_the_picture", drawn)
+    monkeypatch.setattr(picture_panel, "_badge", labelled)
+    labels = {Mode.GROUPS: ["Group colors"], Mode.DEPTH: ["Depth: near is bright"], Mode.COLOR: []}
+
+    def walk(d: Driver) -> None:
+        viewport = d.studio.viewport
+        assert viewport is not None
+        pictures = dict[bytes, list[str]]()
+        for mode, label in labels.items():
+            d.session.view.mode = mode
+            pictures[d.pixels().tobytes()] = label
+        assert len(pictures) == len(labels)
+        with monkeypatch.context() as slow, d.looking():
+            slow.setattr(viewport.slices, "is_over", lambda: True)  # one part a frame
+            watched.append(viewport)
+            for mode in labels:
+                d.session.view.mode = mode
+                d.settle()
+            watched.clear()
+        known = [(pictures[picture], label) for picture, label in seen if picture in pictures]
+        assert len(known) > len(labels)
+        for of_picture, label in known:
+            assert label == of_picture
 
     drive(walk, path=grouped_scene)
 

@@ -12,6 +12,7 @@ from functools import partial
 from itertools import product
 from pathlib import Path
 from threading import Event
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.system import paths
-from gaga_studio.ui.chrome import menu, toolbar
+from gaga_studio.ui.chrome import menu, toasts, toolbar
 from gaga_studio.ui.dialogs import files, sheets
 from gaga_studio.ui.kit import icons, widgets
 from gaga_studio.ui.kit.textures import groups_of_view
@@ -157,6 +158,30 @@ def test_a_bad_file_is_a_notice_and_what_is_open_stays(
         d.settle()
         assert d.session.scene is not before
         assert not d.session.notices, "the error does not stay over what was opened"
+
+    drive(test, path=balls)
+
+
+def test_what_a_task_says_under_a_sheet_is_there_when_it_closes(
+    display: str, balls: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What labelled data had made was said behind a sheet, and gone when that closed."""
+    now = [time.monotonic()]
+    monkeypatch.setattr(toasts, "time", SimpleNamespace(monotonic=lambda: now[0]))
+
+    def test(d: Driver) -> None:
+        d.command("Preferences")
+        d.frames(4)
+        d.session.notify(Level.INFO, "8 labelled pictures.", shows=tmp_path)
+        for _ in range(3):
+            now[0] += 50
+            d.frames(3)
+        d.keys(KEY.escape)
+        d.frames(4)
+        assert d.exists("Notice 0/###Show in folder")
+        now[0] += 50
+        d.frames(3)
+        assert not d.exists("Notice 0/###Show in folder"), "it was in sight for long enough"
 
     drive(test, path=balls)
 
@@ -425,7 +450,7 @@ def test_a_task_is_cancelled_by_its_button(display: str, balls: Path) -> None:
         d.click("**/###Cancel")
         d.settle()
         assert ended == [True]
-        assert d.session.notices == ()
+        assert [notice.text for notice in d.session.notices] == ["Cancelled: Count."]
 
     drive(test, path=balls, size=(1280, 720))
 

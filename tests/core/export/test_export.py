@@ -11,6 +11,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.export.export import (
+    PACKED,
     MeshExport,
     MeshForm,
     export_objects_stage,
@@ -271,17 +272,22 @@ def test_a_glb_stands_upright_and_all_of_an_object_lies_in_one_frame(tmp_path: P
     assert np.array_equal(read_splats(tmp_path / "a.ply").means, cone.means)
 
 
-@pytest.mark.parametrize("form", [SplatFormat.SPZ, SplatFormat.SOG])
-def test_what_is_said_of_the_size_of_a_file_is_its_size(tmp_path: Path, form: SplatFormat) -> None:
-    """Whether most of its colors are the same from every side or not."""
+@pytest.mark.parametrize("form", PACKED)
+@pytest.mark.parametrize("n_objects", [1, 12])
+def test_what_is_said_of_the_size_of_a_file_is_its_size(
+    tmp_path: Path, form: SplatFormat, n_objects: int
+) -> None:
+    """Whether most of its colors are the same from every side or not, and whatever is listed; a web
+    page was said to be one and a half times as large."""
     some = walk_scene(60_000, sh_degree=2).gaussians
     plain = some.sh.copy()
     plain[:, 1:] = 0
+    labels = np.arange(len(some), dtype=np.int32) // 500 % n_objects + 1
     for splats in (some, replace(some, sh=plain)):
         rows = np.arange(len(splats), dtype=np.int32)
         path = tmp_path / f"a{form.suffix}"
-        run_stage(export_scene_stage(Scene.of(splats), path))
-        said = sampled_bytes(splats, rows, len(rows), ExportOptions(), form)
+        run_stage(export_scene_stage(Scene.of(splats, labels), path, form=form))
+        said = sampled_bytes(splats, rows, len(rows), ExportOptions(), form, n_objects)
         assert said == pytest.approx(path.stat().st_size, rel=0.2)
 
 

@@ -117,7 +117,7 @@ def ask_model(session: Session) -> None:
     clicks = document.feature(ClickState)
     if clicks.is_asking:
         clicks.asks_again = True
-        session.jobs.cancel()
+        session.jobs.drop()
         return
     at = document.history.state_id
     answer, camera = clicks.answers.get(at), clicks.views.get(at)
@@ -147,7 +147,7 @@ def stop_asking(session: Session) -> None:
     """Give up the question that is under way."""
     if session.document is not None and session.document.feature(ClickState).is_asking:
         session.document.feature(ClickState).asks_again = False
-        session.jobs.cancel()
+        session.jobs.drop()
 
 
 def _answer_stage(

@@ -25,6 +25,7 @@ _SECONDS = {
 _OFFER_SECONDS = 30.0  # with a button: it must be read and found
 _SHORT = (Level.HINT, Level.INFO)  # in a low picture: few lines, the rest in the tooltip
 _LINES = (2, 3)  # of these; where no other notice is
+_ANY_POPUP = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
 _LOW = 14.0  # em: height of a picture of which a whole notice covers the most
 _MOST = 4  # on screen at once, where there is room; older ones wait
 _SIGNS = {
@@ -39,9 +40,11 @@ _SIGNS = {
 class ToastState:
     """Which notices were closed, and whether some will go by themselves."""
 
-    closed: set[int] = field(default_factory=set)  # ids of notices
+    closed: set[Notice] = field(default_factory=set)
     are_passing: bool = False  # keep drawing
-    sizes: dict[int, ImVec2] = field(default_factory=dict)  # of cards as drawn last, by id
+    sizes: dict[Notice, ImVec2] = field(default_factory=dict)  # of cards as drawn last
+    seen_s: dict[Notice, float] = field(default_factory=dict)  # since each was in sight
+    drawn_at: float = 0.0  # when they were drawn last
 
 
 def draw(session: Session, state: ToastState, area: PictureArea) -> None:
@@ -50,14 +53,19 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     In the middle of a small picture they would lie over what is being worked on.
     """
     now = time.monotonic()
+    is_covered = imgui.is_popup_open("", _ANY_POPUP)  # nobody reads them under a sheet
+    passed = 0.0 if is_covered else now - state.drawn_at
+    state.drawn_at = now
+    known = set(session.notices)
+    state.closed &= known
+    state.sizes = {notice: size for notice, size in state.sizes.items() if notice in known}
+    seen = state.seen_s
+    seen = state.seen_s = {one: seen[one] + passed if one in seen else 0.0 for one in known}
     fresh = [
         notice
         for notice in session.notices
-        if id(notice) not in state.closed and now - notice.time < _seconds(notice)
+        if notice not in state.closed and seen[notice] < _seconds(notice)
     ]
-    known = {id(notice) for notice in session.notices}
-    state.closed &= known
-    state.sizes = {notice: size for notice, size in state.sizes.items() if notice in known}
     state.are_passing = any(_seconds(notice) < float("inf") for notice in fresh)
     is_low = area.height < em(_LOW)
     if is_low:  # the newest, and what must be read
@@ -67,13 +75,13 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     at = ImVec2(right, max(area.top, area.chip_bottom, area.card_bottom) + em(0.7))
     width = max(min(em(24), at.x - area.left - em(0.7)), em(12))
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
-        size = state.sizes.get(id(notice), ImVec2(0, 0))  # until it has been drawn
+        size = state.sizes.get(notice, ImVec2(0, 0))  # until it has been drawn
         if slot and size.x == width and at.y + size.y > area.bottom:
             break  # its buttons would be out of reach
         highest = max(area.bottom - at.y - em(0.4), em(4)) if is_low else em(20)
         place = at, ImVec2(width, highest), n_lines
         bottom = _card(session, state, notice, slot, place)
-        state.sizes[id(notice)] = ImVec2(width, bottom - at.y)
+        state.sizes[notice] = ImVec2(width, bottom - at.y)
         at.y = bottom + em(0.4)
 
 
@@ -82,10 +90,10 @@ def close_error(session: Session, state: ToastState) -> bool:
     errors = [
         notice
         for notice in session.notices
-        if notice.level is Level.ERROR and not notice.otherwise and id(notice) not in state.closed
+        if notice.level is Level.ERROR and not notice.otherwise and notice not in state.closed
     ]
     if errors:
-        state.closed.add(id(errors[-1]))
+        state.closed.add(errors[-1])
     return bool(errors)
 
 
@@ -151,16 +159,16 @@ def _card(
                 widgets.next_to(command.title)
             if widgets.button(command.title, why_not=command.enabled(session)):
                 commands.run(name, session)
-                state.closed.add(id(notice))
+                state.closed.add(notice)
         imgui.set_cursor_pos(ImVec2(width - em(2.2), top))
         hint = "Close (Esc)" if notice.level is Level.ERROR else "Close"
         if widgets.small_icon("Close", icons.CLOSE, hint=hint):
-            state.closed.add(id(notice))
+            state.closed.add(notice)
         bottom = imgui.get_window_pos().y + imgui.get_window_height()
 
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 0))
     imgui.set_next_window_size_constraints(ImVec2(width, 0), most)
-    before = state.sizes.get(id(notice))
+    before = state.sizes.get(notice)
     is_cut = is_low and before is not None and before.y >= most.y - 1
     widgets.floating_card(f"Notice {slot}", draw, scrolls=is_cut)
     return bottom

@@ -523,7 +523,8 @@ def _buttons(session: Session) -> None:
     imgui.pop_style_var()
     hint = "While you hold it, the selection falls and comes to rest under gravity"
     why_not = simulate.not_possible(session)
-    widgets.button("Hold to simulate", Face(width=-1), why_not=why_not, hint=hint)
+    face = Face(width=-1, text=simulate.label(session))
+    widgets.button("Hold to simulate", face, why_not=why_not, hint=hint)
     if imgui.is_item_activated() and not why_not:
         simulate.start(session)
     elif imgui.is_item_deactivated():

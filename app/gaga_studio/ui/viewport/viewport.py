@@ -338,6 +338,7 @@ class ViewportPanel:
 
     render: Render
     render_left: Render  # the left side of a split view, when it is drawn like the picture
+    mode_drawn: Callable[[], Mode]  # whose colors the picture is in: a slow one follows later
     fly_keys: Callable[[], dict[str, str]]  # place of a fly key -> the letter that it types here
 
     def __post_init__(self) -> None:
@@ -392,7 +393,7 @@ class ViewportPanel:
         overlays.parts(session, camera, corner)
         overlays.draw_marks(session, camera, corner, follows=follows)
         _name_under_mouse(session, area, is_shown=follows and not self.gizmo.is_shown)
-        _on_the_picture(session, state, area)
+        _on_the_picture(session, state, area, self.mode_drawn())
 
     @property
     def is_busy(self) -> bool:
@@ -554,7 +555,7 @@ def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) ->
         imgui.end_tooltip()
 
 
-def _on_the_picture(session: Session, state: PictureState, area: PictureArea) -> None:
+def _on_the_picture(session: Session, state: PictureState, area: PictureArea, mode: Mode) -> None:
     """Draw over the picture: the offer of the next stage, a compared photo, a mark."""
     bar = photo_compare.bar_height(session)
     corner, size = ImVec2(area.left, area.top + bar), ImVec2(area.width, area.height - bar)
@@ -565,8 +566,8 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea) ->
         top = _badge(
             align_ground.ground_prompt(session), corner, align_ground.GROUND_HELP, size.x - em(8)
         )
-    elif session.view.mode is not Mode.COLOR and not bar and session.training is None:
-        badge = mode_badge(session)
+    elif mode is not Mode.COLOR and not bar and session.training is None:
+        badge = mode_badge(session, mode)
         top = _badge(badge, corner) if badge else top
     area.head_bottom = toolbar.draw_card(session, area, top)
     overlays.draw_card(session, state.measure, corner, size)
@@ -605,9 +606,8 @@ def preview_badge(session: Session) -> str:
     return "Preview of Clean up" if cleanup.shown(session) is not None else ""
 
 
-def mode_badge(session: Session) -> str:
-    """What the colors of the picture say, when they are not the scene's own."""
-    mode = session.view.mode
+def mode_badge(session: Session, mode: Mode) -> str:
+    """What the colors of the picture say, which is in ``mode``, when they are not its own."""
     if session.training is not None and mode in (Mode.GROUPS, Mode.MASK):
         return ""  # splats in training are in no group
     if mode is Mode.CENTRES and session.view.centre_colors is not CentreColors.OWN:

@@ -1,0 +1,107 @@
+"""Each task that the window starts ends with a word: what it made and where, that it was cancelled,
+or why it failed."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+from gaga_core.errors import GagaError
+from gaga_core.evaluate.photo_film import PhotoFilmConfig
+from gaga_core.export.cameras import CameraForm
+from gaga_core.export.dataset.settings import DatasetConfig
+from gaga_core.io.splats.splat_files import SplatFormat
+from gaga_core.io.video import VideoConfig
+from gaga_core.pipeline.film import FilmConfig
+from gaga_studio.features import camera, cleanup, dataset, export
+from gaga_studio.features.find import association, masks
+from gaga_studio.session import jobs
+from gaga_studio.session.notices import Level
+from gaga_studio.session.session import Session
+
+_FILM = FilmConfig(video=VideoConfig(64, 48, fps=2))
+_DATA = dataset.DatasetPlan(DatasetConfig(views=2, width=64, height=64, fill=False), ("coco",))
+Start = Callable[[Session, Path], object]
+
+
+def _export(what: export.What, form: SplatFormat | CameraForm) -> Start:
+    suffix = form.suffix if isinstance(form, SplatFormat) and what != "objects" else ""
+    return lambda s, to: export.start(s, export.ExportPlan(to / f"a{suffix}", what, form))
+
+
+_WRITE: Mapping[str, Start] = {
+    "film": lambda s, to: export.export_film(s, to / "a.mp4", _FILM),
+    "film of photos": lambda s, to: export.export_photo_film(
+        s, to / "a.mp4", PhotoFilmConfig(video=_FILM.video), "all"
+    ),
+    "picture": lambda s, to: export.save_picture(s, to / "a.png", (64, 48)),
+    "labelled data": lambda s, to: dataset.start(s, _DATA, to / "data"),
+    "masks": lambda s, to: masks.export(s, "png", to / "masks"),
+    "scene": _export("scene", SplatFormat.PLY),
+    "page": _export("scene", SplatFormat.HTML),
+    "objects": _export("objects", SplatFormat.PLY),
+    "cameras": _export("cameras", CameraForm.COLMAP),
+}
+_CHANGE: Mapping[str, Start] = {
+    "find objects": lambda s, _: association.associate(s),
+    "reduce": lambda s, _: cleanup.start_reducing(s, cleanup.ReducePlan(percent=50)),
+}
+_ALL = {**_WRITE, **_CHANGE}
+
+
+@pytest.fixture
+def walked(associated: Session) -> Session:
+    """Keyframes for a film of a second."""
+    camera.add_keyframe(associated)
+    associated.rig.orbit(60, 5)
+    camera.add_keyframe(associated)
+    return associated
+
+
+def _started(session: Session, name: str, to: Path) -> str:
+    """Start it; returns its title. No notice is there."""
+    session.notices = ()
+    _ALL[name](session, to)
+    job = session.jobs.running
+    assert job is not None, session.notices
+    return job.title
+
+
+@pytest.mark.parametrize("name", _ALL)
+def test_one_that_is_done_says_what_it_made_and_where(
+    walked: Session, name: str, tmp_path: Path
+) -> None:
+    _started(walked, name, tmp_path)
+    assert walked.jobs.wait()
+    assert walked.notices
+    assert {n.level for n in walked.notices} <= {Level.INFO, Level.WARNING}
+    if name in _WRITE:
+        shown = [n.shows for n in walked.notices if n.shows is not None]
+        assert shown, "a button opens its folder"
+        assert shown[0].exists()
+        assert shown[0].is_relative_to(tmp_path)
+
+
+@pytest.mark.parametrize("name", _ALL)
+def test_one_that_is_cancelled_says_so(walked: Session, name: str, tmp_path: Path) -> None:
+    title, at = _started(walked, name, tmp_path), walked.need().history.cursor
+    walked.jobs.cancel()
+    assert walked.jobs.wait()
+    assert [n.text for n in walked.notices if n.level is Level.HINT] == [f"Cancelled: {title}."]
+    assert walked.need().history.cursor == at
+
+
+@pytest.mark.parametrize("name", _ALL)
+@pytest.mark.parametrize("error", [GagaError("The disk is full."), ZeroDivisionError()])
+def test_one_that_fails_says_why(
+    walked: Session, name: str, error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(_: object) -> bool:
+        raise error
+
+    monkeypatch.setattr(jobs._Delivery, "step", fails)
+    title = _started(walked, name, tmp_path)
+    assert walked.jobs.wait()
+    (said,) = [n for n in walked.notices if n.level is Level.ERROR]
+    assert said.of_task == title
+    assert str(error) in said.text or "log file" in said.text
