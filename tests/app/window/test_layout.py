@@ -750,6 +750,7 @@ def test_a_low_window_with_large_text_says_what_matters(
         _answers_of_the_search(d)
         _header_of_the_list(d, tmp_path)
         _what_a_notice_says_first(d)
+        _files_at_the_end_of_long_paths(d, tmp_path)
         _long_error(d)
         _preview_behind_a_tab(d)
         _known_length(d)
@@ -838,6 +839,33 @@ def _what_a_notice_says_first(d: Driver) -> None:
     assert "Exported white flat object.ply" in said.replace("  ", " ")
     assert "first.ply" not in said
     d.session.notices = ()
+
+
+def _files_at_the_end_of_long_paths(d: Driver, folder: Path) -> None:
+    """The end of a path was cut: which file it is."""
+    deep = folder / "scenes of the year" / "a-house-with-many-rooms-and-a-garden" / "second floor"
+    deep.mkdir(parents=True)
+    for name in ("x.gaga", "white flat object.ply"):
+        for shows in (None, deep):
+            d.session.notify(Level.INFO, f"Saved to {deep / name}.", shows=shows)
+            with _texts() as shown:
+                d.frames(4)
+            assert f"{name}." in " ".join(text for text in shown if text)
+            assert str(deep) not in shown, "not whole"
+            d.session.notices = d.session.notices[:-1]
+    d.session.notify(Level.INFO, f"Saved to {deep / name}.")
+    d.frames(4)
+    card = d.engine.get_window_by_ref("//Notice 0")
+    with _texts() as shown:
+        line = ImVec2(card.pos.x + 0.35 * card.size.x, card.pos.y + 0.25 * card.size.y)
+        d.engine.mouse_move_to_pos(line)
+        d.until(lambda: "garden/second" in "".join(shown), "the whole path")
+    d.session.notices = ()
+    d.on_main(lambda: d.studio.ui.files.ask(FileDialog("Open", PathKind.OPEN_FILE, deep), print))
+    with _texts() as shown:
+        d.frames(4)
+    assert any(text.endswith("…/second floor") for text in shown)
+    d.keys(KEY.escape)
 
 
 def _long_error(d: Driver) -> None:

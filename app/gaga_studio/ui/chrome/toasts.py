@@ -161,6 +161,6 @@ def _card(
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 0))
     imgui.set_next_window_size_constraints(ImVec2(width, 0), most)
     before = state.sizes.get(id(notice))
-    is_cut = is_low and before is not None and before.y >= most.y - 1
+    is_cut = before is not None and before.y >= most.y - 1
     widgets.floating_card(f"Notice {slot}", draw, scrolls=is_cut)
     return bottom

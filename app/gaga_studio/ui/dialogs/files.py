@@ -186,9 +186,8 @@ def _path_row(dialog: FileDialog) -> None:
         imgui.open_popup("New folder")
     widgets.popup("New folder", lambda: _new_folder(dialog), of_button=True)
     imgui.same_line()
-    shown = widgets.elided(str(dialog.folder), imgui.get_content_region_avail().x)
     imgui.align_text_to_frame_padding()
-    widgets.dim(shown)
+    widgets.line(str(dialog.folder), theme.DIM)
 
 
 def _places(dialog: FileDialog) -> None:
@@ -283,7 +282,7 @@ def _follow(dialog: FileDialog) -> None:
 
 def _answer_row(dialog: FileDialog) -> None:
     if dialog.message:
-        widgets.text(widgets.elided(dialog.message, em(40)), theme.WARN)
+        widgets.line(dialog.message, theme.WARN)
     imgui.set_next_item_width(-1)
     hint = "Folder or path; Tab completes" if dialog.kind in _FOLDERS else "File name or path"
     if dialog._wants_keyboard:
