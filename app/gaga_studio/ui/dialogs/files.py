@@ -21,6 +21,7 @@ from gaga_core.io.images import IMAGE_SUFFIXES
 from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.placing.photos import VIDEO_SUFFIXES
 from gaga_core.placing.recordings import R3D
+from gaga_core.scene.project import SUFFIX
 from gaga_studio.features import add_scene, camera, files, fill, reconstruction
 from gaga_studio.features.find import masks
 from gaga_studio.session.notices import Request
@@ -484,7 +485,7 @@ _ASKED = {
         PathKind.NEW_FOLDER,
         Session.save,
         action="Save",
-        ending=".gaga",
+        ending=SUFFIX,
     ),
     Request.SAVE_SCRIPT: _Asked(
         "Save the edits as a script",
@@ -517,6 +518,9 @@ def _ask(picker: FilePicker, asked: _Asked, session: Session) -> None:
     if asked.needs_scene and session.document is None:
         return
     name = f"{stem(session)}{asked.ending}" if asked.ending else ""
+    if asked.ending == SUFFIX and session.project is not None:  # what Ctrl+S writes
+        now = session.project.saves_to.name
+        name = now if now.endswith(SUFFIX) else name
     start = start_folder(session)
     dialog = FileDialog(asked.title, asked.kind, start, name, asked.suffixes, action=asked.action)
     dialog.takes_folder = asked.takes_folder
