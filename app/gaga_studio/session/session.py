@@ -254,6 +254,14 @@ class Session:
 
         self.notices = tuple(n for n in self.notices if not is_tried_again(n.of_task))
 
+    def answered_by(self, command: str) -> None:
+        """Drop the notices that ask for this command, or for another one instead."""
+
+        def is_answered(notice: Notice) -> bool:
+            return bool(notice.otherwise) and command in (notice.command, notice.otherwise)
+
+        self.notices = tuple(n for n in self.notices if not is_answered(n))
+
     @property
     def pending_question(self) -> UserQuestion | None:
         """The question that is shown; see `answer`. One more waits until this one is answered."""

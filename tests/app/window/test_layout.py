@@ -35,8 +35,10 @@ from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import visual
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.layout_check import TextWatch, findings
+from tests.core.io.splat_parts import write_without_up
 from tests.core.placing.photo_scenes import write_photos
 from tests.display import openbox, xvfb
+from tests.scenes import random_gaussians
 
 pytestmark = pytest.mark.window
 _LEAST = 100  # pixels of a dock, times the scale of the text
@@ -739,6 +741,33 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
 
     settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
+
+
+def test_a_question_leaves_the_splats_of_a_low_window_in_sight(
+    display: str, tmp_path: Path
+) -> None:
+    """Three lines and two rows of buttons covered all of them."""
+    file = tmp_path / "a guitar on its stand.spz"
+    write_without_up(file, random_gaussians(60, seed=4))
+
+    def walk(d: Driver) -> None:
+        card = d.engine.get_window_by_ref("//Notice 0")
+        assert card.size.y < 0.5 * d.size[1]
+        assert card.scroll_max.y == 0
+        edges = [d.engine.item_info(f"//Notice 0/###{title}") for title in _ANSWERS]
+        assert all(edge.rect_clipped.max.x == edge.rect_full.max.x for edge in edges)
+        with _texts() as shown:
+            d.frames(2)
+        assert any(text.startswith("Is it upside down?") for text in shown), "what is asked"
+        d.click("Notice 0/###Turn upright")
+        assert not any(notice.otherwise for notice in d.session.notices)
+        assert d.session.unsaved
+
+    settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
+    drive(walk, path=file, size=(800, 500), settings=settings)
+
+
+_ANSWERS = ("Turn upright", "It is upright")
 
 
 def test_a_low_window_with_large_text_says_what_matters(
