@@ -30,6 +30,7 @@ from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName, TrainingPreview
 from gaga_studio.studio import _panel
 from gaga_studio.system.fonts import fonts_with
+from gaga_studio.ui.chrome.status import status_text
 from gaga_studio.ui.dialogs.files import FileDialog, PathKind
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import visual
@@ -373,8 +374,7 @@ def test_no_text_is_cut_at_any_size(
 
     def walk(d: Driver) -> None:
         d.select(2)
-        for _ in range(3):
-            d.on_main(partial(camera.add_keyframe, d.session))
+        _add_keyframes(d, 3)
         d.select(2)
         monkeypatch.setattr(imgui, "text_unformatted", watch.text(imgui.text_unformatted))
         monkeypatch.setattr(imgui, "button", watch.button(imgui.button))
@@ -595,8 +595,7 @@ def _names_of_what_was_done(d: Driver) -> None:
     assert opened.name.startswith("View"), opened.name
     assert 300 < opened.content_size.y < 860, "it fits 900 pixels"
     d.keys(KEY.escape)
-    for _ in range(2):
-        d.on_main(partial(camera.add_keyframe, d.session))
+    _add_keyframes(d, 2)
     d.session.view.playback.is_playing = True
     assert not _said(d, "camera.film", "takes"), "what pictures cost is told by the first ones"
     assert not d.session.view.playback.is_playing, "it stops behind the sheet"
@@ -945,10 +944,15 @@ def _known_length(d: Driver) -> None:
     d.keys(KEY.escape)
 
 
+def _add_keyframes(d: Driver, n: int) -> None:
+    for _ in range(n):
+        d.on_main(partial(camera.add_keyframe, d.session))
+        d.session.rig.orbit(60.0, 0)
+
+
 def _sizes_of_a_film(d: Driver) -> None:
     """The fourth was cut, the fifth out of reach."""
-    for _ in range(2):
-        d.on_main(partial(camera.add_keyframe, d.session))
+    _add_keyframes(d, 2)
     d.on_main(partial(commands.run, "camera.film", d.session))
     d.frames(4)
     sheet = d.engine.window_info("//Save film/Choices").window
@@ -1350,6 +1354,7 @@ def test_parts_of_the_window(display: str, grouped_copy: Path, tmp_path: Path) -
         _disabled_commands_say_why(d)
         _menus_part_finding_from_editing(d)
         _a_mask_moves_from_its_card(d)
+        _keys_photo_after_photo(d)
         _the_camera_path_shows_its_keyframes(d)
         _a_click_on_a_tick_goes_to_its_keyframe(d)
         _sheets_that_theme_the_window_do_not_dim_it(d)
@@ -1494,11 +1499,27 @@ def _a_mask_moves_from_its_card(d: Driver) -> None:
     d.keys(KEY.escape)
 
 
+def _keys_photo_after_photo(d: Driver) -> None:
+    """K brought another tab to the front: there was no photo to go to next."""
+    d.focus("Views")
+    for place in range(3):
+        d.on_main(partial(camera.go_to_view, d.session, place))
+        d.settle()
+        d.keys(KEY.k)
+        window = d.engine.get_window_by_ref("//Views")
+        assert window.active
+        assert not window.hidden, "the tab stays"
+        assert status_text(d.session, d.studio.picture.controller.tool(d.session)) == (
+            f"Keyframe {place + 1} added"
+        )
+        d.keys(KEY.k)
+        assert len(camera.path_of(d.session).keyframes) == place + 1
+    camera.clear_path(d.session)
+
+
 def _the_camera_path_shows_its_keyframes(d: Driver) -> None:
     """Several columns where the panel is wide and low: nothing is scrolled away."""
-    for turn in range(_KEYFRAMES):
-        d.session.rig.orbit(60.0 * (turn > 0), 0)
-        d.on_main(partial(camera.add_keyframe, d.session))
+    _add_keyframes(d, _KEYFRAMES)
     d.focus("Camera path")
     d.frames(4)
     for index in range(_KEYFRAMES):
