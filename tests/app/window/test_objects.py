@@ -292,6 +292,18 @@ def _drag(d: Driver) -> None:
     hidden = np.unique(scene.labels[scene.has(State.HIDDEN)])
     assert hidden.tolist() == [2, 3, 4], "the menu of a folder acts on all that is in it"
     d.keys(KEY.mod_ctrl, KEY.z)
+    for item, change in (("Duplicate", 1), ("Delete", -1)):
+        n = int((~scene.has(State.DELETED)).sum())
+        inside = sum(len(group_indices(scene, group)) for group in (2, 3, 4))
+        d.menu_of(_FOLDER.format("Room", "##row"), f"###{item}")
+        assert (~scene.has(State.DELETED)).sum() == n + change * inside, item
+        d.keys(KEY.mod_ctrl, KEY.z)
+    d.menu_of(_FOLDER.format("Room", "##row"), "###Recolor…")
+    assert d.session.selected_groups() == (2, 3, 4)
+    d.keys(KEY.escape)
+    d.menu_of(_FOLDER.format("Room", "##row"), "###Export selection…")
+    assert d.engine.get_window_by_ref("//Export").active
+    d.keys(KEY.escape)
     d.select(4, 5)
     d.engine.item_drag_and_drop(f"//{_ROW.format(4, '##row')}", onto)
     d.frames(3)

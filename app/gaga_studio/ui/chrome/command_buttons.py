@@ -154,6 +154,8 @@ OBJECT_MENU = (
     "file.export_meshes",
     "file.export_simulation",
 )
+_OF_ONE = ("object.rename", "object.separate", "object.split", "object.clean", "object.fill")
+FOLDER_MENU = tuple(id_ for id_ in OBJECT_MENU if id_ not in _OF_ONE)  # of all that is in it
 _IN_THE_PICTURE = (
     "object.folder",
     "select.children",

@@ -693,8 +693,7 @@ class FolderRow:
         if imgui.menu_item_simple(f"{icons.RENAME}  Rename###Rename"):
             self.state.rename_folder(self.path)
         folder = ("object.folder", "object.folder_out", "object.folder_delete", "")
-        inside = ("view.frame_selected", "object.isolate", "object.hide", "object.lock", "")
-        command_buttons.command_items(self.session, (*folder, *inside, "file.export_selected"))
+        command_buttons.command_items(self.session, (*folder, *command_buttons.FOLDER_MENU))
 
     def _text(self, row: Across) -> None:
         """The sign, the name, and what is in it, over the columns up to the switches."""
