@@ -131,6 +131,35 @@ def test_a_small_window_shows_the_picture_and_the_same_tabs(display: str, tmp_pa
     drive(walk, size=(1600, 1000), layout_file=tmp_path / "window.ini")
 
 
+def test_tabs_come_back_as_they_were_after_a_tiny_window(display: str) -> None:
+    """Of panels that share one place there only one is in front: the others were forgotten."""
+
+    def in_front(d: Driver) -> set[str]:
+        windows = [
+            d.engine.get_window_by_ref(f"//{panel.label}") for panel in d.studio.window.panels
+        ]
+        return {one.name for one in windows if one.active and not one.hidden}
+
+    def walk(d: Driver) -> None:
+        d.frames(20)
+        for row in ("Bookmarks", "Camera path", "Timeline", "Views"):
+            for side in ("Select by", "History"):
+                d.focus(row)
+                d.focus(side)
+                d.focus("Objects")
+                d.frames(4)
+                before = in_front(d)
+                assert {row, side, "Objects"} <= before
+                d.resize(720, 480)
+                d.frames(20)
+                assert in_front(d) <= before, "nothing comes to the front"
+                d.resize(1500, 900)
+                d.frames(20)
+                assert in_front(d) == before
+
+    drive(walk, size=(1500, 900))
+
+
 def test_a_remembered_layout_without_a_picture_is_put_right(display: str, tmp_path: Path) -> None:
     layout = tmp_path / "window.ini"
     drive(lambda d: d.frames(8), size=(1300, 800), layout_file=layout)
