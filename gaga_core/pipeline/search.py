@@ -249,7 +249,7 @@ def train_views(project: Project) -> tuple[Camera, ...]:
 
 def work_of(project: Project) -> Path:
     """Path of a project's index."""
-    return project.path or project.default_path
+    return project.saves_to
 
 
 def _shown(scene: Scene) -> Stage[tuple[Gaussians, IntArray]]:

@@ -77,6 +77,7 @@ from gaga_core.version import __version__
 
 FORMAT = 1
 PROJECT_FILE = "project.json"
+SUFFIX = ".gaga"  # of a project that is not in a scene folder
 CURE = "Move project.json away to open the scene from the start."
 _TRIES, _PAUSE_S = 50, 0.02  # a writer removes the former scene file right after the new note
 _SCENE_FILE = r"^scene-[0-9a-f]{12}\.npz$"
@@ -551,6 +552,11 @@ class Project:
         return carried_path(self.film, self.scene.frame.world)
 
     @property
+    def saves_to(self) -> Path:
+        """Path that a save writes: where it was, else `default_path`."""
+        return self.path or self.default_path
+
+    @property
     def default_path(self) -> Path:
         """Path of the first save."""
         # A single .ply opens without edits: keep a former save.
@@ -576,10 +582,10 @@ class Project:
 
     def _of_a_file(self) -> tuple[Path, Path | None]:
         """Path of the next save of a single file, and that of the last one."""
-        last, path, n = None, self.model_path.with_suffix(".gaga"), 1
+        last, path, n = None, self.model_path.with_suffix(SUFFIX), 1
         while (path / PROJECT_FILE).exists():
             n += 1
-            last, path = path, self.model_path.with_suffix(f".{n}.gaga")
+            last, path = path, self.model_path.with_suffix(f".{n}{SUFFIX}")
         return path, last
 
 
@@ -677,7 +683,7 @@ def save_project(
     copies_model: bool = False,
     overwrites: bool = False,
 ) -> Path:
-    """Save all edits to ``path`` (default: where it was, else `Project.default_path`).
+    """Save all edits to ``path`` (default: `Project.saves_to`).
 
     Returns the folder and remembers it in ``project``. Raises ``GagaError`` when it cannot be
     written, ``InUseError`` when another program has it open, ``SavedElsewhereError`` when another
@@ -686,7 +692,7 @@ def save_project(
     ``copies_model`` the splats as they were opened are written next to the project then. The former
     save stays whole in every case.
     """
-    own = project.path or project.default_path
+    own = project.saves_to
     target = Path(path or own)
     target = target.parent if target.name == PROJECT_FILE else target
     entries = None if copies_model else _entries(project, target, False)  # before a folder is made

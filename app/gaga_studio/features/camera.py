@@ -11,6 +11,7 @@ from gaga_core.scene.camera_path import (
     Bookmark,
     CameraPath,
     Keyframe,
+    Shot,
     carried_bookmarks,
     carried_path,
     load_path,
@@ -194,6 +195,7 @@ def _fresh_name(marks: tuple[Bookmark, ...]) -> str:
 
 KEYFRAME_SECONDS = 2.0  # from one keyframe to the next, by default
 TURN_SECONDS = 8.0
+_ROUND_OFF = 1e-6  # radians, and shares of the distance: below a thousandth of a pixel
 
 
 def path_of(session: Session) -> CameraPath:
@@ -210,13 +212,27 @@ def path_of(session: Session) -> CameraPath:
 
 
 def add_keyframe(session: Session) -> None:
-    """Add the present view as a keyframe after the chosen one, or at the end."""
+    """Add the present view as a keyframe after the chosen one, or at the end.
+
+    Not a second time in a row: it would be a stop that nobody asked for.
+    """
     path, chosen = path_of(session), session.view.playback.chosen
-    at = min(chosen + 1, len(path.keyframes))
-    key = Keyframe(session.rig.shot(), KEYFRAME_SECONDS)
+    at, shot = min(chosen + 1, len(path.keyframes)), session.rig.shot()
+    if at and _is_same(path.keyframes[at - 1].shot, shot):
+        session.hint = f"This view is keyframe {at} already"
+        return
+    key = Keyframe(shot, KEYFRAME_SECONDS)
     _with_keys(session, (*path.keyframes[:at], key, *path.keyframes[at:]), "Add keyframe")
     choose_keyframe(session, at, goes=False)
-    session.request = Request.CAMERA_PATH
+    session.hint = f"Keyframe {at + 1} added"
+
+
+def _is_same(a: Shot, b: Shot) -> bool:
+    """Whether two shots are one view; what moved along with the scene differs by round-off."""
+    seen = np.array([(*s.eye, *s.turn.ravel(), s.fov_x, s.fov_y, s.distance) for s in (a, b)])
+    seen[:, [0, 1, 2, -1]] /= a.distance
+    is_close = bool(np.abs(seen[0] - seen[1]).max() < _ROUND_OFF)
+    return is_close and a.is_orthographic == b.is_orthographic
 
 
 def update_keyframe(session: Session, index: int) -> None:

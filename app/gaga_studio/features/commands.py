@@ -251,7 +251,8 @@ def run_one(chosen: Command, session: Session) -> bool:
     session.hint = chosen.enabled(session)
     if session.hint:
         return False
-    chosen.run(session)
+    if chosen.run(session) is not False:
+        session.answered_by(chosen.id)
     return True
 
 

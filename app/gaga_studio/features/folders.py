@@ -77,7 +77,8 @@ def _selection(document: Document, folders: Sequence[str]) -> object:
 def new_folder(session: Session) -> bool:
     """Put the selected objects and chosen folders into a new folder, and ask for its name.
 
-    It lies where they are; it is empty when nothing is selected.
+    It lies where they are; it is empty when nothing is selected, and inside of the one folder that
+    is chosen.
     """
     document = session.need()
     scene = document.settled().scene
@@ -85,8 +86,9 @@ def new_folder(session: Session) -> bool:
     places = [parent_of(path) for path in folders] or [
         scene.folders.places.get(group, "") for group in groups
     ]
-    path = scene.folders.free(_common(places), _NEW)
-    if groups or folders:
+    inside = folders[0] if len(folders) == 1 else ""
+    path = scene.folders.free(inside or _common(places), _NEW)
+    if (groups or folders) and not inside:
         edit = edits.put_in_folder(scene, groups, path, folders, "New folder")
     else:
         edit = edits.new_folder(scene, path)

@@ -81,7 +81,7 @@ def opened(session: Session) -> bool:
     if str(path.resolve()) in session.settings.upright:
         return _turn(session, is_content=False)
     if str(path.resolve()) not in session.settings.as_filed:
-        text = f"{path.name} does not say which way is up. Is it upside down?"
+        text = f"Is it upside down? {path.name} does not say which way is up."
         session.notify(Level.HINT, text, COMMAND, otherwise=LEAVE)
     return False
 

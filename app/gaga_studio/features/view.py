@@ -215,7 +215,7 @@ COMMANDS: tuple[Command, ...] = (
     _tool(ToolName.ROTATE, "Rotate", "2"),
     _tool(ToolName.SCALE, "Scale", "3"),
     Command(upright.COMMAND, "Turn upright", upright.turn, enabled=upright.why_not_turned),
-    Command(upright.LEAVE, "It stands upright", upright.leave, enabled=upright.why_not_left),
+    Command(upright.LEAVE, "It is upright", upright.leave, enabled=upright.why_not_left),
     switch("tool.snap", "Handles snap to steps", "snaps"),
     switch("tool.local_axes", "Handles along the object's own axes", "local_axes", "Shift+C"),
     Command("tool.set_pivot", "Set the pivot at the camera's focus", set_pivot, enabled=no_scene),

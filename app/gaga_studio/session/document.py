@@ -184,10 +184,28 @@ class Document:
         return path.parent.name if path.name == META else path.name  # that of a SOG folder
 
     @property
+    def saved_name(self) -> str:
+        """Name of what a save writes: the scene folder, or a project."""
+        folder, target = self.project.folder, self.project.saves_to
+        is_inside = folder is not None and target.resolve() == folder.work.resolve()
+        return self.name if is_inside else target.name
+
+    @property
+    def title_name(self) -> str:
+        """Name of what is open: of the folder or file, or of the project that it was saved as."""
+        return self.name if self.project.path is None else self.saved_name
+
+    @property
     def title(self) -> str:
         """The name, starred when there is something to save."""
-        name = f"{self.name}*" if self.unsaved else self.name
+        name = f"{self.title_name}*" if self.unsaved else self.title_name
         return f"{name} (read-only)" if self.in_use_by else name
+
+    @property
+    def changes(self) -> str:
+        """What was changed, and as what a save writes it: "room.spz as room.gaga", "room.gaga"."""
+        name, saved = self.title_name, self.saved_name
+        return name if name == saved else f"{name} as {saved}"
 
     @property
     def unsaved(self) -> bool:

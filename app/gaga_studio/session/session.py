@@ -254,6 +254,14 @@ class Session:
 
         self.notices = tuple(n for n in self.notices if not is_tried_again(n.of_task))
 
+    def answered_by(self, command: str) -> None:
+        """Drop the notices that ask for this command, or for another one instead."""
+
+        def is_answered(notice: Notice) -> bool:
+            return bool(notice.otherwise) and command in (notice.command, notice.otherwise)
+
+        self.notices = tuple(n for n in self.notices if not is_answered(n))
+
     @property
     def pending_question(self) -> UserQuestion | None:
         """The question that is shown; see `answer`. One more waits until this one is answered."""
@@ -366,7 +374,9 @@ class Session:
         if document is not None and document.waiting:
             text += f" The preview of {document.waiting} is not applied."
         if document is not None and self.unsaved:
-            text += f" {document.name} has unsaved changes."
+            text += f" {document.title_name} has unsaved changes."
+            if document.saved_name != document.title_name:
+                text += f" Saving them writes {document.saved_name}."
             choices = {
                 "Save and quit": lambda: self.save(then=end),
                 "Quit without saving": end,
@@ -513,7 +523,7 @@ class Session:
         text = f"The preview of {document.waiting} is not applied. " if document.waiting else ""
         choices = {"Discard": action}
         if document.unsaved:
-            text += f"Save the changes to {document.name} {when}?"
+            text += f"Save the changes to {document.changes} {when}?"
             choices = {"Save": lambda: self.save(then=saved or action), **choices}
         else:
             text += f"Discard it {when}?"

@@ -82,6 +82,7 @@ class Layout:
     _frames: int = field(default=0)  # since the layout or its scale changed
     _size: tuple[int, int] = (0, 0)  # of the window, in the frame before
     _shown: Sequence[str] = ()  # panels that were in front, the one used last at the end
+    _left: dict[str, Sequence[str]] = field(default_factory=dict)  # such panels, by layout
 
     def prepare(
         self, params: hello_imgui.RunnerParams, size: tuple[int, int], scale: float
@@ -106,8 +107,11 @@ class Layout:
             return
         self._frames += 1
         if self._frames == _SETTLED:
-            for name in self._shown:
+            # Where more panels share a place, some of them were behind others; here they are as
+            # they were left.
+            for name in (*self._shown, *self._left.get(self._name, ())):
                 _bring_to_front(name)
+            _take_keys_from_what_appeared(self._left.get(self._name, ()))
         if self._frames <= _SETTLED:
             return
         params = hello_imgui.get_runner_params()
@@ -139,7 +143,7 @@ class Layout:
     def _note_what_is_in_front(self) -> None:
         """For the next layout; the first one shows its first panel, whatever it replaces."""
         if self._frames > 2 * _SETTLED:
-            self._shown = _in_front(self.panels)
+            self._shown = self._left[self._name] = _in_front(self.panels)
 
     def shows(self, panel: Panel) -> bool:
         """Whether the layout that is used has a place for ``panel`` now."""
@@ -186,6 +190,12 @@ def _bring_to_front(panel: str) -> None:
     window = imgui.internal.find_window_by_name(panel)
     if window is not None and window.dock_node is not None and window.dock_node.tab_bar is not None:
         window.dock_node.tab_bar.next_selected_tab_id = window.tab_id
+
+
+def _take_keys_from_what_appeared(left: Sequence[str]) -> None:
+    """The panel used last has the keys: one that appears takes them, and its tab with them."""
+    if left and not len(imgui.get_current_context().open_popup_stack):
+        imgui.set_window_focus(left[-1])
 
 
 def _is_narrow(width: int) -> bool:

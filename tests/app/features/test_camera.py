@@ -228,6 +228,25 @@ def _eyes(session: Session) -> list[tuple[float, float, float]]:
     return [key.shot.eye for key in camera_path.path_of(session).keyframes]
 
 
+def test_a_view_is_not_added_twice_in_a_row(walked: Session) -> None:
+    """A second K made a stop; also where keyframes went along with a scene that was moved."""
+    eyes, scene = _eyes(walked), walked.need().scene
+    turn = np.array([[0.6, -0.8, 0, 3], [0.8, 0.6, 0, -7], [0, 0, 1, 0.1]])
+    for place in (0, 2, 1):
+        camera_path.choose_keyframe(walked, place)
+        while walked.rig.update(10.0):
+            pass
+        camera_path.add_keyframe(walked)
+        assert walked.hint == f"This view is keyframe {place + 1} already"
+        assert len(_eyes(walked)) == len(eyes)
+        walked.need().do(edits.move_scene(scene, turn, "Turn"))
+        scene = walked.need().scene
+    walked.rig.orbit(0.01, 0)
+    camera_path.add_keyframe(walked)
+    assert walked.hint == "Keyframe 3 added"
+    assert len(_eyes(walked)) == len(eyes) + 1
+
+
 def test_keyframes_are_added_moved_and_removed(walked: Session) -> None:
     a, b, c = _eyes(walked)
     assert walked.unsaved
@@ -440,6 +459,7 @@ def test_undo_of_views_and_edits_goes_back_and_forth(session: Session, seed: int
             elif step == 5 and bookmarks.bookmarks(session):
                 bookmarks.remove_bookmark(session, 0)
             else:
+                session.rig.orbit(10, 0)
                 camera_path.add_keyframe(session)
             del been[at + 1 :]
             been.append(now())
@@ -455,6 +475,7 @@ def test_undo_of_views_and_edits_goes_back_and_forth(session: Session, seed: int
 def test_a_dragged_time_is_one_step(session: Session) -> None:
     for _ in range(2):
         camera_path.add_keyframe(session)
+        session.rig.orbit(10, 0)
     before = camera_path.path_of(session)
     for seconds in (2.5, 3.0, 3.5):
         camera_path.set_seconds(session, 1, seconds)

@@ -72,6 +72,21 @@ def test_the_selection_goes_into_a_new_folder_whose_name_is_asked_for(
     assert scene.folders.paths == ()
 
 
+def test_a_new_folder_of_one_chosen_folder_lies_inside(associated: Session) -> None:
+    """It lay around it; around several, that is where they go."""
+    scene = scene_of(associated)
+    folders.put_in(associated, "Kitchen", (2, 3))
+    folders.put_in(associated, "Hall", (4,))
+    folders.choose(associated, "Kitchen")
+    assert commands.run("object.folder", associated)
+    assert folders.chosen(associated) == ("Kitchen/Folder",)
+    assert scene.folders.home == {2: "Kitchen", 3: "Kitchen", 4: "Hall"}
+    folders.choose(associated, "Kitchen")
+    folders.choose(associated, "Hall", "add")
+    assert commands.run("object.folder", associated)
+    assert set(scene.folders.home.values()) == {"Folder/Hall", "Folder/Kitchen"}
+
+
 def test_a_folder_is_chosen_while_its_objects_are_selected(associated: Session) -> None:
     folders.put_in(associated, "A", (2, 3))
     folders.put_in(associated, "A/B", (4,))

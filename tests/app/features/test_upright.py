@@ -1,6 +1,5 @@
 """Files that do not say how they stand: asked about once, turned from then on."""
 
-import gzip
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,17 +19,15 @@ from gaga_studio.features import upright
 from gaga_studio.features.commands import command, run
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
+from tests.core.io.splat_parts import write_without_up
 from tests.scenes import random_gaussians
 
 
 @pytest.fixture
 def silent(tmp_path: Path) -> Path:
-    """An .spz without the extension, as other programs write it."""
+    """An .spz that does not say how it stands."""
     path = tmp_path / "toy.spz"
-    write_splats(path, random_gaussians(60, seed=4), SplatFormat.SPZ)
-    data = bytearray(gzip.decompress(path.read_bytes())[:-12])
-    data[14] &= ~2  # the flag of the header
-    path.write_bytes(gzip.compress(bytes(data)))
+    write_without_up(path, random_gaussians(60, seed=4))
     return path
 
 
@@ -83,6 +80,20 @@ def test_a_file_that_stands_upright_is_not_asked_about_again(
     assert not any(notice.command for notice in other.notices)
     assert run(upright.COMMAND, other)  # a second thought counts
     assert load_settings()[0].as_filed == ()
+
+
+@pytest.mark.parametrize("answer", [upright.COMMAND, upright.LEAVE])
+def test_the_question_goes_once_it_is_answered_anywhere(
+    new_session: Callable[[], Session], silent: Path, answer: str
+) -> None:
+    """A turn by the menu left the card, whose button turned the scene onto its head again."""
+    session = new_session()
+    _opened(session, silent)
+    assert any(notice.otherwise for notice in session.notices)
+    assert run("view.home", session)
+    assert any(notice.otherwise for notice in session.notices), "that is no answer"
+    assert run(answer, session)
+    assert not any(notice.otherwise for notice in session.notices)
 
 
 def test_what_is_reset_stays_upright_in_a_scene_that_was_turned(

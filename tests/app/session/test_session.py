@@ -317,6 +317,37 @@ def test_closing_asks_about_unsaved_edits(
     assert (again.need().name_of(group) == "mug") == (choice == "Save")
 
 
+def test_a_question_names_what_a_save_writes(session: Session, tmp_path: Path) -> None:
+    """It asked about changes to x.spz, which no save touches."""
+    file = tmp_path / "x.spz"
+    write_splats(file, objects_scene(2, 30, n_cameras=1).gaussians, SplatFormat.SPZ)
+    for opened, named in (
+        (file, "x.spz as x.gaga"),
+        (file, "x.spz as x.2.gaga"),
+        (tmp_path / "x.2.gaga", "x.2.gaga"),
+    ):
+        session.open(opened)
+        finish(session)
+        for group, words in ((1, named), (2, named.rpartition(" ")[2])):  # the first save, the next
+            session.need().select(np.arange(5 * group, dtype=np.int32), "set", "Select")
+            assert objects.separate(session)
+            session.close()
+            assert session.pending_question is not None
+            assert f"changes to {words} before" in session.pending_question.text
+            session.answer("Cancel")
+            _endless(session)
+            session.quit()
+            assert session.pending_question is not None
+            assert words.rpartition(" ")[2] in session.pending_question.text
+            session.answer("Cancel")
+            session.jobs.cancel()
+            finish(session)
+            session.save()
+            finish(session)
+            assert session.title == words.rpartition(" ")[2]
+            assert (tmp_path / session.title / "project.json").is_file()
+
+
 def test_quitting_and_opening_ask_too(associated: Session, scene_folder: Path) -> None:
     objects.rename(associated, objects_of(associated)[0], "mug")
     associated.quit()

@@ -45,6 +45,22 @@ def test_no_folder_of_ours_is_proposed(session: Session, monkeypatch: pytest.Mon
     assert start_folder(session) == Path.home()
 
 
+def test_save_as_proposes_what_a_save_writes(session: Session, tmp_path: Path) -> None:
+    """It proposed x.gaga, the former project, where x.2.gaga is saved."""
+
+    def proposed() -> str:
+        ui = UiState()
+        openers(ui)[Request.SAVE_AS](session)
+        assert ui.files.dialog is not None
+        return ui.files.dialog.name
+
+    assert session.project is not None
+    assert session.project.folder is not None
+    assert proposed() == f"{session.project.folder.root.name}.gaga"
+    session.project.path = tmp_path / "x.2.gaga"
+    assert proposed() == "x.2.gaga"
+
+
 def test_another_scene_forgets_what_belonged_to_the_former() -> None:
     ui = UiState()
     ui.scene.film_strip = FilmStripState(shows_masks=True, seen=3)

@@ -30,13 +30,16 @@ from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName, TrainingPreview
 from gaga_studio.studio import _panel
 from gaga_studio.system.fonts import fonts_with
+from gaga_studio.ui.chrome.status import status_text
 from gaga_studio.ui.dialogs.files import FileDialog, PathKind
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import visual
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.layout_check import TextWatch, findings
+from tests.core.io.splat_parts import write_without_up
 from tests.core.placing.photo_scenes import write_photos
 from tests.display import openbox, xvfb
+from tests.scenes import random_gaussians
 
 pytestmark = pytest.mark.window
 _LEAST = 100  # pixels of a dock, times the scale of the text
@@ -126,6 +129,35 @@ def test_a_small_window_shows_the_picture_and_the_same_tabs(display: str, tmp_pa
         assert abs(d.engine.get_window_by_ref("//Objects").size.x - arranged) < 4
 
     drive(walk, size=(1600, 1000), layout_file=tmp_path / "window.ini")
+
+
+def test_tabs_come_back_as_they_were_after_a_tiny_window(display: str) -> None:
+    """Of panels that share one place there only one is in front: the others were forgotten."""
+
+    def in_front(d: Driver) -> set[str]:
+        windows = [
+            d.engine.get_window_by_ref(f"//{panel.label}") for panel in d.studio.window.panels
+        ]
+        return {one.name for one in windows if one.active and not one.hidden}
+
+    def walk(d: Driver) -> None:
+        d.frames(20)
+        for row in ("Bookmarks", "Camera path", "Timeline", "Views"):
+            for side in ("Select by", "History"):
+                d.focus(row)
+                d.focus(side)
+                d.focus("Objects")
+                d.frames(4)
+                before = in_front(d)
+                assert {row, side, "Objects"} <= before
+                d.resize(720, 480)
+                d.frames(20)
+                assert in_front(d) <= before, "nothing comes to the front"
+                d.resize(1500, 900)
+                d.frames(20)
+                assert in_front(d) == before
+
+    drive(walk, size=(1500, 900))
 
 
 def test_a_remembered_layout_without_a_picture_is_put_right(display: str, tmp_path: Path) -> None:
@@ -371,8 +403,7 @@ def test_no_text_is_cut_at_any_size(
 
     def walk(d: Driver) -> None:
         d.select(2)
-        for _ in range(3):
-            d.on_main(partial(camera.add_keyframe, d.session))
+        _add_keyframes(d, 3)
         d.select(2)
         monkeypatch.setattr(imgui, "text_unformatted", watch.text(imgui.text_unformatted))
         monkeypatch.setattr(imgui, "button", watch.button(imgui.button))
@@ -593,8 +624,7 @@ def _names_of_what_was_done(d: Driver) -> None:
     assert opened.name.startswith("View"), opened.name
     assert 300 < opened.content_size.y < 860, "it fits 900 pixels"
     d.keys(KEY.escape)
-    for _ in range(2):
-        d.on_main(partial(camera.add_keyframe, d.session))
+    _add_keyframes(d, 2)
     d.session.view.playback.is_playing = True
     assert not _said(d, "camera.film", "takes"), "what pictures cost is told by the first ones"
     assert not d.session.view.playback.is_playing, "it stops behind the sheet"
@@ -741,6 +771,33 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
 
 
+def test_a_question_leaves_the_splats_of_a_low_window_in_sight(
+    display: str, tmp_path: Path
+) -> None:
+    """Three lines and two rows of buttons covered all of them."""
+    file = tmp_path / "a guitar on its stand.spz"
+    write_without_up(file, random_gaussians(60, seed=4))
+
+    def walk(d: Driver) -> None:
+        card = d.engine.get_window_by_ref("//Notice 0")
+        assert card.size.y < 0.5 * d.size[1]
+        assert card.scroll_max.y == 0
+        edges = [d.engine.item_info(f"//Notice 0/###{title}") for title in _ANSWERS]
+        assert all(edge.rect_clipped.max.x == edge.rect_full.max.x for edge in edges)
+        with _texts() as shown:
+            d.frames(2)
+        assert any(text.startswith("Is it upside down?") for text in shown), "what is asked"
+        d.click("Notice 0/###Turn upright")
+        assert not any(notice.otherwise for notice in d.session.notices)
+        assert d.session.unsaved
+
+    settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
+    drive(walk, path=file, size=(800, 500), settings=settings)
+
+
+_ANSWERS = ("Turn upright", "It is upright")
+
+
 def test_a_low_window_with_large_text_says_what_matters(
     display: str, grouped_copy: Path, tmp_path: Path
 ) -> None:
@@ -750,6 +807,7 @@ def test_a_low_window_with_large_text_says_what_matters(
         _answers_of_the_search(d)
         _header_of_the_list(d, tmp_path)
         _what_a_notice_says_first(d)
+        _files_at_the_end_of_long_paths(d, tmp_path)
         _long_error(d)
         _preview_behind_a_tab(d)
         _known_length(d)
@@ -840,6 +898,33 @@ def _what_a_notice_says_first(d: Driver) -> None:
     d.session.notices = ()
 
 
+def _files_at_the_end_of_long_paths(d: Driver, folder: Path) -> None:
+    """The end of a path was cut: which file it is."""
+    deep = folder / "scenes of the year" / "a-house-with-many-rooms-and-a-garden" / "second floor"
+    deep.mkdir(parents=True)
+    for name in ("x.gaga", "white flat object.ply"):
+        for shows in (None, deep):
+            d.session.notify(Level.INFO, f"Saved to {deep / name}.", shows=shows)
+            with _texts() as shown:
+                d.frames(4)
+            assert f"{name}." in " ".join(text for text in shown if text)
+            assert str(deep) not in shown, "not whole"
+            d.session.notices = d.session.notices[:-1]
+    d.session.notify(Level.INFO, f"Saved to {deep / name}.")
+    d.frames(4)
+    card = d.engine.get_window_by_ref("//Notice 0")
+    with _texts() as shown:
+        line = ImVec2(card.pos.x + 0.35 * card.size.x, card.pos.y + 0.25 * card.size.y)
+        d.engine.mouse_move_to_pos(line)
+        d.until(lambda: "garden/second" in "".join(shown), "the whole path")
+    d.session.notices = ()
+    d.on_main(lambda: d.studio.ui.files.ask(FileDialog("Open", PathKind.OPEN_FILE, deep), print))
+    with _texts() as shown:
+        d.frames(4)
+    assert any(text.endswith("…/second floor") for text in shown)
+    d.keys(KEY.escape)
+
+
 def _long_error(d: Driver) -> None:
     """It ran out of the window; its end says what to do."""
     path = "/home/someone/photos-scene/gaga-before-2/project.json"
@@ -888,10 +973,15 @@ def _known_length(d: Driver) -> None:
     d.keys(KEY.escape)
 
 
+def _add_keyframes(d: Driver, n: int) -> None:
+    for _ in range(n):
+        d.on_main(partial(camera.add_keyframe, d.session))
+        d.session.rig.orbit(60.0, 0)
+
+
 def _sizes_of_a_film(d: Driver) -> None:
     """The fourth was cut, the fifth out of reach."""
-    for _ in range(2):
-        d.on_main(partial(camera.add_keyframe, d.session))
+    _add_keyframes(d, 2)
     d.on_main(partial(commands.run, "camera.film", d.session))
     d.frames(4)
     sheet = d.engine.window_info("//Save film/Choices").window
@@ -1293,6 +1383,7 @@ def test_parts_of_the_window(display: str, grouped_copy: Path, tmp_path: Path) -
         _disabled_commands_say_why(d)
         _menus_part_finding_from_editing(d)
         _a_mask_moves_from_its_card(d)
+        _keys_photo_after_photo(d)
         _the_camera_path_shows_its_keyframes(d)
         _a_click_on_a_tick_goes_to_its_keyframe(d)
         _sheets_that_theme_the_window_do_not_dim_it(d)
@@ -1437,11 +1528,27 @@ def _a_mask_moves_from_its_card(d: Driver) -> None:
     d.keys(KEY.escape)
 
 
+def _keys_photo_after_photo(d: Driver) -> None:
+    """K brought another tab to the front: there was no photo to go to next."""
+    d.focus("Views")
+    for place in range(3):
+        d.on_main(partial(camera.go_to_view, d.session, place))
+        d.settle()
+        d.keys(KEY.k)
+        window = d.engine.get_window_by_ref("//Views")
+        assert window.active
+        assert not window.hidden, "the tab stays"
+        assert status_text(d.session, d.studio.picture.controller.tool(d.session)) == (
+            f"Keyframe {place + 1} added"
+        )
+        d.keys(KEY.k)
+        assert len(camera.path_of(d.session).keyframes) == place + 1
+    camera.clear_path(d.session)
+
+
 def _the_camera_path_shows_its_keyframes(d: Driver) -> None:
     """Several columns where the panel is wide and low: nothing is scrolled away."""
-    for turn in range(_KEYFRAMES):
-        d.session.rig.orbit(60.0 * (turn > 0), 0)
-        d.on_main(partial(camera.add_keyframe, d.session))
+    _add_keyframes(d, _KEYFRAMES)
     d.focus("Camera path")
     d.frames(4)
     for index in range(_KEYFRAMES):

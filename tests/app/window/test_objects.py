@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +24,8 @@ from gaga_studio.features.find.search import SearchState
 from gaga_studio.features.object_list import UNSURE, ListFilter, ObjectListView, measures
 from gaga_studio.session.settings import Settings, load_settings
 from gaga_studio.tools.move import MoveTool
+from gaga_studio.ui.panels import rows
+from gaga_studio.ui.panels.rows import RowColumns
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import random_gaussians
@@ -136,6 +139,31 @@ def test_the_list_can_be_read(display: str, grouped_copy: Path, tmp_path: Path) 
         assert blue[0] < blue[1] < blue[2]  # half-lit
 
     drive(walk, path=grouped_copy, size=(1280, 720))
+
+
+def test_columns_give_way_by_width_only(
+    display: str, grouped_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first folder took the column Splats away from a list that had room for it."""
+    asked: list[tuple[tuple[int | bool, ...], ...]] = []
+    columns_for, avail = rows.columns_for, imgui.get_content_region_avail
+
+    def shown(depth: int, has_arrows: bool) -> tuple[int | bool, ...]:
+        now = columns_for(True, 50.0, depth, has_arrows)
+        return now.splats, now.views, now.quality, now.shown, now.n_switches, now.has_picture
+
+    def noted(*settings: Any) -> RowColumns:
+        if not asked:
+            for width in range(160, 800, 10):  # pixels of a list
+                monkeypatch.setattr(imgui, "get_content_region_avail", lambda w=width: ImVec2(w, 9))
+                asked.append((shown(0, False), shown(0, True), shown(3, True)))
+            monkeypatch.setattr(imgui, "get_content_region_avail", avail)
+        return columns_for(*settings)
+
+    monkeypatch.setattr(rows, "columns_for", noted)
+    drive(lambda d: d.frames(2), path=grouped_copy)
+    assert len(set(asked)) > 5, "wider lists have more"
+    assert all(plain == in_arrows == deep for plain, in_arrows, deep in asked)
 
 
 def test_the_row_of_what_is_selected_is_seen_whole(display: str, tmp_path: Path) -> None:
@@ -264,6 +292,18 @@ def _drag(d: Driver) -> None:
     hidden = np.unique(scene.labels[scene.has(State.HIDDEN)])
     assert hidden.tolist() == [2, 3, 4], "the menu of a folder acts on all that is in it"
     d.keys(KEY.mod_ctrl, KEY.z)
+    for item, change in (("Duplicate", 1), ("Delete", -1)):
+        n = int((~scene.has(State.DELETED)).sum())
+        inside = sum(len(group_indices(scene, group)) for group in (2, 3, 4))
+        d.menu_of(_FOLDER.format("Room", "##row"), f"###{item}")
+        assert (~scene.has(State.DELETED)).sum() == n + change * inside, item
+        d.keys(KEY.mod_ctrl, KEY.z)
+    d.menu_of(_FOLDER.format("Room", "##row"), "###Recolor…")
+    assert d.session.selected_groups() == (2, 3, 4)
+    d.keys(KEY.escape)
+    d.menu_of(_FOLDER.format("Room", "##row"), "###Export selection…")
+    assert d.engine.get_window_by_ref("//Export").active
+    d.keys(KEY.escape)
     d.select(4, 5)
     d.engine.item_drag_and_drop(f"//{_ROW.format(4, '##row')}", onto)
     d.frames(3)

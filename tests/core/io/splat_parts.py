@@ -1,5 +1,6 @@
 """What tests of splat files share: comparisons, damage, and files made byte by byte."""
 
+import gzip
 import inspect
 import io
 import json
@@ -15,6 +16,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import quats_to_matrices
 from gaga_core.io.splats.ply import write_ply_stage
 from gaga_core.io.splats.splat import write_splat_stage
+from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.progress import run_stage
 
 
@@ -34,6 +36,14 @@ def write_unchecked(path: Path, gaussians: Gaussians) -> None:
     """A .ply or .splat as another program may write it, of numbers that our writers refuse."""
     write = {".ply": write_ply_stage, ".splat": write_splat_stage}[path.suffix]
     run_stage(inspect.unwrap(write)(path, gaussians))
+
+
+def write_without_up(path: Path, gaussians: Gaussians) -> None:
+    """An .spz without the extension that says which way is up, as other programs write it."""
+    write_splats(path, gaussians, SplatFormat.SPZ)
+    data = bytearray(gzip.decompress(path.read_bytes())[:-12])
+    data[14] &= ~2  # the flag of the header
+    path.write_bytes(gzip.compress(bytes(data)))
 
 
 def ksplat(level: int, degree: int) -> tuple[bytes, np.ndarray]:

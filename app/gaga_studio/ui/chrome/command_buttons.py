@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_studio.features import camera, commands
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, widgets
-from gaga_studio.ui.kit.theme import em
+from gaga_studio.ui.kit.theme import em, visual
 from gaga_studio.ui.kit.widgets import Face
 
 _AROUND_TITLE = 11.0  # em of a menu for icon, longest shortcut, check mark, scroll bar and edges
@@ -154,6 +154,8 @@ OBJECT_MENU = (
     "file.export_meshes",
     "file.export_simulation",
 )
+_OF_ONE = ("object.rename", "object.separate", "object.split", "object.clean", "object.fill")
+FOLDER_MENU = tuple(id_ for id_ in OBJECT_MENU if id_ not in _OF_ONE)  # of all that is in it
 _IN_THE_PICTURE = (
     "object.folder",
     "select.children",
@@ -210,19 +212,24 @@ def command_icon(session: Session, command_id: str) -> None:
         commands.run(command_id, session)
 
 
+def fitting(title: str) -> str:
+    """The title of an entry of a menu, no wider than the window."""
+    return widgets.elided(title, imgui.get_main_viewport().size.x - em(_AROUND_TITLE))
+
+
 def command_item(session: Session, command_id: str) -> None:
     """A menu item with its shortcut; greyed, it says why in its tooltip."""
     command = commands.command(command_id)
     why_not = command.enabled(session)
     icon = ICONS.get(command_id, icons.BLANK)
     title = command.title_now(session)
-    shown = widgets.elided(title, imgui.get_main_viewport().size.x - em(_AROUND_TITLE))
+    shown = fitting(title)
     label = f"{icon}  {shown}###{command.title}"
     is_on = command.is_on is not None and command.is_on(session)
     keys = commands.shortcut_of(command, session)
     if imgui.menu_item(label, keys, is_on, not why_not)[0]:
         commands.run(command_id, session)
-    widgets.tooltip(why_not or ("" if shown == title else title), of_row=True)
+    widgets.tooltip(why_not or ("" if shown == visual(title) else title), of_row=True)
 
 
 def object_menu(session: Session) -> None:

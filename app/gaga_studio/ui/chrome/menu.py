@@ -167,11 +167,13 @@ def _items(session: Session, listed: Sequence[Command]) -> None:
     """Commands called as files are."""
     for command in listed:
         is_on = command.is_on is not None and command.is_on(session)
-        label = f"{theme.visual(command.title_now(session))}###{theme.visual(command.title)}"
+        title = command.title_now(session)
+        shown = command_buttons.fitting(title)
+        label = f"{shown}###{theme.visual(command.title)}"
         why_not = command.enabled(session)
         if imgui.menu_item(label, "", is_on, not why_not)[0]:
             run_one(command, session)
-        widgets.tooltip(why_not, of_row=True)
+        widgets.tooltip(why_not or ("" if shown == theme.visual(title) else title), of_row=True)
 
 
 def _title(session: Session) -> None:

@@ -11,7 +11,7 @@ from gaga_studio.features import add_scene, cleanup, fill
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
 from gaga_studio.tools.base import Tool
-from gaga_studio.ui.kit import widgets
+from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -95,7 +95,7 @@ def draw(session: Session, hint: str, figures: FrameFigures | None) -> None:
     imgui.align_text_to_frame_padding()
     room = width - tail - middle - em(1)
     if room > em(4):
-        widgets.dim(widgets.elided(hint, room))
+        widgets.line(hint, theme.DIM, room)
     else:
         imgui.dummy(ImVec2(1, 1))
     if job is not None:

@@ -26,6 +26,7 @@ _OFFER_SECONDS = 30.0  # with a button: it must be read and found
 _SHORT = (Level.HINT, Level.INFO)  # in a low picture: few lines, the rest in the tooltip
 _LINES = (2, 3)  # of these; where no other notice is
 _ANY_POPUP = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
+_OF_QUESTION = 1  # line over its two answers
 _LOW = 14.0  # em: height of a picture of which a whole notice covers the most
 _MOST = 4  # on screen at once, where there is room; older ones wait
 _SIGNS = {
@@ -69,7 +70,7 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     state.are_passing = any(_seconds(notice) < float("inf") for notice in fresh)
     is_low = area.height < em(_LOW)
     if is_low:  # the newest, and what must be read
-        fresh = [one for one in fresh if one is fresh[-1] or not _is_short(one)]
+        fresh = [n for n in fresh if n is fresh[-1] or n.otherwise or n.level not in _SHORT]
     n_lines = _LINES[len(fresh) == 1] if is_low else 0
     right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
     at = ImVec2(right, max(area.top, area.chip_bottom, area.card_bottom) + em(0.7))
@@ -95,10 +96,6 @@ def close_error(session: Session, state: ToastState) -> bool:
     if errors:
         state.closed.add(errors[-1])
     return bool(errors)
-
-
-def _is_short(notice: Notice) -> bool:
-    return notice.level in _SHORT and not notice.otherwise
 
 
 def _seconds(notice: Notice) -> float:
@@ -132,8 +129,9 @@ def _card(
         widgets.text(icon, color)
         imgui.same_line()
         room, left = width - em(5.4), imgui.get_cursor_pos_x()
-        if is_low and _is_short(notice):
-            for text in widgets.few_lines(notice.text, room, n_lines):
+        if is_low and notice.level in _SHORT:
+            most = _OF_QUESTION if notice.otherwise else n_lines
+            for text in widgets.few_lines(notice.text, room, most):
                 imgui.set_cursor_pos_x(left)
                 imgui.text_unformatted(text)
                 widgets.tooltip(notice.text)
@@ -159,7 +157,8 @@ def _card(
                 widgets.next_to(command.title)
             if widgets.button(command.title, why_not=command.enabled(session)):
                 commands.run(name, session)
-                state.closed.add(notice)
+                if not notice.otherwise:  # an answer closes it, wherever it is given
+                    state.closed.add(notice)
         imgui.set_cursor_pos(ImVec2(width - em(2.2), top))
         hint = "Close (Esc)" if notice.level is Level.ERROR else "Close"
         if widgets.small_icon("Close", icons.CLOSE, hint=hint):
@@ -169,6 +168,6 @@ def _card(
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 0))
     imgui.set_next_window_size_constraints(ImVec2(width, 0), most)
     before = state.sizes.get(notice)
-    is_cut = is_low and before is not None and before.y >= most.y - 1
+    is_cut = before is not None and before.y >= most.y - 1
     widgets.floating_card(f"Notice {slot}", draw, scrolls=is_cut)
     return bottom

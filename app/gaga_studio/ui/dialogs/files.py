@@ -21,6 +21,7 @@ from gaga_core.io.images import IMAGE_SUFFIXES
 from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.placing.photos import VIDEO_SUFFIXES
 from gaga_core.placing.recordings import R3D
+from gaga_core.scene.project import SUFFIX
 from gaga_studio.features import add_scene, camera, files, fill, reconstruction
 from gaga_studio.features.find import masks
 from gaga_studio.session.notices import Request
@@ -186,9 +187,8 @@ def _path_row(dialog: FileDialog) -> None:
         imgui.open_popup("New folder")
     widgets.popup("New folder", lambda: _new_folder(dialog), of_button=True)
     imgui.same_line()
-    shown = widgets.elided(str(dialog.folder), imgui.get_content_region_avail().x)
     imgui.align_text_to_frame_padding()
-    widgets.dim(shown)
+    widgets.line(str(dialog.folder), theme.DIM)
 
 
 def _places(dialog: FileDialog) -> None:
@@ -283,7 +283,7 @@ def _follow(dialog: FileDialog) -> None:
 
 def _answer_row(dialog: FileDialog) -> None:
     if dialog.message:
-        widgets.text(widgets.elided(dialog.message, em(40)), theme.WARN)
+        widgets.line(dialog.message, theme.WARN)
     imgui.set_next_item_width(-1)
     hint = "Folder or path; Tab completes" if dialog.kind in _FOLDERS else "File name or path"
     if dialog._wants_keyboard:
@@ -485,7 +485,7 @@ _ASKED = {
         PathKind.NEW_FOLDER,
         Session.save,
         action="Save",
-        ending=".gaga",
+        ending=SUFFIX,
     ),
     Request.SAVE_SCRIPT: _Asked(
         "Save the edits as a script",
@@ -518,6 +518,9 @@ def _ask(picker: FilePicker, asked: _Asked, session: Session) -> None:
     if asked.needs_scene and session.document is None:
         return
     name = f"{stem(session)}{asked.ending}" if asked.ending else ""
+    if asked.ending == SUFFIX and session.project is not None:  # what Ctrl+S writes
+        now = session.project.saves_to.name
+        name = now if now.endswith(SUFFIX) else name
     start = start_folder(session)
     dialog = FileDialog(asked.title, asked.kind, start, name, asked.suffixes, action=asked.action)
     dialog.takes_folder = asked.takes_folder

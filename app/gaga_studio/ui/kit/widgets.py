@@ -1,5 +1,6 @@
 """Small pieces that every panel uses: buttons that say why they are off, rows, empty states."""
 
+import re
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -446,39 +447,57 @@ def number(text: str, color: ImVec4 | None = None) -> None:
 
 
 def elided(text: str, width: float) -> str:
-    """``text`` as it is drawn, cut with an ellipsis so that it fits ``width`` pixels."""
-    text = visual(text)
-    if imgui.calc_text_size(text).x <= width:
-        return text
-    low, high = 0, len(text)
-    while low < high:
-        middle = (low + high + 1) // 2
-        if imgui.calc_text_size(text[:middle] + "…").x <= width:
-            low = middle
-        else:
-            high = middle - 1
-    return text[:low] + "…"
+    """``text`` as it is drawn, cut with an ellipsis so that it fits ``width`` pixels.
+
+    A path is cut in its folders: the name of the file, and what is said after it, stay.
+    """
+    return _cut(visual(text), lambda shorter: imgui.calc_text_size(shorter).x <= width)
 
 
 def few_lines(text: str, width: float, most: int = 2) -> list[str]:
-    """``text`` on at most so many lines of ``width`` pixels, parted at spaces, the last one cut."""
+    """``text`` on at most so many lines of ``width`` pixels, parted at spaces, cut as `elided`."""
+
+    def fits(shorter: str) -> bool:
+        lines = _lines(shorter, width)
+        return len(lines) <= most and all(imgui.calc_text_size(x).x <= width for x in lines)
+
     text = theme.plain(text).replace("\n", r"\n")
-    words = text.split(" ")
-    n = 1
-    while n < len(words) and imgui.calc_text_size(" ".join(words[: n + 1])).x <= width:
-        n += 1
-    first, rest = " ".join(words[:n]), " ".join(words[n:])
-    if most == 1 or not rest or imgui.calc_text_size(first).x > width:
-        return [elided(text, width)]
-    return [first, *few_lines(rest, width, most - 1)]
+    return [visual(part) for part in _lines(_cut(text, fits), width)]
 
 
-def line(text: str, color: ImVec4 | None = None) -> None:
-    """One line of text that is cut at the edge of the panel and whole in its tooltip."""
-    shown = elided(text, imgui.get_content_region_avail().x)
+# The folders of a path in a sentence, or of one that is all there is; what follows is its end.
+_FOLDERS = re.compile(
+    r"(?:(?:^|\s)(?:~|\w:)?[/\\](?=\S).*(?=[/\\]\S)|^\S*(?=[/\\]\S+$))", re.DOTALL
+)
+
+
+def _cut(text: str, fits: Callable[[str], bool]) -> str:
+    """``text`` if it ``fits``, else with an ellipsis for as few letters as need be."""
+    if fits(text):
+        return text
+    folders = _FOLDERS.search(text)
+    end = text[folders.end() :] if folders is not None else ""
+    if end and not fits(f"…{end}"):
+        text, end = f"…{end}", ""
+    low, high = 0, len(text) - len(end)
+    while low < high:
+        middle = (low + high + 1) // 2
+        if fits(f"{text[:middle]}…{end}"):
+            low = middle
+        else:
+            high = middle - 1
+    return f"{text[:low]}…{end}"
+
+
+def line(text: str, color: ImVec4 | None = None, width: float = 0.0) -> None:
+    """One line of text that is whole in its tooltip where it is cut.
+
+    That is at the edge of the panel, or at ``width`` pixels.
+    """
+    shown = elided(text, width or imgui.get_content_region_avail().x)
     with theme.text_color(color or theme.TEXT):
         imgui.text_unformatted(shown)
-    if shown != text:
+    if shown != visual(text):
         tooltip(text)
 
 

@@ -254,7 +254,7 @@ def _item(session: Session, path: str) -> None:
 
 # --- The columns of the object list: which ones a width has room for, and by which it is sorted.
 
-_NAME = 7.5  # least width of a name, ems: twelve letters, before any other column
+_NAME = 7.5  # least width of a name in no folder, ems: twelve letters, before any other column
 # Widths of the other columns, ems: narrow and roomy; of the switches by their number.
 _SHOWN, _SPLATS, _QUALITY, _VIEWS = (0.0, 1.4, 2.75, 4.1), (2.8, 3.5), (1.9, 3.3), 2.8
 _SORTED = 0.9  # room of the arrow in the header of the sorted column, ems
@@ -265,12 +265,12 @@ _KEYS: tuple[SortKey, ...] = get_args(SortKey)  # sort keys by column id
 def columns_for(is_measured: bool, height: float, depth: int, has_arrows: bool) -> RowColumns:
     """What fits next to a name of `_NAME`: the eye, lock, picture, quality, splats and views.
 
-    Quality is there once it was measured. ``height`` of a row, pixels; ``depth`` of
-    the deepest row.
+    Quality is there once it was measured. ``height`` of a row, pixels; ``depth`` of the deepest
+    row: names are shorter in folders, and no column goes for them.
     """
-    arrow = em(_ARROW) if has_arrows else 0.0
-    first = em(1.15) + arrow + indent(depth)
-    room = (imgui.get_content_region_avail().x - first) / em(1) - _NAME
+    arrow, color = em(_ARROW) if has_arrows else 0.0, em(1.15)
+    first = color + arrow + indent(depth)
+    room = (imgui.get_content_region_avail().x - color) / em(1) - _NAME
     has_picture = room > _SHOWN[2] + height / em(1)
     if has_picture:
         first, room = first + height, room - height / em(1)
@@ -693,8 +693,7 @@ class FolderRow:
         if imgui.menu_item_simple(f"{icons.RENAME}  Rename###Rename"):
             self.state.rename_folder(self.path)
         folder = ("object.folder", "object.folder_out", "object.folder_delete", "")
-        inside = ("view.frame_selected", "object.isolate", "object.hide", "object.lock", "")
-        command_buttons.command_items(self.session, (*folder, *inside, "file.export_selected"))
+        command_buttons.command_items(self.session, (*folder, *command_buttons.FOLDER_MENU))
 
     def _text(self, row: Across) -> None:
         """The sign, the name, and what is in it, over the columns up to the switches."""
