@@ -41,13 +41,15 @@ class ChangeConfig:
     thin: float = 0.25  # ... or by that much of the thing's own size, if that is less
     color: float = 0.25  # mean difference of channels, from which it is another thing
     seen: float = 0.2  # share of a group's splats that must be seen
-    free: float = 0.33  # share of the looks at its place that nothing in front of it may hide
+    free: float = 0.25  # share of the looks at its place that nothing in front of it may hide
     gone: float = 0.6  # share of these that must be gone
     partly: float = 0.2  # ... of what stands where another thing stood, if it came from elsewhere
     least_move: float = 0.5  # of its own size: what moved less is the same thing, seen otherwise
+    sides: float = 40.0  # degrees between views that show a thing, or half of what the best seen
+    # one has: from fewer sides nobody knows how far away it is
     fewest: int = 30  # opaque splats of an object: smaller ones are crumbs
-    shape: float = 0.35  # greatest mean difference of log extents of one thing that moved
-    hues: float = 0.45  # least share of colors in common of one thing that moved
+    alike: float = 0.17  # share of colors in common, less the mean difference of log extents, from
+    # which two are one thing that moved
 
 
 _CONFIG = ChangeConfig()
@@ -107,11 +109,11 @@ def find_changes_stage(
     """
     a = yield from _side(first)
     b = yield from _side(second)
-    gone_a = yield from _gone(a, b, inverse(world), rasterizer)
-    gone_b = yield from _gone(b, a, world, rasterizer)
+    looks_a = yield from _look(a, b, world, rasterizer)
+    looks_b = yield from _look(b, a, inverse(world), rasterizer)
     scale = scale_of(world)
-    went = [_Thing.of(a, *one, 1.0) for one in gone_a]
-    came = [_Thing.of(b, *one, scale) for one in gone_b]
+    went = [_Thing.of(a, *one, 1.0) for one in _gone(a, looks_a, looks_b)]
+    came = [_Thing.of(b, *one, scale) for one in _gone(b, looks_b, looks_a)]
     found, taken = [], set[int]()
     pairs = _pairs(went, came)
     for i, thing in enumerate(went):
@@ -147,43 +149,87 @@ def _side(capture: Capture) -> Stage[_Side]:
     return _Side(capture, gaussians, rows, labels[rows], means, colors, views)
 
 
-def _gone(
+@dataclass(frozen=True, eq=False)
+class _Looks:
+    """What the views of a capture show of its own groups, and of the splats of the other one."""
+
+    sides: DoubleArray  # (G,) widest angle between views that show a group of its own, degrees
+    looks: LongArray  # (K,) views in which a splat of the other would be
+    there: LongArray  # (K,) ... that show it
+    away: LongArray  # (K,) ... that look through its place, or see another color there
+
+
+def _look(
     side: _Side,
     other: _Side,
-    other_from_side: DoubleArray,  # (4, 4)
+    side_from_other: DoubleArray,  # (4, 4)
     rasterizer: Rasterizer,
-) -> Stage[list[tuple[int, float]]]:
-    """Groups of ``side`` of which the views of ``other`` see a part not to be there, and how large
-    that is, as a share of what they see."""
-    points = turned(side.means, other_from_side[:3, :3]) + other_from_side[:3, 3]
+) -> Stage[_Looks]:
+    """Look at both captures from the views of one ``side``."""
+    points = turned(other.means, side_from_other[:3, :3]) + side_from_other[:3, 3]
     looks, there, away = np.zeros((3, len(points)), np.int64)
-    groups, of = np.unique(side.labels, return_inverse=True)
-    n_all, scale = np.bincount(of), scale_of(other_from_side)
-    size = np.array([_size(side.means[of == i]) for i in range(len(groups))]) * scale
-    for i, view in enumerate(other.views):
-        yield Progress(STAGE, i, len(other.views), view.name)
-        frame = rasterizer.render(other.gaussians, view)
-        pixels, depths = view.project(points)
-        inside = np.flatnonzero(view.shows(pixels, depths))
-        u, v = pixels[inside].astype(np.int64).T
-        depth, surface = frame.median_depth[v, u], frame.alpha[v, u] >= _CONFIG.opaque
-        off = depth / depths[inside] - 1
-        near = np.minimum(_CONFIG.thin * size[of[inside]] / depths[inside], _CONFIG.depth)
+    groups, own = np.unique(side.labels, return_inverse=True)
+    of = np.unique(other.labels, return_inverse=True)[1]
+    size = _sizes(other) * scale_of(side_from_other)
+    shown = np.zeros((len(groups), len(side.views)))
+    for i, view in enumerate(side.views):
+        yield Progress(STAGE, i, len(side.views), view.name)
+        frame = rasterizer.render(side.gaussians, view)
+        inside, depths, (u, v) = _inside(view, side.means)
+        off = frame.median_depth[v, u] / depths - 1
+        is_shown = (frame.alpha[v, u] >= _CONFIG.opaque) & (np.abs(off) <= _CONFIG.depth)
+        shown[:, i] = np.bincount(own[inside[is_shown]], minlength=len(groups))
+        inside, depths, (u, v) = _inside(view, points)
+        surface, off = frame.alpha[v, u] >= _CONFIG.opaque, frame.median_depth[v, u] / depths - 1
+        near = np.minimum(_CONFIG.thin * size[of[inside]] / depths, _CONFIG.depth)
         same = surface & (np.abs(off) <= near)
-        differs = np.abs(frame.image[v, u] - side.colors[inside]).mean(axis=1) > _CONFIG.color
+        differs = np.abs(frame.image[v, u] - other.colors[inside]).mean(axis=1) > _CONFIG.color
         looks[inside] += 1
         there[inside] += same & ~differs
         away[inside] += (surface & (off > near)) | (same & differs)
+    positions = np.array([view.position for view in side.views])
+    sides = np.zeros(len(groups))
+    for k in range(len(groups)):
+        mine = own == k
+        ways = positions[shown[k] >= _CONFIG.seen * mine.sum()] - np.median(
+            side.means[mine], axis=0
+        )
+        ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
+        if len(ways):
+            sides[k] = np.degrees(np.arccos(np.clip((ways @ ways.T).min(), -1, 1)))
+    return _Looks(sides, looks, there, away)
+
+
+def _inside(view: Camera, points: DoubleArray) -> tuple[LongArray, DoubleArray, LongArray]:
+    """Indices (K,) of points (N, 3) in front of a view, their depths (K,) and pixels (2, K)."""
+    pixels, depths = view.project(points)
+    inside = np.flatnonzero(view.shows(pixels, depths))
+    return inside, depths[inside], pixels[inside].astype(np.int64).T
+
+
+def _gone(side: _Side, own: _Looks, others: _Looks) -> list[tuple[int, float]]:
+    """Groups of ``side`` of which the ``others`` see a part not to be there, and how large that is,
+    as a share of what they see."""
+    looks, there, away = others.looks, others.there, others.away
+    groups, of = np.unique(side.labels, return_inverse=True)
+    n_all = np.bincount(of)
     seen, gone = there + away > 0, away > there
     n_seen = np.bincount(of[seen], minlength=len(groups))
     share = np.bincount(of[seen & gone], minlength=len(groups)) / np.maximum(n_seen, 1)
     is_known = (n_all >= _CONFIG.fewest) & (n_seen >= _CONFIG.seen * n_all)
     n_looks, n_free = np.bincount(of, weights=looks), np.bincount(of, weights=there + away)
     is_known &= n_free >= _CONFIG.free * n_looks
+    is_known &= own.sides >= min(_CONFIG.sides, float(own.sides.max(initial=0)) / 2)
     found = zip(groups[is_known].tolist(), share[is_known].tolist(), strict=True)
     return [
         (g, part) for g, part in found if part >= _CONFIG.partly and g not in side.capture.behind
     ]
+
+
+def _sizes(side: _Side) -> DoubleArray:
+    """Sizes (G,) of the groups of a side, in its units."""
+    of = np.unique(side.labels, return_inverse=True)[1]
+    return np.array([_size(side.means[of == i]) for i in range(int(of.max(initial=-1)) + 1)])
 
 
 def _size(points: DoubleArray) -> float:
@@ -237,7 +283,7 @@ def _pairs(went: Sequence[_Thing], came: Sequence[_Thing]) -> dict[int, int]:
     shape = np.array([[np.abs(a.extents - b.extents).mean() for b in came] for a in went])
     hues = np.array([[np.minimum(a.hues, b.hues).sum() for b in came] for a in went])
     share = np.array([[(a.share, b.share) for b in came] for a in went])
-    fits = (shape <= _CONFIG.shape) & (hues >= _CONFIG.hues) & (share.max(axis=2) >= _CONFIG.gone)
-    cost = np.where(fits, shape / _CONFIG.shape + (1 - hues) + 2 - share.sum(axis=2), 1e6)
+    fits = (hues - shape >= _CONFIG.alike) & (share.max(axis=2) >= _CONFIG.gone)
+    cost = np.where(fits, 3 + shape - hues - share.sum(axis=2), 1e6)
     rows, columns = linear_sum_assignment(cost)
     return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if fits[i, j]}

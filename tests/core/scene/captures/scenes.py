@@ -24,6 +24,7 @@ _BALLS = {  # group: middle, color
     3: ((0.8, 0.4, 0.35), (0.1, 0.1, 0.9)),
     4: ((-0.8, 0.2, 0.35), (0.9, 0.9, 0.1)),
     5: ((0.5, -0.6, 0.35), (0.1, 0.9, 0.9)),
+    6: (tuple(0.75 * walk_cameras(1)[0].position), (0.5, 0.5, 0.5)),  # right before a camera
 }
 
 
@@ -79,14 +80,14 @@ def splats_of(
 
 def write_furnished(folder: Path, world: DoubleArray) -> tuple[Path, Path]:
     """Two scene folders; the second lies in another world (4, 4), and in it ball 2 moved, 3 went
-    and 5 came."""
+    and 5 came. Ball 6 is fog: one view of the first shows it, from nobody knows how far."""
     first, second = folder / "a", folder / "b"
     places = {group: ball[0] for group, ball in _BALLS.items()}
     write_scene(first, 0)
     write_scene(second, 1, world=world)
     x, y, z = places[2]
     there = {2: (x - 0.3, y - 0.9, z), 4: places[4], 5: places[5]}
-    for path, balls in ((first, {g: places[g] for g in (2, 3, 4)}), (second, there)):
+    for path, balls in ((first, {g: places[g] for g in (2, 3, 4, 6)}), (second, there)):
         gaussians, labels = splats_of(balls, seed=path is second)
         if path is second:
             scene = Scene.of(gaussians)
