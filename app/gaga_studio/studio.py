@@ -300,12 +300,20 @@ def _put_back(stacks: imgui.internal.ErrorRecoveryState) -> None:
     kept = [getattr(io, name) for name in said]
     for name in said:
         setattr(io, name, False)
+    # The toolkit would close the menu bar, too, in which the menus were drawn.
+    bar = imgui.internal.find_window_by_name(_MENU_BAR)
+    is_in_bar = bar is not None and bar.dc.menu_bar_appending
+    if is_in_bar:
+        bar.dc.menu_bar_appending = False
     imgui.internal.error_recovery_try_to_recover_state(stacks)
+    if is_in_bar:
+        bar.dc.menu_bar_appending = True
     for name, was in zip(said, kept, strict=True):
         setattr(io, name, was)
 
 
 _LOG = logging.getLogger(__name__)
+_MENU_BAR = "##MainMenuBar"
 _REST_RATE = 2.0  # frames a second while nothing happens
 _PART_S = 0.04  # of a picture that the processor draws, in one frame
 _PICTURE_SIDE = 320  # pixels: about the longest side of a picture in the recent list

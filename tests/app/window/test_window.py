@@ -34,7 +34,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.system import paths
-from gaga_studio.ui.chrome import menu, toasts, toolbar
+from gaga_studio.ui.chrome import command_buttons, menu, toasts, toolbar
 from gaga_studio.ui.dialogs import files, sheets
 from gaga_studio.ui.kit import icons, widgets
 from gaga_studio.ui.kit.textures import groups_of_view
@@ -753,6 +753,25 @@ def test_an_error_that_leaves_something_open_is_told(
         (entry,) = [r for r in caplog.records if r.levelno == logging.ERROR]
         assert entry.exc_info is not None
         assert leave_open.__name__ in caplog.text
+
+    drive(walk, may_fail=True)
+
+
+def test_what_fails_in_an_open_menu_is_told_and_the_menu_bar_stays(
+    display: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The toolkit closed the menu bar with the menu, and the window ended."""
+
+    def walk(d: Driver) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(command_buttons, "command_item", lambda *_: 1 / 0)
+            d.engine.item_click("//##MainMenuBar/##MenuBar/Find")
+            d.frames(5)
+            told = [notice.text for notice in d.session.notices]
+            assert told == ["Something went wrong in Menu; the details are in the log file."]
+        d.keys(KEY.escape)
+        d.menu("Help/###Keys and mouse")
+        assert d.exists("Keys and mouse/###Close")
 
     drive(walk, may_fail=True)
 

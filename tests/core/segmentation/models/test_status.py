@@ -1,6 +1,7 @@
 """What is told of models on this machine: here or not, how long a photo takes."""
 
 import json
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,20 @@ def test_an_estimate_comes_before_the_first_use_and_a_measurement_after(models: 
         assert status.seconds_a_photo(TINY) == (seconds, True)
     status.record(TINY.name, 0.0)
     assert status.measured(TINY.name) == 9.25
+
+
+@pytest.mark.parametrize("seconds", [0.0, 3.0])
+def test_any_clock_gives_an_estimate(
+    models: Path, monkeypatch: pytest.MonkeyPatch, seconds: float
+) -> None:
+    """On a machine so busy that one look took longer than all were to take, its speed was 0."""
+    ticks = count(step=round(seconds * 1e9))
+    monkeypatch.setattr(status.time, "thread_time_ns", lambda: next(ticks))
+    monkeypatch.setattr(status.time, "perf_counter", lambda: next(ticks) / 1e9)
+    for _ in range(2):
+        estimate = status.seconds_a_photo(TINY)
+        assert estimate is not None
+        assert estimate[0] > 0
     (models / "speed.json").write_text("{")
     assert status.measured(TINY.name) is None, "damaged: measured again"
     assert status.seconds_a_photo(TINY) is not None
