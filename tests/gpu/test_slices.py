@@ -78,6 +78,24 @@ def test_a_draft_is_finished_although_the_camera_goes_on(viewport: Viewport, sce
     assert np.array_equal(viewport.read_pixels(), whole)
 
 
+def test_a_draft_has_all_its_splats_whatever_order_comes_meanwhile(
+    viewport: Viewport, scene: Scene
+) -> None:
+    """A shorter one came, and what is nearest was missing: the front half of a room."""
+    viewport.draw(scene, CAMERA, VIEW, wait=True)
+    whole = viewport.read_pixels()
+    viewport.draw(scene, OTHER_CAMERA, VIEW, wait=True)
+    viewport.draw(scene, CAMERA, VIEW, wait=True, frame_s=FRAME_S, is_draft=True)
+    n = viewport.n_draws
+    for i in range(1000):
+        view = replace(VIEW, splat_budget=500 + i % 3)
+        viewport.draw(scene, OTHER_CAMERA, view, wait=True, frame_s=FRAME_S, is_draft=True)
+        if viewport.n_draws > n:
+            break
+    assert viewport.n_draws == n + 1
+    assert np.array_equal(viewport.read_pixels(), whole)
+
+
 def test_a_scene_that_changes_or_goes_ends_the_parts(viewport: Viewport, scene: Scene) -> None:
     for is_draft in (False, True):
         viewport.draw(scene, CAMERA, VIEW, wait=True, frame_s=FRAME_S, is_draft=is_draft)

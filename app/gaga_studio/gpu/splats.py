@@ -51,11 +51,10 @@ class SplatRenderer:
         self._indices = ctx.buffer(_indices())
         self.passes: Counter[str] = Counter()
 
-    def set_order(self, order: IntArray, n_splats: int) -> bool:
-        """Draw these splats (M,) of ``n_splats``, far to near; whether projected ones were lost."""
+    def set_order(self, order: IntArray, n_splats: int) -> None:
+        """Draw these splats (M,) of ``n_splats``, far to near; parts of a picture end."""
         lines = max(1, -(-n_splats // WIDTH))
-        is_new = self._order is None or self._order.height != lines
-        if self._order is None or is_new:
+        if self._order is None or self._order.height != lines:
             if self._order is not None:
                 self._order.release()
             self._order = self._ctx.texture((WIDTH, lines), 1, dtype="u4")
@@ -63,7 +62,6 @@ class SplatRenderer:
             self._projected.resize(WIDTH, lines)
         write_rows(self._order, order, 0)
         self._n_order = len(order)
-        return is_new
 
     @property
     def nbytes(self) -> int:
@@ -91,8 +89,8 @@ class SplatRenderer:
 
         Yields "project" or "blend" between parts; ``size_of`` says how many splats the next part
         of that name has, 0 = all the rest. Blending goes far to near whatever the parts, so the
-        picture is the same to the bit. Where buffers or the depth order change in between,
-        some splats are drawn twice or not at all.
+        picture is the same to the bit. Where buffers change in between, some splats are drawn
+        as they were and some as they are; with another depth order it has to begin again.
 
         Attachment 0 is premultiplied color and alpha; in depth mode red is the sum of weight times
         depth / far. Attachment 1 is there with a mask: shares of selected and of hovered splats.

@@ -182,10 +182,12 @@ class Viewport:
         whole, the last one is returned and ``settled`` is False. 0 = at once. A draft that is
         begun is finished before the next one, though the camera went on; others begin again.
         """
+        # A draft keeps its depth order: by the rest of another one, its near splats are missing.
+        goes_on = self._parts is not None and self._is_draft and frame_s > 0
         if scene is None:
             self._forget()
         else:
-            self._pull(scene, camera, view, overlays, wait=wait)
+            self._pull(scene, camera, view, overlays, wait=wait, keeps_order=goes_on)
         size = (camera.width, camera.height)
         order = self._order
         wanted = (
@@ -202,7 +204,7 @@ class Viewport:
             with drawing(self._ctx):
                 self._picture.resize(*size)
                 self._picture.begin().clear(*view.background, 1.0)
-        if self._parts is not None and self._is_draft and frame_s > 0:
+        if goes_on and self._parts is not None:
             self._go_on(frame_s)
         elif wanted != self._drawn and not is_on_its_way:
             if self._parts is None or wanted != self._begun:
@@ -272,7 +274,14 @@ class Viewport:
         self._valid_from = self._ticket + 1
 
     def _pull(
-        self, scene: Scene, camera: Camera, view: ViewState, overlays: Overlays, *, wait: bool
+        self,
+        scene: Scene,
+        camera: Camera,
+        view: ViewState,
+        overlays: Overlays,
+        *,
+        wait: bool,
+        keeps_order: bool,
     ) -> None:
         """Bring textures and depth order up to date, as far as they are known."""
         shown, labels, tint = scene, overlays.labels, overlays.tint
@@ -307,8 +316,10 @@ class Viewport:
             self._sorter.submit(_job(self._ticket, shown, camera, view, self._lod))
         if wait:
             self._sorter.wait(self._ticket)
-        elif self._lacks(camera):
+        elif not keeps_order and self._lacks(camera):
             self._sorter.wait(self._ticket, self.slices.seconds)
+        if keeps_order and self._parts is not None:
+            return
         order = self._sorter.take()
         if order is not None and order.ticket >= self._valid_from:
             self._use(order)
@@ -323,8 +334,7 @@ class Viewport:
         After a jump, or in a flight on a slow machine. Its order is worth as long a wait as the
         last picture took: on a slow machine far more than sorting does.
         """
-        goes_on = self._parts is not None and self._is_draft
-        return self._order is not None and not goes_on and not self._order.covers(camera)
+        return self._order is not None and not self._order.covers(camera)
 
     def _pull_lod(
         self, tree: LodTree, scene: Scene, camera: Camera, view: ViewState, *, wait: bool
@@ -347,9 +357,8 @@ class Viewport:
         n = self.buffers.n_splats
         kept = order.order if order.n_splats <= n else order.order[order.order < n]
         with drawing(self._ctx):
-            if self._splats.set_order(kept, n):
-                self._parts = None  # what it was drawn from is gone
-        self._order = order
+            self._splats.set_order(kept, n)
+        self._parts, self._order = None, order  # what the picture was begun with is gone
 
     def _go_on(self, frame_s: float) -> None:
         """Draw as much of the picture that is begun as one frame may take."""

@@ -1,6 +1,7 @@
 """What is told of models on this machine: here or not, how long a photo takes."""
 
 import json
+import time
 from itertools import count
 from pathlib import Path
 
@@ -35,8 +36,8 @@ def test_any_clock_gives_an_estimate(
 ) -> None:
     """On a machine so busy that one look took longer than all were to take, its speed was 0."""
     ticks = count(step=round(seconds * 1e9))
-    monkeypatch.setattr(status.time, "thread_time_ns", lambda: next(ticks))
-    monkeypatch.setattr(status.time, "perf_counter", lambda: next(ticks) / 1e9)
+    monkeypatch.setattr(time, "thread_time_ns", lambda: next(ticks))
+    monkeypatch.setattr(time, "perf_counter", lambda: next(ticks) / 1e9)
     for _ in range(2):
         estimate = status.seconds_a_photo(TINY)
         assert estimate is not None
