@@ -33,7 +33,7 @@ from gaga_core.placing.poses import similarity_between
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
 from gaga_core.scene.captures.alignment import Capture, difference
-from gaga_core.scene.frame import inverse, scale_of
+from gaga_core.scene.frame import inverse
 from tests.bench.figures import Figure, data_folder, is_long
 from tests.bench.workers import run_worker
 from tools.demo.objects import TABLE_TOP
@@ -219,29 +219,30 @@ def _counted(
     before: Sequence[Item],
     after: Sequence[Item],
 ) -> tuple[int, int]:
-    """An entry is right where its group lies where an object stood, and moved as far as it did."""
-    left, wrong = list(range(len(before))), 0
+    """An entry is right where one of the objects stood, and leads to where one of that name stands:
+    nobody can tell two equal candles apart."""
+    to, wrong = list(range(len(after))), 0
+    left, scenes = list(range(len(before))), [capture.scene for capture in opened]
+    worlds = world, world @ found.alignment.world
     for change in found.changes or ():
         sys.stderr.write(f"  {change.sentence()}\n")
-        scene = opened[0].scene
-        assert scene is not None
-        place = None
-        if change.kind == "moved":
-            means = scene.gaussians.means[scene.labels == change.first].astype(np.float64)
-            place = turned(np.median(means, axis=0)[None], world[:3, :3])[0] + world[:3, 3]
+        places = []
+        for scene, group, own in zip(scenes, (change.first, change.second), worlds, strict=True):
+            if scene is not None and group is not None:
+                means = scene.gaussians.means[scene.labels == group].astype(np.float64)
+                places.append(turned(np.median(means, axis=0)[None], own[:3, :3])[0] + own[:3, 3])
         fits = [
-            i
+            (i, j)
             for i in left
-            if place is not None
-            and np.linalg.norm(place[:2] - before[i].matrix[:2, 3]) < _NEAR
-            and abs(
-                change.distance * scale_of(world)
-                - np.linalg.norm(after[i].matrix[:, 3] - before[i].matrix[:, 3])
-            )
-            < _NEAR
+            for j in to
+            if change.kind == "moved"
+            and before[i].name == after[j].name
+            and np.linalg.norm(places[0][:2] - before[i].matrix[:2, 3]) < _NEAR
+            and np.linalg.norm(places[1][:2] - after[j].matrix[:2, 3]) < _NEAR
         ]
         if fits:
-            left.remove(fits[0])
+            left.remove(fits[0][0])
+            to.remove(fits[0][1])
         else:
             wrong += 1
     for i in left:
