@@ -19,7 +19,7 @@ from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import turned
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, part, portion
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.captures.alignment import Capture
@@ -105,10 +105,10 @@ def find_changes_stage(
 
     Both captures need splats; one without groups has no objects that could have changed.
     """
-    a = yield from _side(first)
-    b = yield from _side(second)
-    gone_a = yield from _gone(a, b, inverse(world), rasterizer)
-    gone_b = yield from _gone(b, a, world, rasterizer)
+    a = yield from portion(_side(first), 0, 0, STAGE)
+    b = yield from portion(_side(second), 0, 0, STAGE)
+    gone_a = yield from part(_gone(a, b, inverse(world), rasterizer), 0, 2, STAGE)
+    gone_b = yield from part(_gone(b, a, world, rasterizer), 1, 2, STAGE)
     scale = scale_of(world)
     went = [_Thing.of(a, *one, 1.0) for one in gone_a]
     came = [_Thing.of(b, *one, scale) for one in gone_b]

@@ -1,5 +1,5 @@
-"""Each task that the window starts ends with a word: what it made and where, that it was cancelled,
-or why it failed."""
+"""Each task that the window starts has one share of the whole, which never goes back, and ends with
+a word: what it made and where, that it was cancelled, or why it failed."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -18,6 +18,7 @@ from gaga_studio.features.find import association, masks
 from gaga_studio.session import jobs
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
+from tests.app import told
 
 _FILM = FilmConfig(video=VideoConfig(64, 48, fps=2))
 _DATA = dataset.DatasetPlan(DatasetConfig(views=2, width=64, height=64, fill=False), ("coco",))
@@ -71,8 +72,10 @@ def _started(session: Session, name: str, to: Path) -> str:
 def test_one_that_is_done_says_what_it_made_and_where(
     walked: Session, name: str, tmp_path: Path
 ) -> None:
-    _started(walked, name, tmp_path)
-    assert walked.jobs.wait()
+    with told.words() as heard:
+        _started(walked, name, tmp_path)
+        assert walked.jobs.wait()
+    assert told.falls(heard) == [], "one share of the whole"
     assert walked.notices
     assert {n.level for n in walked.notices} <= {Level.INFO, Level.WARNING}
     if name in _WRITE:
