@@ -7,11 +7,12 @@ Cancelling is closing the generator: between two steps ``GeneratorExit`` is rais
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import Future, wait
 from contextlib import closing
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import TYPE_CHECKING, TypeVar
 
 from gaga_core.errors import plain_text
@@ -207,12 +208,26 @@ def mapped(stage: Stage[T], change: Callable[[Progress], Progress]) -> Stage[T]:
             yield change(step)
 
 
+class _Share:
+    """How far a stage is: a share 0..1 that never goes back, whatever its steps tell of."""
+
+    def __init__(self) -> None:
+        self.furthest = 0.0
+
+    def of(self, step: Progress) -> float:
+        """The share after the newest word; one of which the total is not known stands still."""
+        if step.total > 0:
+            self.furthest = max(self.furthest, min(step.done / step.total, 1.0))
+        return self.furthest
+
+
 def portion(stage: Stage[T], begin: float, end: float, title: str) -> Stage[T]:
     """Run ``stage``; its progress is passed on as that of ``title`` from ``begin`` to ``end``,
     in 0..1."""
+    share = _Share()
 
     def change(step: Progress) -> Progress:
-        done = round(_STEPS * (begin + (end - begin) * step.done / max(step.total, 1)))
+        done = round(_STEPS * (begin + (end - begin) * share.of(step)))
         return replace(step, stage=title, done=done, total=_STEPS)
 
     return mapped(stage, change)
@@ -223,10 +238,33 @@ def part(stage: Stage[T], index: int, n_parts: int, title: str, *, prefix: str =
 
     ``prefix`` stands before each message.
     """
+    share = _Share()
 
     def change(step: Progress) -> Progress:
-        done = index * _STEPS + step.done * _STEPS // max(step.total, 1)
+        done = index * _STEPS + int(_STEPS * share.of(step))
         message = prefix + step.message
         return replace(step, stage=title, done=done, total=n_parts * _STEPS, message=message)
+
+    return mapped(stage, change)
+
+
+def joined(stage: Stage[T], title: str, seconds: Mapping[str, float]) -> Stage[T]:
+    """Run ``stage``, whose steps usually take ``seconds``, by their names and in their order; its
+    progress is passed on as one share of ``title``.
+
+    A step that is not among them, or that comes back, is told of and has no share of its own.
+    """
+    whole, share = sum(seconds.values()), _Share()
+    ends = accumulate(seconds.values())
+    begins = {name: end - seconds[name] for name, end in zip(seconds, ends, strict=True)}
+
+    def change(step: Progress) -> Progress:
+        if step.stage in seconds:
+            inside = min(step.done / step.total, 1.0) if step.total > 0 else 0.0
+            done = (begins[step.stage] + seconds[step.stage] * inside) / whole
+            share.of(Progress(title, done, 1))
+        message = f"{step.stage}: {step.message}" if step.message else step.stage
+        done = _STEPS * share.furthest
+        return replace(step, stage=title, done=done, total=_STEPS, message=message)
 
     return mapped(stage, change)

@@ -53,6 +53,9 @@ def content_of(project: Project) -> PageContent:
     )
 
 
+DRAWS = "Draw objects"
+
+
 def write_scene_page_stage(
     scene: Scene,
     splats: IntArray,
@@ -75,7 +78,7 @@ def write_scene_page_stage(
     free = scene.labels[splats[~scene.has(State.LOCKED)[splats]]]
     locked = set(np.setdiff1d(ids, free).tolist()) - {0}
     for entry in _objects(scene, gaussians, groups, options):
-        yield Progress("Draw objects", len(objects), len(ids), entry.name)
+        yield Progress(DRAWS, len(objects), len(ids), entry.name)
         objects.append(replace(entry, is_locked=entry.id in locked))
     world = np.diag([options.scale] * 3 + [1.0])
     world[:3, 3] = -options.scale * origin

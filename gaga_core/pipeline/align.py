@@ -15,15 +15,19 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, refuse_links
 from gaga_core.io.folder.scene_folder import find_model, is_scene_folder, open_scene_folder
 from gaga_core.io.images import write_rgb
+from gaga_core.io.splats.packing import READS
 from gaga_core.io.splats.splat_files import model_fingerprint
 from gaga_core.io.splats.spz import OURS
 from gaga_core.pipeline.search import describe_project
 from gaga_core.pipeline.settings import AlignConfig
 from gaga_core.placing.photos import FEWEST
-from gaga_core.progress import Progress, Stage
+from gaga_core.placing.photos import STAGE as LOOKS
+from gaga_core.placing.sfm import TITLES
+from gaga_core.progress import Progress, Stage, joined, part, portion
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake, bake_stage
+from gaga_core.scene.captures import by_photos, changes
 from gaga_core.scene.captures.alignment import Alignment, Capture, NotAlignedError
 from gaga_core.scene.captures.by_photos import align_by_photos_stage
 from gaga_core.scene.captures.changes import Change, find_changes_stage
@@ -31,13 +35,22 @@ from gaga_core.scene.edits import Edit, append, recolor, transform
 from gaga_core.scene.edits.values import together
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.orientation import guess_up, views_around
-from gaga_core.scene.project import Project, meant_in, open_path_stage
+from gaga_core.scene.project import READS_OBJECTS, Project, meant_in, open_path_stage
 from gaga_core.scene.scene import Revision, Scene
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.bounds import robust_box
 from gaga_core.scene.tint import mean_color, tint_affine
 
 _TINT, _TINTED = (0.95, 0.55, 0.15), 0.5  # color of a second scene while it is shown, and how much
+STAGE = "Align"
+_DRAW, _FEATURES, _MATCHES = "Draw the surfaces", TITLES["features"], TITLES["match"]
+# Seconds of a photo, of a pair of them, or of two captures, of the demo on two cores. Only what
+# they are in parts of each other counts.
+_RATES = {
+    _DRAW: 0.3, LOOKS: 0.06, _FEATURES: 1.1, _MATCHES: 0.05, by_photos.STAGE: 48.0,
+    changes.STAGE: 10.0,
+}  # fmt: skip
+OPENING = {READS: 1.0, READS_OBJECTS: 1.0}  # of `open_capture_stage`: either of them
 _WORKSPACE = ".gaga-align"  # next to the first scene's files, while photos are matched
 
 
@@ -95,7 +108,34 @@ def align_stage(
 
     Raises ``NotAlignedError`` where that cannot be trusted.
     """
-    scenes, engine = (first.scene, second.scene), choose()
+    stage = _align_stage(first, second, config, workspace)
+    return (yield from joined(stage, STAGE, usual_seconds(first, second, config)))
+
+
+def usual_seconds(first: Capture, second: Capture, config: AlignConfig) -> dict[str, float]:
+    """Seconds that each step of `align_stage` takes on a machine like the one that was measured."""
+    known = (_n_photos(capture) or _MOST for capture in (first, second))
+    n = sum(min(n, by_photos.MOST_PHOTOS) for n in known)
+    counts = {_DRAW: n} if _by_surfaces(first, second, config) else {}
+    counts |= {LOOKS: n, _FEATURES: n, _MATCHES: n * (n - 1) // 2, by_photos.STAGE: 1}
+    if _is_compared(first, second, config):
+        counts[changes.STAGE] = 1
+    return {step: _RATES[step] * count for step, count in counts.items()}
+
+
+def _by_surfaces(first: Capture, second: Capture, config: AlignConfig) -> bool:
+    return config.by == "surfaces" or min(_n_photos(first), _n_photos(second)) < FEWEST
+
+
+def _is_compared(first: Capture, second: Capture, config: AlignConfig) -> bool:
+    scenes = first.scene, second.scene
+    return config.changes and all(scene is not None and scene.labels.any() for scene in scenes)
+
+
+def _align_stage(
+    first: Capture, second: Capture, config: AlignConfig, workspace: Path
+) -> Stage[Aligned]:
+    engine = choose()
     has_photos = min(_n_photos(first), _n_photos(second)) >= FEWEST
     if config.by == "photos" and not has_photos:
         raise NotAlignedError(
@@ -105,11 +145,12 @@ def align_stage(
     shutil.rmtree(workspace, ignore_errors=True)
     try:
         shown = [first, second]
-        if config.by == "surfaces" or not has_photos:
+        if _by_surfaces(first, second, config):
             for i, capture in enumerate(shown):
                 if capture.scene is None:
                     raise NotAlignedError(f"{capture.name} has neither photos on disk nor splats.")
-                shown[i] = yield from _drawn_stage(capture, workspace / f"drawn-{i}", engine)
+                drawing = _drawn_stage(capture, workspace / f"drawn-{i}", engine)
+                shown[i] = yield from part(drawing, i, len(shown), _DRAW)
         matching = workspace / "matching"
         found = yield from align_by_photos_stage(
             shown[0], shown[1], matching, threads=config.threads, seed=config.seed
@@ -118,10 +159,10 @@ def align_stage(
             found = replace(found, by="surfaces")
     finally:
         shutil.rmtree(workspace, ignore_errors=True)
-    changes = None
-    if config.changes and all(scene is not None and scene.labels.any() for scene in scenes):
-        changes = yield from find_changes_stage(first, second, found.world, engine)
-    return Aligned(first.name, second.name, found, changes)
+    compared = None
+    if _is_compared(first, second, config):
+        compared = yield from find_changes_stage(first, second, found.world, engine)
+    return Aligned(first.name, second.name, found, compared)
 
 
 # --- By the splats alone: each scene is drawn from where its photos were taken, or from all around
@@ -130,7 +171,6 @@ def align_stage(
 # units.
 
 
-_DRAW = "Draw the surfaces"
 _SIDE = 640  # pixels of a picture
 _MOST = 24  # pictures of a capture
 _RINGS = ((-35.0, 6), (5.0, 9), (40.0, 9))  # elevation in degrees, views around
@@ -140,7 +180,7 @@ _FIELD, _ROOM = np.radians(50.0), 0.8  # field of view, and how far it is filled
 def _drawn_stage(capture: Capture, folder: Path, rasterizer: Rasterizer) -> Stage[Capture]:
     """``capture`` with drawn pictures in ``folder`` instead of photos."""
     assert capture.scene is not None
-    gaussians = yield from bake_stage(capture.scene)
+    gaussians = yield from portion(bake_stage(capture.scene), 0, 0, _DRAW)
     views = capture.cameras
     if views:
         chosen = np.linspace(0, len(views) - 1, min(len(views), _MOST)).round().astype(int)

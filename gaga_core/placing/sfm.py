@@ -42,7 +42,7 @@ def option(name: str, value: str = "") -> str:
     return f"{shown} ({IN_WINDOW[name]} in the window's settings)"
 
 
-_TITLES = {
+TITLES = {
     "features": "Find features",
     "match": "Match photos",
     "verify": "Match photos",
@@ -217,7 +217,7 @@ class _Listener:
     """
 
     def __init__(self, step: str, n_photos: int) -> None:
-        self.progress = Progress(_TITLES[step], 0, 0)
+        self.progress = Progress(TITLES[step], 0, 0)
         self.failed = ""  # the worker's own word
         self.problem = ""  # COLMAP's
         self._n_photos = n_photos
@@ -282,7 +282,7 @@ def _explain(step: str, why: str) -> str:
             f"{option('--quality', 'full')}."
         )
     return (
-        f"{_TITLES[step]} failed ({why}). Try again with fewer or smaller photos; what was "
+        f"{TITLES[step]} failed ({why}). Try again with fewer or smaller photos; what was "
         "finished is kept."
     )
 

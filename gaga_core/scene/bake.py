@@ -43,6 +43,9 @@ class Motion:
         return not np.array_equal(self.turn, np.eye(3))
 
 
+STAGE = "Apply edits"
+
+
 def bake(scene: Scene, *, indices: AnyArray | None = None) -> Gaussians:
     """The chosen splats (K,) with placements applied; see `bake_stage`."""
     return run_stage(bake_stage(scene, indices=indices))
@@ -59,7 +62,7 @@ def bake_stage(scene: Scene, *, indices: AnyArray | None = None) -> Stage[Gaussi
     directions; zeros stay zeros); all others pass through.
     """
     splats = sorted_indices(scene.visible if indices is None else indices, len(scene))
-    yield Progress("Apply edits", 0, len(splats))
+    yield Progress(STAGE, 0, len(splats))
     if len(splats) == len(scene) and not scene.placement.any():
         return scene.gaussians
     out = scene.gaussians.take(splats)
@@ -73,7 +76,7 @@ def bake_stage(scene: Scene, *, indices: AnyArray | None = None) -> Stage[Gaussi
             if row != 0:
                 _bake_row(scene, int(row), out, chunk)
             done += len(chunk)
-            yield Progress("Apply edits", done, len(splats))
+            yield Progress(STAGE, done, len(splats))
     return out
 
 

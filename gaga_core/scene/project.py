@@ -79,6 +79,7 @@ FORMAT = 1
 PROJECT_FILE = "project.json"
 SUFFIX = ".gaga"  # of a project that is not in a scene folder
 CURE = "Move project.json away to open the scene from the start."
+READS_OBJECTS = "Read the objects"  # of a folder of exported ones
 _TRIES, _PAUSE_S = 50, 0.02  # a writer removes the former scene file right after the new note
 _SCENE_FILE = r"^scene-[0-9a-f]{12}\.npz$"
 _PATIENCE_S = 10.0  # for another program that is saving
@@ -449,7 +450,7 @@ def open_objects_stage(manifest: Path) -> Stage[tuple[Scene, Path, str]]:
     digests: list[str] = []
     files = [(manifest.parent / entry.file).absolute() for entry in entries]
     for i, file in enumerate(files):
-        yield Progress("Read the objects", i, len(files), file.name)
+        yield Progress(READS_OBJECTS, i, len(files), file.name)
         if not file.is_file():
             raise GagaError(f"{file} is gone, which {manifest.name} names. Put it back.")
         splats, digest = yield from read_added_stage(file)

@@ -6,6 +6,7 @@ small. "Kerbl" is 3D Gaussian Splatting (Kerbl 2023), "MCMC" is Kheradmand 2024,
 """
 
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Literal
 
 QUALITIES = ("draft", "standard", "full")
@@ -207,26 +208,29 @@ class TrainConfig:
         """Rough time of all processors together for photos of ``n_pixels`` at training size.
 
         Measured on one core of a server of the 2020s: 0.21 microseconds a pixel and 0.67 a splat in
-        an iteration; while it grows, a model has 0.7 of its last splats on average.
+        an iteration. Of the processor time of 1,464 steps of sceaux, both are 0.75 with an error of
+        7 % in steps of all sizes and numbers of splats, and there is no fixed cost of a step.
         """
-        pixels = n_pixels * self.pixels_until(1.0)
-        splats = 0.7 * self.density.max_splats
-        return self.iterations * (0.21e-6 * pixels + 0.67e-6 * splats)
+        return self._cpu_seconds_until(n_pixels, 1.0)
 
     def spent(self, n_pixels: int, share: float) -> float:
-        """Share 0..1 of the training's time that a ``share`` of its iterations takes.
-
-        Early ones are cheaper: by the figures of `cpu_seconds`, with splats that grow evenly from
-        none until 0.6 of the iterations, which are those 0.7 on average.
-        """
-        grown = 0.6
-
-        def until(x: float) -> float:
-            pixels = n_pixels * self.pixels_until(x)
-            splats = min(x, grown) ** 2 / (2 * grown) + max(x - grown, 0.0)
-            return 0.21e-6 * pixels + 0.67e-6 * self.density.max_splats * splats
-
+        """Share 0..1 of the training's time that a ``share`` of its iterations takes; early ones
+        are cheaper."""
+        until = partial(self._cpu_seconds_until, n_pixels)
         return until(min(max(share, 0.0), 1.0)) / until(1.0)
+
+    def _cpu_seconds_until(self, n_pixels: int, moment: float) -> float:
+        """Splats grow evenly between the first control and the moment when they are all there, from
+        the `stereo` points that they begin with."""
+        density = self.density
+        first = min(self.stereo / density.max_splats, 1.0)
+        full = density.full_at or density.stop
+        span = max(full - density.start, 1e-9)
+        growing = min(max(moment - density.start, 0.0), span)
+        grown = growing**2 / (2 * span) + max(moment - density.start - span, 0.0)
+        splats = density.max_splats * (first * moment + (1 - first) * grown)
+        pixels = n_pixels * self.pixels_until(moment)
+        return self.iterations * (0.21e-6 * pixels + 0.67e-6 * splats)
 
     def with_mcmc(self) -> "TrainConfig":
         """These settings with the strategy of Kheradmand 2024 and its regularisers."""

@@ -1,9 +1,11 @@
 """The pace of a step, by which the time left is told."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from gaga_core.progress import RECENT_S, Pace
+from gaga_core.progress import RECENT_S, Pace, Progress, Stage, joined, part, portion, run_stage
 
 
 @pytest.mark.parametrize("load", [0.33, 0.5, 1.0, 2.0, 3.0])
@@ -60,3 +62,43 @@ def test_the_pace_of_a_step_that_goes_on_is_that_of_what_is_done_now() -> None:
     pace.hear(112.0, 0.8)
     assert pace.left(110.0) == pytest.approx(3), "that it waits says nothing"
     assert pace.left(116.0) == pytest.approx(6), "overdue"
+
+
+def _any_steps(rng: np.random.Generator) -> Stage[str]:
+    """Steps one after the other, some of them twice, some unknown, some without a share."""
+    for name in rng.choice(list("abcdx"), 8):
+        n = int(rng.integers(0, 5))
+        yield Progress(name, 0, n)
+        for i in range(int(rng.integers(0, n + 1))):
+            yield Progress(name, i, n, "on")
+    return "done"
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_share_of_the_whole_never_goes_back(seed: int) -> None:
+    """Whatever the steps tell, in whatever order, and however the wholes lie in each other."""
+    seconds = dict(zip("abcd", np.random.default_rng(seed).uniform(0.01, 9, 4), strict=True))
+
+    def whole() -> Stage[str]:
+        some, more = (_any_steps(np.random.default_rng((seed, k))) for k in range(2))
+        yield from portion(joined(some, "all", seconds), 0, 0.3, "all")
+        yield from portion(part(more, 0, 2, "all"), 0.3, 0.6, "all")
+        last = joined(_any_steps(np.random.default_rng((seed, 2))), "all", seconds)
+        return (yield from portion(last, 0.6, 1, "all"))
+
+    words: list[Progress] = []
+    assert run_stage(whole(), words.append) == "done"
+    shares = [word.done / word.total for word in words]
+    assert {word.stage for word in words} == {"all"}
+    assert all(former <= share <= 1 for former, share in pairwise(shares))
+
+
+def test_a_step_has_the_share_of_the_whole_that_it_has_of_the_time() -> None:
+    def steps() -> Stage[None]:
+        yield from (Progress("a", k, 2) for k in range(3))
+        yield Progress("other", 1, 1)
+        yield from (Progress("b", k, 4) for k in range(5))
+
+    words = list(joined(steps(), "all", {"a": 1.0, "b": 3.0}))
+    shares = [word.done / word.total for word in words]
+    assert shares == pytest.approx([0, 1 / 8, 1 / 4, 1 / 4, 1 / 4, 7 / 16, 5 / 8, 13 / 16, 1])

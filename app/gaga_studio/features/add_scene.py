@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gaga_core.errors import GagaError
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, joined, portion
 from gaga_core.scene.objects import group_indices
 from gaga_studio.features import camera
 from gaga_studio.features.base import Command, Preview, ask, needs, no_scene, not_saveable, watch
+from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, choose_one, notifies
 from gaga_studio.session.session import Session
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from gaga_core.scene.captures.changes import Change
 
 TITLE = "Add a scene"
+_OPENED = 0.03  # share of the work until the other scene is open: 2 s of a minute, of the demo
 _CHANGED = "The scene changed while the other one was aligned. Try again."
 _NO_PREVIEW = "There is no preview of an added scene. Use Add a scene first."
 
@@ -70,19 +72,24 @@ def start(session: Session, path: Path) -> None:
         yield Progress(TITLE, 0, 0)
         # SciPy's and numba's import takes long: it belongs to the job.
         from gaga_core.pipeline import align
-        from gaga_core.pipeline.compile_kernels import after_warm_up
         from gaga_core.pipeline.settings import AlignConfig
         from gaga_core.scene.captures.alignment import NotAlignedError
 
-        capture, second = yield from align.open_capture_stage(path)
+        opening = joined(align.open_capture_stage(path), TITLE, align.OPENING)
+        capture, second = yield from portion(opening, 0, _OPENED, TITLE)
         if second is None:
             raise GagaError(f"{path.name} has no splats yet. Make them first, then add it.")
         first, aligned, why = align.capture_of(project), None, ""
         folder = project.folder
         place = align.workspace_of(folder.root if folder else project.model_path)
         try:
-            work = align.align_stage(first, capture, AlignConfig(), place)
-            aligned = yield from after_warm_up(work, "window", "grouping")
+            config = AlignConfig()
+            work = stages.prepared(
+                TITLE,
+                lambda: align.align_stage(first, capture, config, place),
+                usual_s=sum(align.usual_seconds(first, capture, config).values()),
+            )
+            aligned = yield from portion(work, _OPENED, 1, TITLE)
             world = aligned.alignment.world
         except NotAlignedError as error:
             world, why = align.middle_of_first(project.scene, second.scene), str(error)

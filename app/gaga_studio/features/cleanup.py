@@ -23,6 +23,7 @@ from gaga_core.scene.reduce import (
     reduced_edit,
     reducible,
 )
+from gaga_core.scene.reduce import TITLE as REDUCE
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import folders, objects
 from gaga_studio.features.base import (
@@ -159,7 +160,7 @@ def to_clean(session: Session) -> tuple[int, ...]:
 # --- reduce splats
 
 ReduceWhat = Literal["selection", "objects", "scene"]
-REDUCE, ESTIMATE = "Reduce splats", "Estimate the loss"
+ESTIMATE = "Estimate the loss"
 _REDUCE_CHANGED = "The scene changed while splats were merged. Try again."
 
 

@@ -17,6 +17,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
 from gaga_core.io.splats.packing import (
+    SORTS,
     bytes_of_logits,
     logits_of_bytes,
     morton_order,
@@ -164,7 +165,7 @@ def write_compressed_ply_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     boxes are small. SH of degree 4 are cut to degree 3.
     """
     n = len(gaussians)
-    yield Progress("Sort splats", 0, n, path.name)
+    yield Progress(SORTS, 0, n, path.name)
     order = morton_order(gaussians.means)
     n_rest = min(gaussians.sh.shape[1] - 1, 15)
     n_chunks = -(-n // CHUNK)

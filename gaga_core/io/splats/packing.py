@@ -127,14 +127,17 @@ def parts_of(n: int, step: int = CHUNK) -> Iterator[slice]:
     return (slice(start, min(start + step, n)) for start in range(0, n, step))
 
 
+READS, SORTS, WRITES = "Read splats", "Sort splats", "Write splats"
+
+
 def reading(path: Path, done: int, n: int) -> Progress:
     """A step of a reader: ``done`` of ``n``."""
-    return Progress("Read splats", done, n, path.name)
+    return Progress(READS, done, n, path.name)
 
 
 def writing(path: Path, done: int, n: int) -> Progress:
     """A step of a writer: ``done`` of ``n``."""
-    return Progress("Write splats", done, n, path.name)
+    return Progress(WRITES, done, n, path.name)
 
 
 def sane(values: AnyArray) -> FloatArray:

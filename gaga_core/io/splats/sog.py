@@ -30,6 +30,7 @@ from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.images import image_header
 from gaga_core.io.json_file import decode_json, read_foreign_json
 from gaga_core.io.splats.packing import (
+    READS,
     bytes_of_logits,
     damaged,
     file_inside,
@@ -422,7 +423,7 @@ def read_streamed_sog_stage(path: Path) -> Stage[Gaussians]:
     if not names:
         raise GagaError(f"{path} names no splats. Export it again.")
     for done, (name, parts) in enumerate(names):
-        yield Progress("Read splats", done, len(names), name)
+        yield Progress(READS, done, len(names), name)
         place = chunk_path(path, name)
         chunk = yield from read_sog_stage(place)
         n_stored += size_of_parts(place)
@@ -434,7 +435,7 @@ def read_streamed_sog_stage(path: Path) -> Stage[Gaussians]:
         n += len(pieces[-1])  # twice: they are joined at the end
         n_bytes = 2 * n * row_bytes(chunk.sh.shape[1])
         check_memory(path, n_bytes, f"{n:,} splats and more", n_stored)
-    yield Progress("Read splats", len(names), len(names))
+    yield Progress(READS, len(names), len(names))
     whole = joined_splats(pieces, path, n_stored)
     return replace(whole, comments=pieces[0].comments)
 

@@ -96,6 +96,9 @@ class Page:
     path: PagePath | None = None
 
 
+STAGE = "Write page"
+
+
 def write_page_stage(path: Path, page: Page) -> Stage[None]:
     """Write ``page`` as one .html, with progress. Whole or not at all.
 
@@ -110,7 +113,7 @@ def write_page_stage(path: Path, page: Page) -> Stage[None]:
         degree = min(gaussians.sh_degree, MOST_DEGREE)
         head: dict[str, object] = {"count": len(gaussians), "nSh": (degree + 1) ** 2}
         for done, (name, content) in enumerate(_columns(gaussians, labels, head)):
-            yield Progress("Write page", n * done // _STEPS, n, path.name)
+            yield Progress(STAGE, n * done // _STEPS, n, path.name)
             columns[name] = base64.b64encode(gzip.compress(content, mtime=0)).decode("ascii")
         columns = {"scene": _json(_described(page, head)), **columns}
         # A title from the name of a folder may have bytes that are no text: they become "?".

@@ -17,9 +17,10 @@ from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.camera import Camera, natural_order
 from gaga_core.geometry import fit_similarity
 from gaga_core.io.arrays_file import TEXT, Column, read_columns
+from gaga_core.placing import photos as looking
 from gaga_core.placing.photos import Photo, PhotoSet, prepare_photos
 from gaga_core.placing.sfm import SfmConfig, run_matching, run_step
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, part
 from gaga_core.scene.captures.alignment import (
     Alignment,
     Capture,
@@ -30,6 +31,7 @@ from gaga_core.scene.captures.alignment import (
 from gaga_core.scene.frame import inverse
 
 STAGE = "Align by photos"
+MOST_PHOTOS = 24  # of a capture, spread over it: all pairs of both are matched
 _PHOTO_SIDE = 1600  # pixels: larger photos are shrunk
 _SCORED = 1500  # points that draws are judged by
 _LEAST = 6  # points: three make a similarity, and three more contradict it
@@ -48,7 +50,6 @@ class PhotoConfig:
     """How photos are matched, and what fits. Errors are in shares of the focal length: 0.001 is a
     pixel of a photo with a focal length of 1,000 pixels."""
 
-    most_photos: int = 24  # of a capture, spread over it: all pairs of both are matched
     track_error: float = 0.004  # of a feature to the point that it is of
     fit_error: float = 0.006  # of a point of the other capture
     least_angle: float = 0.02  # radians: smallest angle between the rays of a point
@@ -57,6 +58,8 @@ class PhotoConfig:
 
 
 _CONFIG = PhotoConfig()
+_TURNS = 3  # of choosing the points that fit and refining the similarity
+_DRAWN = 1 + _TURNS + _CONFIG.bootstrap  # steps of finding the similarity of shared points
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +94,7 @@ def align_by_photos_stage(
     Raises ``NotAlignedError`` where the photos do not say.
     """
     shared = yield from _matched(first, second, workspace, threads, seed)
-    yield Progress(STAGE, 0, 0, f"{len(shared):,} shared features")
-    return trusted(align_shared(shared, seed=seed))
+    return trusted((yield from align_shared_stage(shared, seed=seed)))
 
 
 def _matched(
@@ -104,16 +106,17 @@ def _matched(
 ) -> Stage[Shared]:
     sets: list[Photo] = []
     posed: dict[str, Camera] = {}
-    for side, capture in zip(_SIDES, (first, second), strict=True):
+    for i, (side, capture) in enumerate(zip(_SIDES, (first, second), strict=True)):
         shown = [camera for camera in capture.cameras if camera.name in capture.photos]
         shown.sort(key=lambda camera: natural_order(camera.name))
-        rows = np.linspace(0, len(shown) - 1, min(len(shown), _CONFIG.most_photos)).round()
+        rows = np.linspace(0, len(shown) - 1, min(len(shown), MOST_PHOTOS)).round()
         chosen = {capture.photos[shown[k].name]: shown[k] for k in rows.astype(int)}
         root = Path(os.path.commonpath([path.parent for path in chosen]))
         # Each by itself: a photo that both captures have is no copy that is left out.
-        found = yield from prepare_photos(
+        preparing = prepare_photos(
             list(chosen), workspace / "photos" / side, root=root, longest_side=_PHOTO_SIDE
         )
+        found = yield from part(preparing, i, len(_SIDES), looking.STAGE)
         for photo in found.photos:
             camera = chosen[Path(photo.source)]
             focal = float(camera.K[0, 0]) * photo.width / camera.width
@@ -194,12 +197,15 @@ def _triangulated(
     return points, good
 
 
-def align_shared(shared: Shared, *, seed: int = 0) -> Alignment:
+def align_shared_stage(shared: Shared, *, seed: int = 0) -> Stage[Alignment]:
     """The similarity that most of the shared points fit. Raises ``NotAlignedError`` without any."""
+    said = f"{len(shared):,} shared features"
+    yield Progress(STAGE, 0, _DRAWN, said)
     n_all = len(np.unique(shared.tracks[0]))
     rng = np.random.default_rng(seed)
     best = _ransac(shared, rng) if n_all >= _LEAST else np.eye(4)
-    for _ in range(3):
+    for turn in range(_TURNS):
+        yield Progress(STAGE, 1 + turn, _DRAWN, said)
         fits = np.flatnonzero(_fit_errors(best, shared).max(axis=0) < _CONFIG.fit_error)
         if n_all < _LEAST or len(fits) < _LEAST:
             raise NotAlignedError(
@@ -211,9 +217,9 @@ def align_shared(shared: Shared, *, seed: int = 0) -> Alignment:
     apart = np.linalg.norm(moved - shared.points[0, fits], axis=1)
     n_points = len(np.unique(shared.tracks[0, fits]))
     pixels = _fit_errors(best, shared)[:, fits] * shared.focal[:, fits]
-    turn, scale = _spread(best, shared.take(fits), rng)
+    angle, scale = yield from _spread(best, shared.take(fits), rng)
     residual = float(np.median(apart)), float(np.median(pixels))
-    return Alignment(best, "photos", n_points, n_points / n_all, *residual, turn, scale)
+    return Alignment(best, "photos", n_points, n_points / n_all, *residual, angle, scale)
 
 
 def _fit_errors(world: DoubleArray, shared: Shared) -> DoubleArray:
@@ -264,11 +270,14 @@ def _refined(start: DoubleArray, shared: Shared) -> DoubleArray:
     return changed(found.x)
 
 
-def _spread(best: DoubleArray, shared: Shared, rng: np.random.Generator) -> tuple[float, float]:
+def _spread(
+    best: DoubleArray, shared: Shared, rng: np.random.Generator
+) -> Stage[tuple[float, float]]:
     """Standard errors of rotation (radians) and scale (relative), by draws of the photos."""
     views = np.unique(shared.photos)
     off = []
-    for _ in range(_CONFIG.bootstrap):
+    for i in range(_CONFIG.bootstrap):
+        yield Progress(STAGE, _DRAWN - _CONFIG.bootstrap + i, _DRAWN, "how sure it is")
         weight = np.bincount(rng.choice(views, len(views)), minlength=int(views.max()) + 1)
         count = weight[shared.photos].prod(axis=0)  # of each feature in this draw
         rows = np.repeat(np.arange(len(count)), count)

@@ -19,7 +19,7 @@ from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import turned
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, part, portion
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.captures.alignment import Capture
@@ -107,10 +107,10 @@ def find_changes_stage(
 
     Both captures need splats; one without groups has no objects that could have changed.
     """
-    a = yield from _side(first)
-    b = yield from _side(second)
-    looks_a = yield from _look(a, b, world, rasterizer)
-    looks_b = yield from _look(b, a, inverse(world), rasterizer)
+    a = yield from portion(_side(first), 0, 0, STAGE)
+    b = yield from portion(_side(second), 0, 0, STAGE)
+    looks_a = yield from part(_look(a, b, world, rasterizer), 0, 2, STAGE)
+    looks_b = yield from part(_look(b, a, inverse(world), rasterizer), 1, 2, STAGE)
     scale = scale_of(world)
     went = [_Thing.of(a, *one, 1.0) for one in _gone(a, looks_a, looks_b)]
     came = [_Thing.of(b, *one, scale) for one in _gone(b, looks_b, looks_a)]

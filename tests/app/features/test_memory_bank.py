@@ -215,6 +215,24 @@ def test_a_replay_goes_from_nothing_to_the_saved_groups(associated: Session) -> 
     assert np.array_equal(session.scene.labels, before)
 
 
+@pytest.mark.parametrize("n_train", [3, 6, 8])
+@pytest.mark.parametrize("n_missing", [0, 2])
+def test_the_end_of_a_replay_counts_the_views_among_those_that_could_have_been(
+    associated: Session, n_train: int, n_missing: int
+) -> None:
+    """All photos have masks, those that were held out of the training too."""
+    project = associated.need().project
+    assert project.folder is not None
+    names = tuple(camera.name for camera in associated.cameras)
+    train = names[:n_train]
+    project.folder = replace(project.folder, train=train)
+    said = memory_bank.views_text(associated, train[n_missing:])
+    kind = "photos" if n_train == len(names) else "training photos"
+    n = n_train - n_missing
+    assert said == (f"{n} of {n_train} {kind}" if n_missing else f"All {n_train} {kind}")
+    assert memory_bank.views_text(associated, (*train, "later.png")) == f"All {n_train + 1} views"
+
+
 @pytest.mark.parametrize("is_moved", [False, True])
 def test_a_closed_replay_gives_the_camera_back_unless_it_was_moved(
     associated: Session, is_moved: bool

@@ -1,5 +1,5 @@
-"""Each task that the window starts ends with a word: what it made and where, that it was cancelled,
-or why it failed."""
+"""Each task that the window starts has one share of the whole, which never goes back, and ends with
+a word: what it made and where, that it was cancelled, or why it failed."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -10,21 +10,28 @@ from gaga_core.errors import GagaError
 from gaga_core.evaluate.photo_film import PhotoFilmConfig
 from gaga_core.export.cameras import CameraForm
 from gaga_core.export.dataset.settings import DatasetConfig
+from gaga_core.export.simulation.export import SimulationExport
+from gaga_core.export.simulation.settings import SimulationConfig
+from gaga_core.export.solids import MeshConfig
 from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline.film import FilmConfig
-from gaga_studio.features import camera, cleanup, dataset, export
+from gaga_studio.features import camera, cleanup, dataset, export, level_of_detail
 from gaga_studio.features.find import association, masks
 from gaga_studio.session import jobs
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
+from tests.app import told
 
 _FILM = FilmConfig(video=VideoConfig(64, 48, fps=2))
 _DATA = dataset.DatasetPlan(DatasetConfig(views=2, width=64, height=64, fill=False), ("coco",))
 Start = Callable[[Session, Path], object]
 
 
-def _export(what: export.What, form: SplatFormat | CameraForm) -> Start:
+_BODIES = SimulationExport(config=SimulationConfig(parts=1), mesh=MeshConfig(voxels=24))
+
+
+def _export(what: export.What, form: SplatFormat | CameraForm | SimulationExport) -> Start:
     suffix = form.suffix if isinstance(form, SplatFormat) and what != "objects" else ""
     return lambda s, to: export.start(s, export.ExportPlan(to / f"a{suffix}", what, form))
 
@@ -41,8 +48,11 @@ _WRITE: Mapping[str, Start] = {
     "page": _export("scene", SplatFormat.HTML),
     "objects": _export("objects", SplatFormat.PLY),
     "cameras": _export("cameras", CameraForm.COLMAP),
+    "bodies": _export("simulation", _BODIES),
+    "level of detail": lambda s, _: level_of_detail.build(s),
 }
 _CHANGE: Mapping[str, Start] = {
+    "make masks": lambda s, _: masks.make(s, masks.MaskRequest(use_depth=False)),
     "find objects": lambda s, _: association.associate(s),
     "reduce": lambda s, _: cleanup.start_reducing(s, cleanup.ReducePlan(percent=50)),
 }
@@ -71,8 +81,10 @@ def _started(session: Session, name: str, to: Path) -> str:
 def test_one_that_is_done_says_what_it_made_and_where(
     walked: Session, name: str, tmp_path: Path
 ) -> None:
-    _started(walked, name, tmp_path)
-    assert walked.jobs.wait()
+    with told.words() as heard:
+        _started(walked, name, tmp_path)
+        assert walked.jobs.wait()
+    assert told.falls(heard) == [], "one share of the whole"
     assert walked.notices
     assert {n.level for n in walked.notices} <= {Level.INFO, Level.WARNING}
     if name in _WRITE:

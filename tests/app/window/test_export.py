@@ -1,6 +1,7 @@
 """The sheet of exports: what and which form is chosen, then files appear where it says."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,8 @@ from gaga_core.scene.bake import bake
 from gaga_core.scene.export_manifest import listed_files
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Weight
-from gaga_studio.features import camera, dataset, export, objects, selection, simulate
+from gaga_studio.features import camera, export, objects, selection, simulate
 from gaga_studio.features.commands import run
-from gaga_studio.features.reconstruction import KnownRates
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.pages import page_data
@@ -260,13 +260,13 @@ def _middle(d: Driver, folder: Path) -> UInt8Array:
         return np.asarray(image.convert("RGB").crop(third))
 
 
-def test_labelled_data_takes_what_the_sheet_says_by_the_last_run_here(
+def test_labelled_data_tells_its_time_only_while_it_is_made(
     display: str, grouped_copy: Path, tmp_path: Path
 ) -> None:
-    """A run that completes another, or is cancelled, tells nothing of a whole one."""
+    """The sheet said 35 s where it took 65 s, on a machine that was busy."""
     out = tmp_path / "data"
 
-    def asked(d: Driver, views: int) -> str:
+    def asked(d: Driver, views: int) -> None:
         shown: list[str] = []
         if not d.exists("Labelled data/###Choose a folder…"):
             d.menu("File/###Make labelled data…")
@@ -285,9 +285,11 @@ def test_labelled_data_takes_what_the_sheet_says_by_the_last_run_here(
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(imgui, "text_unformatted", noting)
             d.frames(3)
-        return next(text for text in shown if text.startswith("All of them take about "))
+        said = " ".join(shown)
+        assert f"{views:,} pictures of" in said
+        assert re.search(r"\d (s|seconds?|min|minutes?|hours?)\b", said) is None
 
-    def made(d: Driver) -> float:
+    def made(d: Driver) -> None:
         d.click("**/###Choose a folder…")
         d.answer_path(out)
         shares: list[float] = []
@@ -301,24 +303,13 @@ def test_labelled_data_takes_what_the_sheet_says_by_the_last_run_here(
         d.until(is_done, "the data set is there")
         assert (out / "index.html").is_file(), [one.text for one in d.session.notices]
         assert shares == sorted(shares), "one share for photos, holes, pictures and models"
-        return KnownRates().rates["Labelled data"]
 
     def walk(d: Driver) -> None:
         d.studio.ui.dataset.put("coverage", 0.0)  # of 12 photos of balls
-        assert "Labelled data" not in d.session.feature(KnownRates).rates
-        seconds = dataset.seconds_of(d.session, d.studio.ui.dataset)
-        assert asked(d, 2000) != asked(d, 2)
-        assert d.studio.ui.dataset.config.views == 2
-        rate = made(d)
+        asked(d, 2)
+        made(d)
         n_made = len(list(out.glob("images/*/*.jpg")))
         assert n_made > 0
-        few = dataset.seconds_of(d.session, d.studio.ui.dataset)
-        assert few < seconds
-        assert few == pytest.approx(rate * d.studio.ui.dataset.usual_s(6, 12), rel=0.5)
-        asked(d, 6)
-        d.session.feature(KnownRates).keep({"Labelled data": 5.0})
-        assert made(d) == 5.0, "some were there"
-        assert len(list(out.glob("images/*/*.jpg"))) > n_made
         asked(d, 400)
         d.click("**/###Choose a folder…")
         d.answer_path(out)
@@ -326,6 +317,7 @@ def test_labelled_data_takes_what_the_sheet_says_by_the_last_run_here(
         d.on_main(d.session.jobs.cancel)
         d.settle()
         n = len(list(out.glob("images/*/*.jpg")))
+        assert n > n_made
         assert d.session.notices[-1].text.startswith(f"{n} pictures stay in ")
 
     drive(walk, path=grouped_copy, size=(1000, 800))

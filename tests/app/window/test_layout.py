@@ -316,7 +316,13 @@ def _titles_of_panels_are_whole(d: Driver) -> None:
     assert "Timeline" not in shown
     d.on_main(partial(commands.run, "view.timeline", d.session))
     d.until(lambda: memory_bank.timeline_of(d.session).is_open, "the growth is known")
-    d.frames(4)
+    growth = memory_bank.timeline_of(d.session).growth
+    assert growth is not None
+    for step, said in ((0, "start"), (1, "view 1"), (growth.last_step, "end")):
+        d.on_main(partial(memory_bank.go_to_step, d.session, step))
+        with _texts() as texts:
+            d.frames(4)
+        assert said in texts, "the end counts as no view"
     d.click("Timeline/**/###Close replay")
     assert titles() == shown
 

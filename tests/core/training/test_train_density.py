@@ -21,7 +21,7 @@ from gaga_core.training.densification import (
 )
 from gaga_core.training.losses import psnr
 from gaga_core.training.optimizer import COLUMNS, Splats, concatenate
-from gaga_core.training.settings import DensityConfig
+from gaga_core.training.settings import DensityConfig, TrainConfig
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
 CPU = CpuRasterizer()
@@ -218,3 +218,23 @@ def test_a_reset_cuts_opacities_only() -> None:
     np.testing.assert_allclose(splats.values.logit_opacities, np.minimum(before, logit), rtol=1e-6)
     assert not splats.first.logit_opacities.any()
     assert is_remembered(splats, np.arange(50), "means")
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard"])
+@pytest.mark.parametrize("n_pixels", [100_000, 400_000])
+def test_the_time_of_steps_follows_the_splats_that_there_are(quality: str, n_pixels: int) -> None:
+    """Splats were thought to grow from none: early steps were told at half of their cost."""
+    config = TrainConfig.of(quality)
+    density, n = config.density, config.stereo
+    cost = []
+    for i in range(config.iterations):
+        moment, step = i / config.iterations, density.every / config.iterations
+        if i % density.every == 0 and density.start <= moment <= density.stop:
+            n += quota(density, n, moment, step)
+        cost.append(0.21 * n_pixels * config.size_at(moment) ** 2 + 0.67 * n)
+    assert n == density.max_splats
+    spent = np.cumsum(cost) / np.sum(cost)
+    for i in range(49, config.iterations, 50):
+        told = config.spent(n_pixels, (i + 1) / config.iterations)
+        assert told == pytest.approx(spent[i], rel=0.1)
+    assert config.cpu_seconds(n_pixels) == pytest.approx(1e-6 * np.sum(cost), rel=0.02)

@@ -1,6 +1,6 @@
 """The memory bank: repair, new views, replay, the splats of a mask, quality of objects."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -500,6 +500,17 @@ def set_follows(session: Session, follows: bool) -> None:
     timeline_of(session).follows = follows
     if follows:
         go_to_step(session, timeline_of(session).step)
+
+
+def views_text(session: Session, views: Sequence[str]) -> str:
+    """Say which ``views`` made the groups: "All 35 training photos" of a scene of 40 photos."""
+    folder = session.need().project.folder
+    train = folder.train if folder is not None else ()
+    kind = "training photos" if len(train) < len(session.cameras) else "photos"
+    if not set(views) <= set(train):
+        return f"All {len(views)} views"
+    of = f"All {len(train)}" if len(views) == len(train) else f"{len(views)} of {len(train)}"
+    return f"{of} {kind}"
 
 
 def view_of_step(session: Session) -> str:

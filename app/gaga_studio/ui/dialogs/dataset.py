@@ -8,7 +8,6 @@ from gaga_core.export.dataset.settings import DatasetConfig, Form
 from gaga_core.settings import setting_of
 from gaga_studio.features import dataset
 from gaga_studio.features.dataset import DatasetPlan
-from gaga_studio.features.find import association
 from gaga_studio.session.session import Session
 from gaga_studio.ui.dialogs.files import FilePicker, new_folder, stem
 from gaga_studio.ui.kit import widgets
@@ -68,8 +67,6 @@ def draw(session: Session, plan: DatasetPlan, files: FilePicker) -> None:
             imgui.same_line()
         imgui.new_line()
         widgets.dim(plan.says(), wrap=True)
-        took = association.duration_text(dataset.seconds_of(session, plan))
-        widgets.dim(f"All of them take {took} here.", wrap=True)
     imgui.dummy(ImVec2(0, em(0.3)))
     if answer("Choose a folder…", Face(width=em(10), primary=True), why_not=plan.why_not):
         title, name = "Make labelled data in a folder", f"{stem(session)} data"

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TypeVar
 
 from imgui_bundle import ImVec2, ImVec4, imgui
@@ -381,13 +382,19 @@ def slider(
     flags: int = imgui.SliderFlags_.always_clamp,
     *,
     ticks: Sequence[float] = (),
+    words: Mapping[N, str] = MappingProxyType({}),
 ) -> tuple[bool, N]:
     """A slider whose number stands right of it, where no knob covers it.
 
-    ``ticks`` are values that get a mark under the middle of the knob that stands there.
+    ``ticks`` are values that get a mark under the middle of the knob that stands there; ``words``
+    stand instead of the numbers that they are of.
     """
+
+    def said(at: N) -> str:
+        return words.get(at) or form % at
+
     gap = imgui.get_style().item_inner_spacing.x
-    room = max(imgui.calc_text_size(form % end).x for end in (low, high, value))
+    room = max(imgui.calc_text_size(said(end)).x for end in (low, high, value))
     is_typed = imgui.internal.temp_input_is_active(imgui.get_id(label))
     imgui.set_next_item_width(max(imgui.calc_item_width() - room - gap, em(2)))
     imgui.begin_group()
@@ -402,7 +409,7 @@ def slider(
         imgui.get_window_draw_list().add_line(a, b, theme.u32(theme.ACCENT), theme.scaled(2))
     imgui.same_line(0, gap)
     left = imgui.get_cursor_pos_x()
-    shown = form % value
+    shown = said(value)
     imgui.set_cursor_pos_x(left + room - imgui.calc_text_size(shown).x)
     imgui.text_unformatted(shown)
     imgui.end_group()

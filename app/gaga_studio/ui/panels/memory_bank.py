@@ -315,7 +315,9 @@ def _controls(session: Session, timeline: Timeline, growth: BankGrowth) -> None:
     imgui.same_line()
     tail = 2 * imgui.get_frame_height() * 1.12 + 2 * imgui.get_style().item_spacing.x
     imgui.set_next_item_width(max(imgui.get_content_region_avail().x - tail, em(4)))
-    changed, step = widgets.slider("##Step", timeline.step, 0, growth.last_step, "view %d")
+    ends = {0: "start", growth.last_step: "end"}  # no view: before the first, and all together
+    steps = timeline.step, 0, growth.last_step
+    changed, step = widgets.slider("##Step", *steps, "view %d", words=ends)
     if changed:
         _stop_at(session, timeline, step)
     imgui.same_line()
@@ -339,8 +341,7 @@ def _sentence(session: Session, timeline: Timeline, growth: BankGrowth) -> None:
         widgets.line("Before the first view every splat is free.", theme.DIM)
         return
     if step == growth.last_step:
-        n, of = len(growth.views), len(session.cameras)
-        which = f"All {n} views" if n >= of else f"All {n} views with masks, of {of} photos"
+        which = memory_bank.views_text(session, growth.views)
         widgets.line(f"{which}: the groups as they are saved.", theme.DIM)
         return
     bank = timeline.bank

@@ -8,8 +8,9 @@ import pytest
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.geometry import fit_similarity
+from gaga_core.progress import run_stage
 from gaga_core.scene.captures.alignment import NotAlignedError, difference, trusted
-from gaga_core.scene.captures.by_photos import align_shared, shared_of
+from gaga_core.scene.captures.by_photos import align_shared_stage, shared_of
 from gaga_core.scene.frame import carried_cameras, inverse
 from tests.core.scene.captures.scenes import any_similarity
 from tests.scenes import orbit_cameras
@@ -58,7 +59,7 @@ def test_any_similarity_is_found_among_wrong_matches(seed: int) -> None:
     there = moved @ world[:3, :3].T + world[:3, 3]
     arrays = features(rng, tuple(named), (points, there), wrong=0.3)
     shared = shared_of(arrays, {view.name: view for view in named})
-    found = trusted(align_shared(shared, seed=seed))
+    found = trusted(run_stage(align_shared_stage(shared, seed=seed)))
     turn, scale = difference(inverse(world), found.world)
     assert np.degrees(turn) < 0.5
     assert scale < 0.005
@@ -77,7 +78,7 @@ def test_photos_of_two_places_are_refused() -> None:
     arrays = features(rng, tuple(named), (rng.uniform(-0.6, 0.6, (150, 3)),) * 2, wrong=1.0)
     shared = shared_of(arrays, {view.name: view for view in named})
     with pytest.raises(NotAlignedError):
-        trusted(align_shared(shared))
+        trusted(run_stage(align_shared_stage(shared)))
 
 
 def test_a_similarity_is_fitted_without_a_mirror() -> None:
