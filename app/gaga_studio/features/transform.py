@@ -18,6 +18,7 @@ from gaga_studio.features.base import Command, ask, no_selection
 from gaga_studio.session.document import Build, Document
 from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
+from gaga_studio.session.view import ToolName
 
 _AXES = "XYZ"
 
@@ -202,6 +203,19 @@ def duplicate(session: Session) -> bool:
     )
 
 
+@notifies
+def duplicate_and_move(session: Session) -> bool:
+    """Copy the selection where it is and take the move tool; the copy is selected."""
+    if not folders.edit_along(
+        session,
+        "Duplicate",
+        lambda scene, splats, title: edits.duplicate(scene, splats, title=title),
+    ):
+        return False
+    session.tool = ToolName.MOVE
+    return True
+
+
 def _mirror(axis: int) -> Command:
     return Command(
         f"edit.mirror_{'xyz'[axis]}",
@@ -241,6 +255,9 @@ COMMANDS: tuple[Command, ...] = (
     ),
     ask("edit.recolor", "Recolor…", Request.RECOLOR, enabled=no_selection),
     Command("edit.duplicate", "Duplicate", duplicate, "Ctrl+D", ("Shift+D",), enabled=no_selection),
+    Command(
+        "edit.duplicate_and_move", "Duplicate and move", duplicate_and_move, enabled=no_selection
+    ),
     *(_mirror(axis) for axis in range(3)),
     Command("object.reset_placement", "Reset placement", reset, enabled=no_selection),
 )
