@@ -10,6 +10,7 @@ from gaga_core.geometry import quats_to_matrices
 from gaga_core.kernels import is_compiled
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
+from gaga_core.scene.free_place import step_to_free_place
 from gaga_core.scene.orientation import mirror_map
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
@@ -192,15 +193,20 @@ def mirror(session: Session, axis: int) -> bool:
 
 @notifies
 def duplicate(session: Session) -> bool:
-    """Copy the selection to its side in the picture; the copy is selected."""
-    document, direction = session.need(), session.rig.sideways
-    lo, hi = document.selected_box() or (np.zeros(3), np.zeros(3))
-    step = shift(float(np.abs(direction) @ (hi - lo)) * direction)
-    return folders.edit_along(
-        session,
-        "Duplicate",
-        lambda scene, splats, title: edits.duplicate(scene, splats, step, title=title),
-    )
+    """Copy the selection next to it, where it is free; the copy is selected.
+
+    To its side in the picture where nothing around it is free.
+    """
+    document, sideways = session.need(), session.rig.sideways
+
+    def build(scene: Scene, splats: IntArray, title: str) -> Edit | None:
+        step = step_to_free_place(scene, splats, sideways, session.rig.up)
+        if step is None:
+            lo, hi = document.selected_box() or (np.zeros(3), np.zeros(3))
+            step = float(np.abs(sideways) @ (hi - lo)) * sideways
+        return edits.duplicate(scene, splats, shift(step), title=title)
+
+    return folders.edit_along(session, "Duplicate", build)
 
 
 @notifies
