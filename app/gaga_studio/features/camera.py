@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,12 @@ def add_bookmark(session: Session, name: str = "", key: int = 0) -> None:
     marks = bookmarks(session)
     mark = Bookmark(name or _fresh_name(marks), session.rig.shot(), key)
     _keep_bookmarks(session, (*marks, mark), f"Add bookmark {mark.name}")
+    _say_kept(session, mark)
+
+
+def _say_kept(session: Session, mark: Bookmark) -> None:
+    where = f": Ctrl+{mark.key}" if mark.key else ""
+    session.hint = f"Kept {mark.name} as a bookmark{where}"
 
 
 def recall_bookmark(session: Session, index: int) -> None:
@@ -116,6 +123,19 @@ def recall_bookmark(session: Session, index: int) -> None:
     session.view.playback.is_playing = False
     session.active_view = None
     session.rig.go_to_shot(bookmarks(session)[index].shot)
+
+
+def recall_commands(session: Session) -> tuple[Command, ...]:
+    """Return a command for each bookmark, called as it is, in their order."""
+    return tuple(
+        Command(
+            f"camera.recall {index}",
+            mark.name,
+            partial(recall_bookmark, index=index),
+            f"Ctrl+{mark.key}" if mark.key else "",
+        )
+        for index, mark in enumerate(bookmarks(session))
+    )
 
 
 def bookmark_index(session: Session, key: int) -> int | None:
@@ -128,6 +148,7 @@ def set_bookmark_key(session: Session, key: int) -> None:
     index, name = bookmark_index(session, key), f"View {key}"
     if index is not None:
         update_bookmark(session, index)
+        _say_kept(session, bookmarks(session)[index])
     else:
         is_taken = any(mark.name == name for mark in bookmarks(session))
         add_bookmark(session, "" if is_taken else name, key)

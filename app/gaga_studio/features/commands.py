@@ -142,9 +142,9 @@ _ORDER = {
         file.save_as file.export_scene file.export_page file.export_selected file.export_objects
         file.export_meshes file.export_simulation file.export_cameras file.export_masks
         file.dataset file.save_script file.save_picture file.close file.quit""",
-    "Edit": """edit.undo edit.redo edit.recolor edit.duplicate edit.delete edit.mirror_x
-        edit.mirror_y edit.mirror_z edit.reduce edit.delete_floaters edit.confirm edit.cancel
-        edit.preferences""",
+    "Edit": """edit.undo edit.redo edit.recolor edit.duplicate edit.duplicate_and_move
+        edit.delete edit.mirror_x edit.mirror_y edit.mirror_z edit.reduce edit.delete_floaters
+        edit.confirm edit.cancel edit.preferences""",
     "Select": """select.all select.none select.invert select.grow select.shrink select.alike
         select.children select.keep""",
     "Find": """object.masks object.masks_quick object.masks_model object.models

@@ -10,6 +10,7 @@ from gaga_core.geometry import quats_to_matrices
 from gaga_core.kernels import is_compiled
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit
+from gaga_core.scene.free_place import step_to_free_place
 from gaga_core.scene.orientation import mirror_map
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.tint import Grade, grade_affine, mean_color, tint_affine
@@ -18,6 +19,7 @@ from gaga_studio.features.base import Command, ask, no_selection
 from gaga_studio.session.document import Build, Document
 from gaga_studio.session.notices import Request, notifies
 from gaga_studio.session.session import Session
+from gaga_studio.session.view import ToolName
 
 _AXES = "XYZ"
 
@@ -191,15 +193,33 @@ def mirror(session: Session, axis: int) -> bool:
 
 @notifies
 def duplicate(session: Session) -> bool:
-    """Copy the selection to its side in the picture; the copy is selected."""
-    document, direction = session.need(), session.rig.sideways
-    lo, hi = document.selected_box() or (np.zeros(3), np.zeros(3))
-    step = shift(float(np.abs(direction) @ (hi - lo)) * direction)
-    return folders.edit_along(
+    """Copy the selection next to it, where it is free; the copy is selected.
+
+    To its side in the picture where nothing around it is free.
+    """
+    document, sideways = session.need(), session.rig.sideways
+
+    def build(scene: Scene, splats: IntArray, title: str) -> Edit | None:
+        step = step_to_free_place(scene, splats, sideways, session.rig.up)
+        if step is None:
+            lo, hi = document.selected_box() or (np.zeros(3), np.zeros(3))
+            step = float(np.abs(sideways) @ (hi - lo)) * sideways
+        return edits.duplicate(scene, splats, shift(step), title=title)
+
+    return folders.edit_along(session, "Duplicate", build)
+
+
+@notifies
+def duplicate_and_move(session: Session) -> bool:
+    """Copy the selection where it is and take the move tool; the copy is selected."""
+    if not folders.edit_along(
         session,
         "Duplicate",
-        lambda scene, splats, title: edits.duplicate(scene, splats, step, title=title),
-    )
+        lambda scene, splats, title: edits.duplicate(scene, splats, title=title),
+    ):
+        return False
+    session.tool = ToolName.MOVE
+    return True
 
 
 def _mirror(axis: int) -> Command:
@@ -241,6 +261,9 @@ COMMANDS: tuple[Command, ...] = (
     ),
     ask("edit.recolor", "Recolor…", Request.RECOLOR, enabled=no_selection),
     Command("edit.duplicate", "Duplicate", duplicate, "Ctrl+D", ("Shift+D",), enabled=no_selection),
+    Command(
+        "edit.duplicate_and_move", "Duplicate and move", duplicate_and_move, enabled=no_selection
+    ),
     *(_mirror(axis) for axis in range(3)),
     Command("object.reset_placement", "Reset placement", reset, enabled=no_selection),
 )

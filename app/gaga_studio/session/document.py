@@ -18,6 +18,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.camera_path import Bookmark, CameraPath, Shot, carried_shot
 from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.values import is_selection
 from gaga_core.scene.frame import carried_cameras, inverse
 from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.objects import group_name
@@ -264,7 +265,8 @@ class Document:
         before = self.history.state_id
         done = self.history.do(edit)
         self.save_state.note(before, self.history.state_id, is_content)
-        self._forget_undone_views(before)
+        if edit is not None and not is_selection(edit):
+            self._views.forget_undone()
         self._keep_focus()
         return done
 
@@ -343,10 +345,6 @@ class Document:
         self.project.film, self.project.bookmarks = views
         self.save_state.note_outside_history()
 
-    def _forget_undone_views(self, before: int) -> None:
-        if self.history.state_id != before:
-            self._views.forget_undone()
-
     @property
     def cameras(self) -> tuple[Camera, ...]:
         """Cameras of the photos in the world of the scene as it is now; () without a folder."""
@@ -400,7 +398,8 @@ class Document:
         before = self.history.state_id
         done = self.history.commit_preview()
         self.save_state.note(before, self.history.state_id, True)
-        self._forget_undone_views(before)
+        if done:
+            self._views.forget_undone()
         return done
 
     def show(self, edit: Edit, *, waits_as: str = "", is_tint: bool = False) -> None:

@@ -6,7 +6,7 @@ arrays of their own, each written once.
 """
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -20,7 +20,7 @@ from gaga_core.grouping.bank_file import bank_arrays, bank_of
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.io.arrays_file import Column, checked
 from gaga_core.io.json_file import decode_json
-from gaga_core.scene.edits.values import Edit, Row, SetPlacement, is_selection
+from gaga_core.scene.edits.values import Edit, Row, SetPlacement, after_selections, is_selection
 from gaga_core.scene.edits.wire import EditJson, of_json, recorded, script_form, to_json
 from gaga_core.scene.named_arrays import identities_of, identity_arrays
 from gaga_core.scene.scene import Identities, Scene
@@ -126,9 +126,7 @@ class History:
         if budget_bytes <= 0:
             raise ValueError(f"budget_bytes: expected more than 0, got {budget_bytes}")
         self._budget = budget_bytes
-        if self.nbytes > budget_bytes:
-            del self._steps[self._cursor :]
-        self._forget_oldest()
+        self._keep_budget()
 
     @property
     def is_previewing(self) -> bool:
@@ -172,7 +170,11 @@ class History:
     # --- changing
 
     def do(self, edit: Edit | None) -> bool:
-        """Apply ``edit`` and make it an entry; what was undone is forgotten. None does nothing."""
+        """Apply ``edit`` and make it an entry; None does nothing.
+
+        What was undone is forgotten, unless ``edit`` only selects: redo brings back the selection
+        that there was, and goes on from there, bit for bit.
+        """
         self.preview(None)
         if edit is None:
             return False
@@ -267,15 +269,18 @@ class History:
         return True
 
     def _push(self, edit: Edit) -> None:
-        del self._steps[self._cursor :]
+        undone = self._steps[self._cursor :] if is_selection(edit) else []
         self._serial += 1
-        self._steps.append(_Step.of(edit, self._serial))
-        self._forget_oldest()
-        self._cursor = len(self._steps)
+        self._steps[self._cursor :] = [_Step.of(edit, self._serial), *_after(edit, undone)]
+        self._cursor += 1
+        self._keep_budget()
 
-    def _forget_oldest(self) -> None:
-        """Keep the byte budget; the newest entry always stays."""
+    def _keep_budget(self) -> None:
+        """Forget what was undone, then the oldest; the newest entry always stays."""
         total = self.nbytes
+        if total > self._budget:
+            del self._steps[self._cursor :]
+            total = self.nbytes
         dropped = 0
         while total > self._budget and dropped < len(self._steps) - 1:
             total -= self._steps[dropped].nbytes
@@ -285,6 +290,19 @@ class History:
             self._dropped += _recorded(self._steps[:dropped])
             del self._steps[:dropped]
             self._cursor = max(self._cursor - dropped, 0)
+
+
+def _after(selection: Edit, undone: Sequence[_Step]) -> list[_Step]:
+    """What can still be redone after a selection: all from the first edit of ``undone`` on.
+
+    That one takes the selection back first, and makes the selections that it was made after.
+    """
+    first = next((i for i, step in enumerate(undone) if not is_selection(step.edit)), None)
+    if first is None:
+        return []
+    step = undone[first]
+    edit = after_selections((selection, *(former.edit for former in undone[:first])), step.edit)
+    return [_Step.of(edit, step.serial), *undone[first + 1 :]]
 
 
 @contextmanager

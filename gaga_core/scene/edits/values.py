@@ -161,6 +161,20 @@ class FlipState(Edit, frozen=True, tag="flip"):
         scene.revision.state += 1
 
 
+def after_selections(selections: Iterable[Edit], edit: Edit) -> Edit:
+    """``edit`` with ``selections`` (see `is_selection`) made first, as one flip: each is its own
+    inverse, so that their order does not matter, and what is made twice is not made."""
+    parts = [part for whole in (*selections, edit) for part in parts_of(whole)]
+    n_first = next(i for i, part in enumerate(parts) if not is_selection(part))
+    flips = [part for part in parts[:n_first] if isinstance(part, FlipState)]
+    changed = np.zeros(flips[0].n, np.uint8)
+    for bits, splats in (one for flip in flips for one in flip.flips):
+        changed ^= splats.mask().view(np.uint8) * np.uint8(bits)
+    made = together(edit.title, (FlipState.of("Select", changed), *parts[n_first:]))
+    assert made is not None
+    return made
+
+
 class SetLabels(Edit, frozen=True, tag="labels"):
     """Group ids of some splats."""
 

@@ -19,7 +19,7 @@ from gaga_core.scene import edits
 from gaga_studio.features import camera as bookmarks
 from gaga_studio.features import camera as camera_path
 from gaga_studio.features import export, split_view
-from gaga_studio.features.commands import run
+from gaga_studio.features.commands import run, run_one
 from gaga_studio.session.camera_rig import CameraRig
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, PhotoCompareMode, RenderRequests, ViewState
@@ -245,6 +245,22 @@ def test_a_view_is_not_added_twice_in_a_row(walked: Session) -> None:
     camera_path.add_keyframe(walked)
     assert walked.hint == "Keyframe 3 added"
     assert len(_eyes(walked)) == len(eyes) + 1
+
+
+def test_a_bookmark_says_that_it_is_kept_and_those_that_were_made_are_listed(
+    walked: Session,
+) -> None:
+    assert bookmarks.recall_commands(walked) == ()
+    for wanted in ("camera.add_bookmark", "camera.set_bookmark_4", "camera.set_bookmark_4"):
+        assert run(wanted, walked)
+        assert bookmarks.bookmarks(walked)[-1].name in walked.hint
+    assert walked.hint.endswith("Ctrl+4")
+    listed = bookmarks.recall_commands(walked)
+    assert [one.title for one in listed] == [mark.name for mark in bookmarks.bookmarks(walked)]
+    assert [one.shortcut for one in listed] == ["", "Ctrl+4"]
+    walked.rig.orbit(90, 20)
+    assert run_one(listed[0], walked)
+    assert walked.rig.is_moving
 
 
 def test_keyframes_are_added_moved_and_removed(walked: Session) -> None:

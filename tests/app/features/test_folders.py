@@ -12,6 +12,7 @@ from gaga_core.grouping.levels import Levels
 from gaga_core.scene import edits
 from gaga_core.scene.objects import folder_colors, group_indices
 from gaga_core.scene.scene import State
+from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import (
     commands,
     export,
@@ -459,6 +460,25 @@ def test_copies_lie_under_each_other(laid: Session) -> None:
     parent = scene_of(laid).folders.parent
     one, two = laid.selected_groups()
     assert {one: parent[one], two: parent[two]} == {one: 1, two: one}
+
+
+def test_copies_of_several_stand_on_what_the_originals_stand_on(associated: Session) -> None:
+    """The camera's right leads off the floor, whose edge is at 1.5."""
+    scene, rig = scene_of(associated), associated.rig
+    means = world_means(scene)
+    floor = np.abs(means[:, 2] + 0.3) < 0.01
+    balls = [g for g in objects_of(associated) if g != np.bincount(scene.labels[floor]).argmax()]
+    pair = sorted(balls, key=lambda group: -means[scene.labels == group].mean(axis=0)[0])[:2]
+    for group in set(balls) - set(pair):
+        assert objects.set_hidden(associated, group, True)
+    for yaw in range(0, 360, 45):
+        rig.pose = replace(rig.pose, yaw=float(np.radians(yaw)))
+        selection.select_groups(associated, pair)
+        assert transform.duplicate(associated)
+        copies = world_means(scene, associated.selected_indices())
+        assert len(copies) == np.isin(scene.labels, pair).sum()
+        assert np.abs(np.median(copies, axis=0)[:2]).max() < 1.5, yaw
+        associated.undo()
 
 
 def test_an_export_of_an_object_has_what_lies_under_it(laid: Session, tmp_path: Path) -> None:

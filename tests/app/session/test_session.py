@@ -283,6 +283,21 @@ def test_a_selection_is_nothing_to_save(associated: Session) -> None:
     assert not associated.unsaved
 
 
+def test_what_was_undone_can_be_redone_after_a_deselection(associated: Session) -> None:
+    selection.select_groups(associated, (1,))
+    assert objects.delete(associated)
+    deleted, state = associated.need().scene.state.tobytes(), associated.need().history.state_id
+    associated.undo()
+    assert run("edit.cancel", associated)
+    assert not associated.selected_groups()
+    assert associated.need().redo_title.startswith("Delete")
+    associated.redo()
+    document = associated.need()
+    assert (document.scene.state.tobytes(), document.history.state_id) == (deleted, state)
+    associated.undo()
+    assert not associated.selected_groups()
+
+
 def test_saved_edits_are_saved_until_one_is_undone(associated: Session) -> None:
     objects.rename(associated, objects_of(associated)[0], "mug")
     associated.save()

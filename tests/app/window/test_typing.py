@@ -247,6 +247,39 @@ def test_g_r_and_s_of_blender_follow_the_mouse_and_no_key_deletes(
         np.testing.assert_allclose(way, moved or (0, 0, 0), atol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("keys", "titles", "moved"),
+    [
+        ("Escape", ["Duplicate"], (0, 0, 0)),  # the copy stays where the original is
+        ("x 2 Return", ["Duplicate", "Move"], (2, 0, 0)),
+    ],
+)
+def test_shift_d_of_blender_makes_a_copy_that_follows_the_mouse(
+    display: str, grouped_copy: Path, keys: str, titles: list[str], moved: Any
+) -> None:
+    def see(studio: Studio) -> Any:
+        session = studio.session
+        if not session.need().history.can_undo:
+            select_groups(session, (1,))
+        document = session.need()
+        done = [entry.title.split()[0] for entry in document.history.entries()]
+        of_first = document.scene.labels == 1
+        return document.selected_centre(), document.read.selected_groups(), done, of_first.sum()
+
+    session = new_session(Settings(first_steps_done=True, keys="blender"))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    away: list[Stroke] = [("Mouse", (0.6, 0.3)), ("Rest", True)]
+    script = [*away, *strokes("Shift_L+d"), ("Mouse", (0.4, 0.5)), *strokes(keys)]
+    first, _, (centre, selected, done, n) = type_into(
+        studio, script, in_a_frame=1, frame_s=0.02, see=see
+    )
+    assert done == ["Select", *titles]
+    assert n == first[-1]
+    assert first[1] == (1,) != selected
+    np.testing.assert_allclose(centre - first[0], moved, atol=1e-5)
+    assert not studio.picture.is_following
+
+
 def test_home_goes_back_and_the_whole_scene_keeps_the_direction(
     display: str, grouped_copy: Path
 ) -> None:
@@ -272,7 +305,7 @@ def test_home_goes_back_and_the_whole_scene_keeps_the_direction(
     [
         ("supersplat", "Control_L+d Control_L+Shift_L+a"),
         ("blender", "Control_L+d Control_L+Shift_L+a"),
-        ("blender", "Shift_L+d Alt_L+a"),
+        ("blender", "Shift_L+d Escape Alt_L+a"),
     ],
 )
 def test_one_chord_duplicates_and_another_deselects(

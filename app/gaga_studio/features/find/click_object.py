@@ -184,7 +184,9 @@ def _take(
 
     clicks, history = document.feature(ClickState), document.history
     is_now = history.state_id == at and clicks.made_for == key_of(document.scene)
-    if not is_now or history.can_redo or history.is_previewing or clicks.graph is None:
+    undone = history.entries()[history.cursor :]
+    is_last = not undone or not undone[0].is_selection  # else the answer would replace a click
+    if not (is_now and is_last) or history.is_previewing or clicks.graph is None:
         session.hint = _MISSED
         return
     answer, camera = clicks.answers[at], clicks.views[at]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from imgui_bundle import imgui
 
-from gaga_studio.features import files
-from gaga_studio.features.base import Command
+from gaga_studio.features import camera, files
+from gaga_studio.features.base import Command, no_scene
 from gaga_studio.features.camera import RECALL, SET
 from gaga_studio.features.commands import MENUS, OPEN_RECENT, USE_MASKS, run_one
 from gaga_studio.features.find import masks
@@ -138,11 +138,14 @@ def _submenu_after(session: Session, command_id: str) -> None:
 
 
 def _bookmarks(session: Session) -> None:
-    for name, icon, ids in (
-        ("Go to bookmark", icons.BOOKMARK, RECALL),
-        ("Set bookmark", icons.BLANK, SET),
-    ):
-        command_buttons.command_submenu(session, f"{icon}  {name}###{name}", ids)
+    listed, name = camera.recall_commands(session), "Go to bookmark"
+    entries = [f"{command.title}  {command.shortcut}" for command in listed]
+    why_not = "" if listed else no_scene(session) or "There are no bookmarks yet."
+    label = f"{icons.BOOKMARK}  {name}###{name}"
+    with widgets.submenu(label, entries, why_not=why_not) as is_open:
+        _items(session, listed if is_open else ())
+    name = "Set bookmark"
+    command_buttons.command_submenu(session, f"{icons.BLANK}  {name}###{name}", SET)
 
 
 def _recent(session: Session) -> None:
@@ -164,14 +167,17 @@ def _mask_folders(session: Session) -> None:
 
 
 def _items(session: Session, listed: Sequence[Command]) -> None:
-    """Commands called as files are."""
+    """Commands called as files or bookmarks are, several perhaps by the same name."""
+    names: set[str] = set()
     for command in listed:
         is_on = command.is_on is not None and command.is_on(session)
         title = command.title_now(session)
         shown = command_buttons.fitting(title)
-        label = f"{shown}###{theme.visual(command.title)}"
+        name = theme.visual(command.title)
+        label = f"{shown}###{name}{command.id if name in names else ''}"
+        names.add(name)
         why_not = command.enabled(session)
-        if imgui.menu_item(label, "", is_on, not why_not)[0]:
+        if imgui.menu_item(label, command.shortcut, is_on, not why_not)[0]:
             run_one(command, session)
         widgets.tooltip(why_not or ("" if shown == theme.visual(title) else title), of_row=True)
 

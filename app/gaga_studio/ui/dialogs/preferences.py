@@ -186,7 +186,8 @@ def all_keys() -> dict[str, imgui.Key]:
     return {name: key_of(name) for name in names}
 
 
-_FOLLOWING = {"tool.move", "tool.rotate", "tool.scale"}  # from their key on, as in Blender
+# From their key on, as in Blender.
+_FOLLOWING = {"tool.move", "tool.rotate", "tool.scale", "edit.duplicate_and_move"}
 _OF_FIELDS = {"Ctrl+A", "Ctrl+C", "Ctrl+V", "Ctrl+X", "Ctrl+Z", "Ctrl+Y", "Ctrl+Shift+Z"}
 
 

@@ -54,6 +54,7 @@ _WORDS = {
     "edit.redo": "history repeat forward",
     "edit.recolor": "colour paint tint hue",
     "edit.duplicate": "copy clone paste",
+    "edit.duplicate_and_move": "copy clone paste in place",
     "edit.delete": "remove erase cut clear",
     "edit.mirror_x": "flip reflect",
     "edit.mirror_y": "flip reflect",

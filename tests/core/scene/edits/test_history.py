@@ -24,6 +24,7 @@ class _Walk:
         self.past = [snapshot(self.scene)]
         self.kinds = list(builders().items())
         self.seen: set[str] = set()
+        self.n_kept = 0  # undone entries that selections have left
 
     def build(self) -> Edit | None:
         name, build = self.kinds[self.rng.integers(len(self.kinds))]
@@ -33,21 +34,35 @@ class _Walk:
         return edit
 
     def do(self) -> None:
-        if self.history.do(self.build()):
-            self._entered(snapshot(self.scene))
+        self._do(self.build())
+
+    def select(self) -> None:
+        self._do(builders()["select"](self.rng, self.history.base))
+
+    def _do(self, edit: Edit | None) -> None:
+        undone = self.undone()
+        if self.history.do(edit):
+            self._entered(snapshot(self.scene), undone)
 
     def preview(self) -> None:
         for _ in range(self.rng.integers(1, 4)):
             self.history.preview(self.build())
-        previewed = snapshot(self.scene)
+        previewed, undone = snapshot(self.scene), self.undone()
         if self.rng.random() < 0.5:
             self.history.preview(None)
         elif self.history.commit_preview():
-            self._entered(previewed)
+            self._entered(previewed, undone)
 
-    def _entered(self, state: Snapshot) -> None:
-        del self.past[self.history.cursor :]
-        self.past.append(state)
+    def undone(self) -> list[Snapshot]:
+        """What can be redone after a selection: all from the first undone edit of the scene on."""
+        entries = enumerate(self.history.entries(), start=1)
+        first = (at for at, entry in entries if not (entry.done or entry.is_selection))
+        return self.past[next(first, len(self.past)) :]
+
+    def _entered(self, state: Snapshot, undone: list[Snapshot]) -> None:
+        at = self.history.cursor
+        self.n_kept += len(undone) if (kept := self.history.entries()[at - 1].is_selection) else 0
+        self.past[at:] = [state, *(undone if kept else ())]
 
     def jump(self) -> None:
         self.history.go_to(int(self.rng.integers(len(self.past))))
@@ -61,6 +76,7 @@ class _Walk:
 def test_a_random_walk_of_do_undo_redo_and_preview_meets_its_snapshots(seed: int) -> None:
     walk = _Walk(seed)
     moves = [walk.do] * 4 + [walk.history.undo] * 2 + [walk.history.redo] + [walk.preview] * 2
+    moves.append(walk.select)
     for _ in range(400):
         [*moves, walk.jump][walk.rng.integers(len(moves) + 1)]()
         walk.check()
@@ -68,6 +84,39 @@ def test_a_random_walk_of_do_undo_redo_and_preview_meets_its_snapshots(seed: int
         walk.history.go_to(at)
         walk.check()
     assert len(walk.seen) >= len(walk.kinds) - 2
+    assert walk.n_kept > 5
+
+
+def test_many_selections_after_an_undo_cost_what_the_last_one_does() -> None:
+    scene = walk_scene(400)
+    history = History(scene)
+    history.do(edits.select(scene, np.arange(9)))
+    history.do(edits.delete(scene, np.arange(9)))
+    deleted, size = snapshot(scene), history.entries()[-1].nbytes
+    history.undo()
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        history.do(edits.select(scene, rng.random(len(scene)) < 0.5))
+    *_, newest, undone = history.entries()
+    assert undone.nbytes <= size + newest.nbytes
+    assert history.redo() == "Delete"
+    assert snapshot(scene) == deleted
+
+
+def test_the_budget_drops_what_was_undone_before_what_is_done() -> None:
+    scene = walk_scene(4000)
+    rng = np.random.default_rng(0)
+    history = History(scene)
+    history.do(edits.hide(scene, rng.random(len(scene)) < 0.5))
+    history.do(edits.delete(scene, rng.random(len(scene)) < 0.5))
+    history.set_budget(history.nbytes)
+    history.undo()
+    before = snapshot(scene)
+    history.do(edits.select(scene, rng.random(len(scene)) < 0.5))
+    assert history.nbytes <= history.budget
+    assert [entry.title for entry in history.entries()] == ["Hide", "Select"]
+    history.undo()
+    assert snapshot(scene) == before
 
 
 @pytest.mark.parametrize("name", builders())
