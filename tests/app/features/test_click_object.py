@@ -360,4 +360,4 @@ def test_without_a_model_it_is_said_where_one_comes_from(
     fresh_models(tmp_path, monkeypatch)
     looked.feature(ModelsState).promptable = None
     assert click_object.chosen_model(looked) is None
-    assert "Models…" in command("tool.click_model").enabled(looked)
+    assert "Models in the menu Find" in command("tool.click_model").enabled(looked)
