@@ -45,6 +45,7 @@ from gaga_core.grouping.surfaces.surfels import (
     outlines,
     sample_surfels,
     small_pieces,
+    support_of,
 )
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.threads import n_threads
@@ -56,6 +57,8 @@ from gaga_core.threads import n_threads
 ROUNDS = (4.0, 2.5, 1.0, 0.0, -1.5, -np.inf)
 _FINEST = 8.0  # log odds of joins of pieces in the level below the leaves: most inside of a plane
 _CRUMB = 1.0  # samples that a view shows of the smallest leaf, mean
+_APART = 0.8  # difference of shares that what the rest stands on has in two nodes
+_PARTED = 1e6  # log odds against a join with what the rest stands on
 _CERTAIN = 8.0  # log odds that stand for a leaf's own, and against a join of roots
 
 
@@ -116,11 +119,20 @@ def grown(
     least: float = ROUNDS[0],  # log odds at which pieces join to leaves
     pieces: BoostedTrees | None = None,
     borders: BoostedTrees | None = None,
+    support: BoolArray | None = None,  # (S,) what the rest stands on: it joins that last
 ) -> Tree:
     """Join pieces round by round, borders judged again before each; by what is `learned`, unless
     other ensembles are given."""
     pieces, borders = pieces or learned().pieces, borders or learned().borders
-    fine = borders_of(seen, seen.piece).judged(pieces)
+
+    def parted(graph: SignedGraph, cluster: LongArray) -> SignedGraph:
+        if support is None or not support.any():
+            return graph
+        share = np.bincount(cluster, support) / np.bincount(cluster)
+        across = np.abs(share[graph.first] - share[graph.second]) > _APART
+        return replace(graph, evidence=np.where(across, -_PARTED, graph.evidence))
+
+    fine = parted(borders_of(seen, seen.piece).judged(pieces), seen.piece)
     finest = joined(fine, _FINEST)[seen.piece]
     leaf = cluster = join_crumbs(fine, least)[seen.piece]
     node = np.arange(int(leaf.max()) + 1)  # of each cluster
@@ -128,7 +140,7 @@ def grown(
     leaves = borders_of(seen, leaf)
     judged = borders(leaves.features)
     for of_round in ROUNDS[1:]:
-        graph = borders_of(seen, cluster).judged(borders)
+        graph = parted(borders_of(seen, cluster).judged(borders), cluster)
         into = np.arange(len(node))
         for a, b, value, edges in linked(graph, of_round):
             parent[node[a]] = parent[node[b]] = len(parent)
@@ -445,8 +457,10 @@ def objects_stage(
     """
     sample = sample_surfels(views, load_masks, load_further, depths, config.surfels)
     surfels = yield from part(sample, 0, _STEPS, STAGE)
+    support = None
     if config.silhouettes:
-        surfels = surfels.with_supports(_SILHOUETTES)
+        support = support_of(surfels.points, surfels.normals)
+        surfels = surfels.parted(support, _SILHOUETTES)
     if len(surfels.points) < LEAST_SURFELS:
         raise GagaError("The views show almost none of the splats. Check poses and model.")
     yield Progress(STAGE, 1, _STEPS, "small pieces")
@@ -461,7 +475,7 @@ def objects_stage(
     color = colors_of_samples(gaussians, rows, surfels.points)
     seen = Seen.of(surfels, near, color, piece, len(views))
     yield Progress(STAGE, 2, _STEPS, "borders")
-    tree = grown(seen)
+    tree = grown(seen, support=support)
     yield Progress(STAGE, 3, _STEPS, "objects")
     features = node_features(seen, tree, views, n_splats)
     objectness = learned().objects(features)

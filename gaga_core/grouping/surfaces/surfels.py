@@ -65,13 +65,13 @@ class Surfels:
         for k in range(0 if odd else n):
             yield (1 + k if has_levels else None), self.further[:, v * n + k]
 
-    def with_supports(self, level: int) -> "Surfels":
-        """The same, where regions at a level of detail end at what the rest stands on."""
-        is_support, further = support_of(self.points, self.normals), self.further.copy()
+    def parted(self, rows: BoolArray, level: int) -> "Surfels":
+        """The same, where regions at a level of detail end at the border of some samples (S,)."""
+        further = self.further.copy()
         n = further.shape[1] // self.regions.shape[1]
-        if n == N_LEVELS - 1 and is_support.any():
+        if n == N_LEVELS - 1 and rows.any():
             for column in further.T[level - 1 :: n]:
-                column[is_support & (column > 0)] += column.max()
+                column[rows & (column > 0)] += column.max()
         return replace(self, further=further)
 
     def maps(self) -> Iterator[tuple[int | None, IntArray]]:
@@ -199,7 +199,7 @@ _FACES = 0.9  # least cosine of a flat surface's normals with that of its plane:
 _NEAR_PLANE = 2.0  # times the spacing of samples: distance from a plane of what lies on it
 _LEAST_GROUND = 0.01  # share of all samples that a layer of the ground has at least
 _WITHIN = 0.8  # least share of what is just above the ground that lies inside of its outline
-_BELOW = 0.03  # most of what lies inside of its outline that is below: noise
+_BELOW = 0.04  # most of what lies inside of its outline that is below: noise
 
 
 def support_of(points: DoubleArray, normals: DoubleArray) -> BoolArray:
@@ -207,7 +207,7 @@ def support_of(points: DoubleArray, normals: DoubleArray) -> BoolArray:
 
     What lies within its outline is on the side to which it faces: no surface of an object that
     stands on its own is like that, but the ground under it. And what stands on it is within its
-    outline: the side of a bowl is not within its floor. What is below the surface goes with it;
+    outline: the side of a bowl is not within its floor. Most of the rest is above it. What is below the surface goes with it;
     none where there is no such surface.
     """
     best, largest, least = np.zeros(len(points), np.bool_), 0, _LEAST_GROUND * len(points)
@@ -225,7 +225,7 @@ def support_of(points: DoubleArray, normals: DoubleArray) -> BoolArray:
             axis = axis if axis @ normal > 0 else -axis
             above = (points - centre) @ axis
             flat = faces & (np.abs(above) < reach)
-            if flat.sum() <= largest:
+            if flat.sum() <= largest or (above > reach).sum() <= (above < -reach).sum():
                 continue
             within = _is_within(points[flat], points, axis, 2 * reach)
             foot = (above > reach) & (above < 3 * reach)

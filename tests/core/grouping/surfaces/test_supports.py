@@ -69,10 +69,11 @@ def test_so_is_one_with_several_objects_up_to_its_edge() -> None:
     [
         _can(),
         [*_can(), _disc(0.6, 0.8, inner=0.3), *_can(0.81)],  # a shelf half way up
+        [_disc(0.6, 0.3), _wall(0.62, -0.4, 0.25), _wall(0.2, 0.3, 0.34)],  # a crumb on a drum
         [_disc(0.3, 0.0), _wall(0.3, 0.0, 0.6, -1.0), _wall(0.31, -0.01, 0.6)],  # a cup
         [_disc(0.6, 0.5), _disc(0.6, 0.45, up=-1.0), _wall(0.4, 0.0, 0.45)],  # a table
     ],
-    ids=["alone", "with a shelf", "cup", "table"],
+    ids=["alone", "with a shelf", "drum", "cup", "table"],
 )
 def test_parts_of_an_object_are_no_support(parts: list[Part]) -> None:
     assert _found(parts).max() == 0
