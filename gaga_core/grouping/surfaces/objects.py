@@ -457,10 +457,10 @@ def objects_stage(
     """
     sample = sample_surfels(views, load_masks, load_further, depths, config.surfels)
     surfels = yield from part(sample, 0, _STEPS, STAGE)
-    support = None
+    near, support = Neighbourhood.of(surfels.points), None
     if config.silhouettes:
         support = support_of(surfels.points, surfels.normals)
-        surfels = surfels.parted(support, _SILHOUETTES)
+        surfels = surfels.parted(support, near, _SILHOUETTES)
     if len(surfels.points) < LEAST_SURFELS:
         raise GagaError("The views show almost none of the splats. Check poses and model.")
     yield Progress(STAGE, 1, _STEPS, "small pieces")
@@ -470,7 +470,6 @@ def objects_stage(
     )
     distance, samples = np.asarray(around[0]), np.asarray(around[1], np.int64)
     n_splats = np.bincount(samples[:, 0], minlength=len(surfels.points))
-    near = Neighbourhood.of(surfels.points)
     piece = small_pieces(surfels, near)
     color = colors_of_samples(gaussians, rows, surfels.points)
     seen = Seen.of(surfels, near, color, piece, len(views))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import ConvexHull, cKDTree
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
@@ -65,13 +65,22 @@ class Surfels:
         for k in range(0 if odd else n):
             yield (1 + k if has_levels else None), self.further[:, v * n + k]
 
-    def parted(self, rows: BoolArray, level: int) -> "Surfels":
-        """The same, where regions at a level of detail end at the border of some samples (S,)."""
+    def parted(self, support: BoolArray, near: "Neighbourhood", level: int) -> "Surfels":
+        """The same, where regions at a level of detail end at a ``support`` (S,), and what stands
+        apart on it has regions of its own."""
         further = self.further.copy()
         n = further.shape[1] // self.regions.shape[1]
-        if n == N_LEVELS - 1 and rows.any():
+        if n == N_LEVELS - 1 and support.any():
+            own = ~support[near.first] & ~support[near.second]
+            pairs = (np.ones(int(own.sum())), (near.first[own], near.second[own]))
+            thing = connected_components(coo_matrix(pairs, shape=(len(support),) * 2))[1]
+            size = np.bincount(thing, ~support)
+            thing[size[thing] < _LEAST_GROUND * len(support)] = size.argmax()  # crumbs at edges
+            thing[support] = len(size)
             for column in further.T[level - 1 :: n]:
-                column[rows & (column > 0)] += column.max()
+                seen = column > 0
+                both = column[seen].astype(np.int64) * (len(size) + 1) + thing[seen]
+                column[seen] = 1 + dense(both)
         return replace(self, further=further)
 
     def maps(self) -> Iterator[tuple[int | None, IntArray]]:
@@ -197,7 +206,7 @@ def _weighted_normals(
 
 _FACES = 0.9  # least cosine of a flat surface's normals with that of its plane: 25 degrees
 _NEAR_PLANE = 2.0  # times the spacing of samples: distance from a plane of what lies on it
-_LEAST_GROUND = 0.01  # share of all samples that a layer of the ground has at least
+_LEAST_GROUND = 0.01  # least share of all samples of a layer of the ground, and of a thing on it
 _WITHIN = 0.8  # least share of what is just above the ground that lies inside of its outline
 _BELOW = 0.04  # most of what lies inside of its outline that is below: noise
 
@@ -207,8 +216,8 @@ def support_of(points: DoubleArray, normals: DoubleArray) -> BoolArray:
 
     What lies within its outline is on the side to which it faces: no surface of an object that
     stands on its own is like that, but the ground under it. And what stands on it is within its
-    outline: the side of a bowl is not within its floor. Most of the rest is above it. What is below the surface goes with it;
-    none where there is no such surface.
+    outline: the side of a bowl is not within its floor. Most of the rest is above it. What is below
+    the surface goes with it; none where there is no such surface.
     """
     best, largest, least = np.zeros(len(points), np.bool_), 0, _LEAST_GROUND * len(points)
     ways = np.unique(np.round(2 * normals), axis=0)
