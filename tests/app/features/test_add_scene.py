@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.io.splats.splat_files import read_splats
+from gaga_core.pipeline.align import addition_of
 from gaga_core.progress import run_stage
 from gaga_core.scene.bake import bake
 from gaga_core.scene.frame import inverse
@@ -14,6 +15,15 @@ from gaga_studio.features import add_scene, commands
 from gaga_studio.session.session import Session
 from tests.app import told
 from tests.core.scene.captures.scenes import any_similarity, write_furnished, write_scene
+
+
+def test_a_scene_without_groups_becomes_one_of_its_name(tmp_path: Path) -> None:
+    """Each was called "point_cloud"."""
+    first, second = write_furnished(tmp_path, any_similarity(np.random.default_rng(5)))
+    here, other = (run_stage(open_path_stage(path)) for path in (first, second))
+    other.scene.labels = np.zeros_like(other.scene.labels)
+    addition_of(here.scene, other, np.eye(4)).edit.apply(here.scene)
+    assert second.name in here.scene.names.values()
 
 
 def test_a_scene_is_added_where_it_fits_and_changes_are_listed(
