@@ -232,11 +232,12 @@ def addition_of(scene: Scene, second: Project, world: DoubleArray) -> Addition:
     after = replace(scene, revision=Revision())
     edit.apply(after)
     own = np.arange(len(scene), len(after))
-    edit = together(title, (edit, placed := transform(after, own, world[:3], title)))
+    placed = transform(after, own, world[:3], title)  # None: it stands there already
+    edit = together(title, (edit, placed))
     assert edit is not None
-    assert placed is not None
     groups = dict(zip(ids.tolist(), after.labels[own][first].tolist(), strict=True))
-    placed.apply(after)
+    if placed is not None:
+        placed.apply(after)
     tint = recolor(after, own, tint_affine(mean_color(after, own), _TINT, _TINTED), title=title)
     shown = together(title, (edit, tint))
     assert shown is not None
