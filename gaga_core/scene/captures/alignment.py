@@ -28,9 +28,9 @@ class Capture:
     name: str
     cameras: tuple[Camera, ...] = ()  # of its photos, in the world of ``scene`` as it is now
     photos: Mapping[str, Path] = field(default_factory=dict)  # by name of the camera
-    lenses: Mapping[str, Lens] = field(default_factory=dict)  # of photos that are not pinhole's
     scene: Scene | None = None  # None: its photos are placed, and there are no splats yet
     behind: frozenset[int] = frozenset()  # groups that are background: no things that move
+    lenses: Mapping[str, Lens] = field(default_factory=dict)  # of photos that are not pinhole's
 
 
 @dataclass(frozen=True)
