@@ -11,16 +11,20 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.arrays import DoubleArray
+from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.io.cameras.given import Lens
+from gaga_core.io.cameras.poses import find_poses
 from gaga_core.io.files import atomic_write, refuse_links
 from gaga_core.io.folder.scene_folder import find_model, is_scene_folder, open_scene_folder
 from gaga_core.io.images import write_rgb
 from gaga_core.io.splats.packing import READS
 from gaga_core.io.splats.splat_files import model_fingerprint
 from gaga_core.io.splats.spz import OURS
+from gaga_core.pipeline.place import find_photos
 from gaga_core.pipeline.search import describe_project
 from gaga_core.pipeline.settings import AlignConfig
-from gaga_core.placing.photos import FEWEST
+from gaga_core.placing.photos import FEWEST, list_photos
 from gaga_core.placing.photos import STAGE as LOOKS
 from gaga_core.placing.sfm import TITLES
 from gaga_core.progress import Progress, Stage, joined, part, portion
@@ -77,14 +81,42 @@ class Aligned:
 
 
 def open_capture_stage(path: Path) -> Stage[tuple[Capture, Project | None]]:
-    """What ``path`` holds; a scene folder whose photos are placed needs no splats."""
-    if is_scene_folder(path) and find_model(path) is None and meant_in(path) is None:
-        folder = open_scene_folder(path)
-        if not folder.cameras:
+    """What ``path`` holds; a folder whose photos are placed, here or by another program, needs no
+    splats."""
+    if path.is_dir() and find_model(path) is None and meant_in(path) is None:
+        is_scene = is_scene_folder(path)
+        folder = open_scene_folder(path) if is_scene else None
+        if folder is not None and folder.cameras:
+            return Capture(path.absolute().name, folder.cameras, folder.image_paths), None
+        if (capture := _by_given_poses(path)) is not None:
+            return capture, None
+        if is_scene:
             raise GagaError(f"{path} has neither splats nor placed photos. Make splats first.")
-        return Capture(path.absolute().name, folder.cameras, folder.image_paths), None
     project = yield from open_path_stage(path)
     return capture_of(project), project
+
+
+def _by_given_poses(path: Path) -> Capture | None:
+    """The photos in ``path`` as another program placed them; None where none did.
+
+    Raises ``GagaError`` when their poses cannot be used.
+    """
+    source = find_photos(path) or path
+    given = find_poses(source) if source.is_dir() and list_photos(source) else None
+    if given is None:
+        return None
+    cameras: list[Camera] = []
+    lenses: dict[str, Lens] = {}
+    for pose in given.poses:
+        if (lens := pose.lens) is None:
+            continue
+        cameras.append(Camera(lens.K, pose.cam_from_world, lens.width, lens.height, pose.name))
+        if lens.is_bent:
+            lenses[pose.name] = lens
+    if not cameras:
+        raise GagaError(f"{given.file} says nothing of the lens. Make splats first: that finds it.")
+    photos = {camera.name: source / camera.name for camera in cameras}
+    return Capture(path.absolute().name, tuple(cameras), photos, lenses=lenses)
 
 
 def capture_of(project: Project) -> Capture:

@@ -25,6 +25,7 @@ from gaga_core.io.cameras.colmap import read_colmap
 from gaga_core.io.cameras.poses import find_poses
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.folder.scene_folder import (
+    WORLD,
     SceneFolder,
     find_model,
     find_sparse,
@@ -66,6 +67,7 @@ from gaga_core.training.checkpoint import iteration_of
 from gaga_core.training.settings import STEREO_SIDE, STEREO_VIEWS
 
 _RANDOM_POINTS = 100_000  # of cameras that come without points, as published
+_OF_PHOTOS = ("report.json", WORLD, "cache")  # in gaga/; the cache is of their masks
 SETTINGS, CHECKPOINT = "settings.json", "train.npz"  # of a training, in the workspace
 
 
@@ -105,11 +107,8 @@ def reconstruct_scene(
         done.append("sfm")
     if config.only == "all" and (again or find_model(scene) is None):
         notes = (*notes, *(yield from _given_poses(scene, config)))
-        has_splats = find_model(scene) is not None
-        keep_former(scene)
-        yield from train_scene(open_scene_folder(scene), config, rasterizer=rasterizer)
-        if has_splats:
-            set_groups_aside(scene)
+        with replacing_splats(scene):
+            yield from train_scene(open_scene_folder(scene), config, rasterizer=rasterizer)
         done.append("train")
     workspace = scene / WORKSPACE
     is_training = (workspace / CHECKPOINT).is_file() or (workspace / SETTINGS).is_file()
@@ -133,7 +132,18 @@ def go_on_stage(scene: Path, *, rasterizer: Rasterizer | None = None) -> Stage[R
     return (yield from reconstruct_scene(None, scene, config, rasterizer=rasterizer, again=True))
 
 
-def keep_former(scene: Path) -> None:
+@contextmanager
+def replacing_splats(scene: Path) -> Iterator[None]:
+    """Write splats of ``scene`` inside: what was found in former ones goes aside once they are
+    written, with the splats that a saved project needs. Nothing moves where there were none."""
+    has_splats = find_model(scene) is not None
+    _keep_former(scene)
+    yield
+    if has_splats:
+        set_groups_aside(scene)
+
+
+def _keep_former(scene: Path) -> None:
     """Link the splats of ``scene`` next to the project that was saved of them, if there is one: it
     opens with them after others have taken their name, see `set_groups_aside`."""
     model, work = find_model(scene), scene / "gaga"
@@ -149,9 +159,9 @@ def keep_former(scene: Path) -> None:
 
 def set_groups_aside(scene: Path) -> None:
     """Move what was found in former splats of ``scene`` from gaga/ to the next free `place_aside`:
-    it does not fit others."""
+    it does not fit others. What is known of the photos and their poses stays."""
     kept = place_aside(scene)
-    found = [path for path in (scene / "gaga").glob("*") if path.name != "report.json"]
+    found = [path for path in (scene / "gaga").glob("*") if path.name not in _OF_PHOTOS]
     if found:
         kept.mkdir()
     for path in found:

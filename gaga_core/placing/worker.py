@@ -265,11 +265,11 @@ def write_features(path: Path, database: Path) -> None:
     """Write all verified matches with the features that they join, of A photos with F features.
 
     Arrays: names (A,), first (A + 1,) where the features of each photo begin, places (F, 2) xy over
-    width and height, matches (M, 2) of features.
+    width and height as the pinhole of the lens sees them, matches (M, 2) of features.
     """
     found = _Matching.read(database)
     cameras = zip(found.keypoints(database), found.cameras, strict=True)
-    places = [pixels / (camera.width, camera.height) for pixels, camera in cameras]
+    places = [_unbent(pixels, cam) / (cam.width, cam.height) for pixels, cam in cameras]
     first = np.cumsum([0, *map(len, places)]).astype(np.int64)
     matches = [
         first[pair] + m.astype(np.int64) for pair, m in zip(found.pairs, found.matches, strict=True)
@@ -283,6 +283,16 @@ def write_features(path: Path, database: Path) -> None:
             "matches": np.concatenate([np.zeros((0, 2), np.int64), *matches]),
         },
     )
+
+
+def _unbent(pixels: DoubleArray, camera: pycolmap.Camera) -> DoubleArray:
+    """Where the pinhole with the focal length and centre of a lens sees its ``pixels`` (F, 2)."""
+    if camera.model_name in ("SIMPLE_PINHOLE", "PINHOLE") or len(pixels) == 0:
+        return pixels
+    # Outside of what the lens model covers a ray is not known: then it fits no point.
+    flat = np.nan_to_num(np.asarray(camera.cam_from_img(pixels), np.float64))
+    straight: DoubleArray = (np.c_[flat, np.ones(len(flat))] @ camera.calibration_matrix().T)[:, :2]
+    return straight
 
 
 def _coverage(points: AnyArray, camera: pycolmap.Camera) -> float:

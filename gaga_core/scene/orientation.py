@@ -78,6 +78,14 @@ def up_of_moved(
     return was if float(was @ now) > _NEARLY else now
 
 
+def known_up(gaussians: Gaussians) -> DoubleArray | None:
+    """The up direction (3,) that the file of splats says or their ground shows; None for neither.
+
+    Cameras know more, see `up_of_moved`.
+    """
+    return _from_ground(gaussians) if gaussians.up is None else gaussians.up
+
+
 def guess_up(gaussians: Gaussians) -> DoubleArray:
     """The up direction (3,) of splats without cameras: as their file says, else one of the axes.
 
@@ -85,8 +93,7 @@ def guess_up(gaussians: Gaussians) -> DoubleArray:
     that end is the ground. What is much longer along y or z stands. Else, and for the sign then, y
     points down, as in the world of most single models, and z up.
     """
-    found = gaussians.up
-    found = _from_ground(gaussians) if found is None else found
+    found = known_up(gaussians)
     if found is not None:
         return found
     means = gaussians.means[np.isfinite(gaussians.means).all(axis=1)]

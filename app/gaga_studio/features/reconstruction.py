@@ -18,6 +18,7 @@ from gaga_core.io.json_file import read_json
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.camera_path import CameraPath, turntable
 from gaga_core.scene.orientation import upright_basis
+from gaga_core.scene.project import meant_in
 from gaga_studio.features.base import Command, ask, busy, setting
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, UserQuestion, choose_one, notifies
@@ -290,8 +291,10 @@ def go_on(session: Session) -> None:
 
 def _say_where(session: Session, aside: Path) -> None:
     """Tell where the objects of former splats are, if any were set ``aside``."""
-    if aside.is_dir():
-        text = f"The objects of the former splats are in {paths.shown(aside)}: open it to see them."
+    is_saved = meant_in(aside) is not None  # with the splats that it opens with
+    if is_saved or (aside / "labels.npz").is_file():
+        hint = ": open it to see them" if is_saved else ""
+        text = f"The objects of the former splats are in {paths.shown(aside)}{hint}."
         session.notify(Level.INFO, text, shows=aside)
 
 
@@ -308,13 +311,12 @@ def keep_stopped(session: Session) -> None:
         return
     from gaga_core.io.cameras.cameras_json import write_cameras_json
     from gaga_core.io.splats.ply import write_ply
-    from gaga_core.pipeline.reconstruct import keep_former, set_groups_aside
+    from gaga_core.pipeline.reconstruct import replacing_splats
 
     aside = place_aside(found.scene)
-    keep_former(found.scene)
-    write_cameras_json(found.scene / "cameras.json", training.cameras)
-    write_ply(found.scene / "point_cloud.ply", training.scene.gaussians)
-    set_groups_aside(found.scene)  # of splats that were kept before
+    with replacing_splats(found.scene):
+        write_cameras_json(found.scene / "cameras.json", training.cameras)
+        write_ply(found.scene / "point_cloud.ply", training.scene.gaussians)
     _say_where(session, aside)
     session.training = None
     session.open(found.scene)

@@ -8,6 +8,7 @@ import numpy as np
 from gaga_core.errors import GagaError
 from gaga_core.io.splats.spz import states_axes
 from gaga_core.scene import edits
+from gaga_core.scene.orientation import guess_up, known_up
 from gaga_core.scene.selection.bounds import splat_box
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
@@ -32,17 +33,48 @@ def turn(session: Session) -> bool:
 
 
 def why_not_turned(session: Session) -> str:
-    """Needs a scene without photos, which say which way is up."""
+    """Needs a scene that does not stand upright by what is known: by its photos, by the answer of a
+    person, by its file, or by its ground."""
     if session.document is None:
         return "No scene is open."
     if session.cameras:
         return "The photos say which way is up. Use Align to ground, or Rotate."
-    return ""
+    if is_left(session):
+        return "You said that it is upright. Choose It is upright again to take that back."
+    document = session.document
+    if _is_open_question(document.project.model_path):
+        return ""
+    up, gaussians = session.rig.up, document.scene.gaussians
+    known = document.read.once("known up", gaussians, lambda: known_up(gaussians))
+    is_said = gaussians.up is not None or document.project.model_path.suffix.lower() == ".spz"
+    if known is None and is_said:  # the axes of its file are known, and up is that of models
+        known = guess_up(gaussians)
+    if known is None:
+        return ""
+    now = document.world[:3, :3] @ known
+    if float(_HALF_TURN[:, :3] @ now @ up) > float(now @ up):  # it was turned over
+        return ""
+    who = "The file says" if is_said else "Its ground shows"
+    return f"{who} that it is upright. Use Align to ground, or Rotate."
+
+
+def is_turned(session: Session) -> bool:
+    """Whether the file that is open is turned whenever it is opened."""
+    return session.document is not None and _name(session) in session.settings.upright
+
+
+def is_left(session: Session) -> bool:
+    """Whether a person answered that the file that is open stands as it should."""
+    return session.document is not None and _name(session) in session.settings.as_filed
 
 
 def leave(session: Session) -> bool:
-    """Remember that the file stands as it should: it is not asked about again."""
-    _remember(session, is_turned=False)
+    """Remember that the file stands as it should: it is not asked about again. A second time that
+    is taken back."""
+    if is_left(session):
+        _remember(session)
+    else:
+        _remember(session, is_turned=False)
     return True
 
 
@@ -58,15 +90,16 @@ def _name(session: Session) -> str:
     return str(session.need().project.model_path.resolve())
 
 
-def _remember(session: Session, *, is_turned: bool) -> None:
-    """Note whether the file that is open is turned, if it does not say how it stands."""
+def _remember(session: Session, *, is_turned: bool | None = None) -> None:
+    """Note whether the file that is open is turned, if it does not say how it stands; None: that
+    is not known."""
     if not _is_open_question(session.need().project.model_path):
         return
     name, now = _name(session), session.settings
     turned, left = (tuple(p for p in known if p != name) for known in (now.upright, now.as_filed))
     if is_turned:
         turned = (name, *turned)[:_MOST]
-    else:
+    elif is_turned is not None:
         left = (name, *left)[:_MOST]
     session.change_settings(replace(now, upright=turned, as_filed=left))
 
@@ -89,11 +122,14 @@ def opened(session: Session) -> bool:
 def _turn(session: Session, *, is_content: bool) -> bool:
     document = session.need()
     scene = document.settled().scene
+    before = document.world, session.rig.goal
     edit = edits.move_scene(scene, _HALF_TURN, _TITLE)
     done = document.do(edit, is_content=is_content)
     box = splat_box(scene)
-    session.rig.frame_scene(*box)
+    session.rig.frame_scene(*box, up=session.rig.up)
     session.rig.turn_to_clearest(scene, box)
+    session.rig.follow(document.world)
+    document.kept_poses = (before, (document.world, session.rig.goal))
     return done
 
 

@@ -240,14 +240,20 @@ class CameraRig:
             raise ValueError(f"axis: {axis!r} is none of {(*headings, 'top', 'bottom')}")
         self._jump(replace(pose, yaw=yaw, pitch=pitch, roll=0.0))
 
-    def follow(self, world: DoubleArray) -> None:
+    def follow(self, world: DoubleArray, kept: Sequence[tuple[DoubleArray, Pose]] = ()) -> None:
         """Follow a turn of the whole scene: ``world`` (4, 4) is its motion since it was opened.
 
-        The picture stays what it was, then it is levelled, smoothly.
+        The picture stays what it was, then it is levelled, smoothly; from one of the ``kept``
+        worlds to another, the pose that was kept of that comes back.
         """
         before, self._world = self._world, world
         if before is None or before is world:
             return
+        if any(np.array_equal(known, before) for known, _ in kept):
+            for known, pose in kept:
+                if np.array_equal(known, world):
+                    self._jump(pose, animated=False)
+                    return
         motion = world @ inverse(before)
         self.radius *= scale_of(motion)
         goal = self._carried(self.goal, motion)

@@ -26,6 +26,7 @@ from gaga_core.scene.orientation import Pose, up_of_moved
 from gaga_core.scene.project import Project, has_changed
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import OrientedBox
+from gaga_studio.session.camera_rig import Pose as CameraPose
 from gaga_studio.session.notices import NothingSelectedError, PreviewWaitsError
 from gaga_studio.session.scene_cache import SceneCache
 from gaga_studio.session.view import ViewState
@@ -155,6 +156,8 @@ class Document:
         self.focus = 0  # group shown in the inspector; 0 = none
         self.lods: tuple[LodTree, ...] = ()  # trees of merged splats that are known
         self.in_use_by = ""  # the other program that has the project open
+        # Before and after a motion that set the camera: the world (4, 4), and the pose in it.
+        self.kept_poses: tuple[tuple[DoubleArray, CameraPose], ...] = ()
         self.copies_model = False  # saves copy files of splats that changed
         self._lock: FolderLock | None = None  # of the saved project, see `claim`
         self._stamps = _stamps(project)  # of its files when they were last looked at

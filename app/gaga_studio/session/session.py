@@ -675,7 +675,7 @@ class Session:
         self.jobs.poll()
         self._ask_again()
         if self.document is not None:
-            self.rig.follow(self.document.world)
+            self.rig.follow(self.document.world, self.document.kept_poses)
         is_moving = self.rig.update(dt)
         if self.scene is None or is_moving or self.is_previewing:
             self.hovering.away()

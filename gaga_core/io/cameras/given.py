@@ -64,6 +64,11 @@ class Lens:
         return Lens(self.model, self.height, self.width, (*focal[::-1], *centre, *rest))
 
     @property
+    def is_bent(self) -> bool:
+        """Whether it is more than a pinhole."""
+        return self.model not in ("SIMPLE_PINHOLE", "PINHOLE")
+
+    @property
     def K(self) -> DoubleArray:  # noqa: N802  the field's name
         """Its pinhole part (3, 3)."""
         n = FOCALS[self.model]

@@ -37,7 +37,7 @@ from gaga_core.io.splats.splat_files import read_splats_stage
 from gaga_core.progress import Stage
 
 T = TypeVar("T")
-_WORLD = "world.json"
+WORLD = "world.json"  # in gaga/
 FOREGROUND = "foreground"  # folder of a scene: masks of the object
 
 
@@ -160,12 +160,12 @@ class World(msgspec.Struct, frozen=True):
 
 def write_world(root: Path, world: World) -> None:
     """Keep what is known of the world of a scene's cameras."""
-    write_text(root / "gaga" / _WORLD, msgspec.json.encode(world).decode())
+    write_text(root / "gaga" / WORLD, msgspec.json.encode(world).decode())
 
 
 def known_world(root: Path) -> tuple[bool, tuple[float, float, float] | None]:
     """Whether a unit is a metre, and the vertical if it is known; neither in most scenes."""
-    file = root / "gaga" / _WORLD
+    file = root / "gaga" / WORLD
     try:
         world = read_json(file, World, "") if file.is_file() else World()
     except GagaError:  # damaged: as if nothing were known

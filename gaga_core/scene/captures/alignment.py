@@ -10,6 +10,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.io.cameras.given import Lens
 from gaga_core.scene.frame import inverse, scale_of
 from gaga_core.scene.scene import Scene
 
@@ -29,6 +30,7 @@ class Capture:
     photos: Mapping[str, Path] = field(default_factory=dict)  # by name of the camera
     scene: Scene | None = None  # None: its photos are placed, and there are no splats yet
     behind: frozenset[int] = frozenset()  # groups that are background: no things that move
+    lenses: Mapping[str, Lens] = field(default_factory=dict)  # of photos that are not pinhole's
 
 
 @dataclass(frozen=True)

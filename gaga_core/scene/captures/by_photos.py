@@ -17,9 +17,10 @@ from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.camera import Camera, natural_order
 from gaga_core.geometry import fit_similarity
 from gaga_core.io.arrays_file import TEXT, Column, read_columns
+from gaga_core.io.cameras.given import Lens
 from gaga_core.placing import photos as looking
 from gaga_core.placing.photos import Photo, PhotoSet, prepare_photos
-from gaga_core.placing.sfm import SfmConfig, run_matching, run_step
+from gaga_core.placing.sfm import CameraGroup, SfmConfig, run_matching, run_step
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.scene.captures.alignment import (
     Alignment,
@@ -106,6 +107,7 @@ def _matched(
 ) -> Stage[Shared]:
     sets: list[Photo] = []
     posed: dict[str, Camera] = {}
+    lenses: dict[str, Lens] = {}
     for i, (side, capture) in enumerate(zip(_SIDES, (first, second), strict=True)):
         shown = [camera for camera in capture.cameras if camera.name in capture.photos]
         shown.sort(key=lambda camera: natural_order(camera.name))
@@ -122,13 +124,35 @@ def _matched(
             focal = float(camera.K[0, 0]) * photo.width / camera.width
             sets.append(replace(photo, name=f"{side}/{photo.name}", focal=focal))
             posed[sets[-1].name] = camera
+            if camera.name in capture.lenses:
+                lenses[sets[-1].name] = capture.lenses[camera.name]
     photos = PhotoSet(tuple(sets))
     sfm = SfmConfig.of("draft", threads=threads, seed=seed)
     sfm = replace(sfm, pairs="exhaustive", camera_model="PINHOLE")
-    yield from run_matching(photos, workspace, sfm)
+    groups = _groups(photos, posed, lenses) if lenses else ()
+    yield from run_matching(photos, workspace, sfm, groups=groups)
     yield from run_step("export_features", photos, workspace, sfm)
     arrays = read_columns(workspace / "features.npz", "Try again.", _FEATURES)
     return shared_of(arrays, posed)
+
+
+def _groups(
+    photos: PhotoSet, posed: Mapping[str, Camera], lenses: Mapping[str, Lens]
+) -> tuple[CameraGroup, ...]:
+    """The photos of each lens: that in ``lenses``, else the pinhole of the camera."""
+    groups: dict[Lens, list[str]] = {}
+    for photo in photos.photos:
+        lens = lenses.get(photo.name) or _pinhole(posed[photo.name])
+        groups.setdefault(lens.resized(photo.width, photo.height), []).append(photo.name)
+    return tuple(
+        CameraGroup(tuple(names), lens.width, lens.height, None, lens.model, lens.params)
+        for lens, names in groups.items()
+    )
+
+
+def _pinhole(camera: Camera) -> Lens:
+    params = (camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2])
+    return Lens("PINHOLE", camera.width, camera.height, tuple(map(float, params)))
 
 
 def shared_of(arrays: Mapping[str, np.ndarray], posed: Mapping[str, Camera]) -> Shared:

@@ -11,6 +11,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras.transforms_json import write_transforms_json
+from gaga_core.io.folder.scene_folder import World, known_world, write_world
 from gaga_core.io.images import write_rgb
 from gaga_core.pipeline.reconstruct import SURFACES, look_at_photos, reconstruct_scene
 from gaga_core.pipeline.settings import ReconstructConfig
@@ -138,12 +139,16 @@ def test_stop_here_keeps_a_scene_and_the_training_goes_on_to_the_same_splats(
     new_session: Callable[[], Session], room: Path, tmp_path: Path
 ) -> None:
     shutil.copytree(room, tmp_path / "whole")
+    write_world(room, World(is_metric=True, up=(0, 0, 1), program="transforms.json"))
     session = new_session()
     opened(session, room)
     started(session, LATER)
     until(session, lambda: session.training is not None and session.training.update is not None)
     reconstruction.stop_here(session)
     until(session, lambda: session.scene is not None)
+    assert not (room / "gaga-before").exists(), "there were no splats before"
+    assert not any("former splats" in notice.text for notice in session.notices)
+    assert known_world(room) == (True, (0, 0, 1)), "of the poses, which are the same"
     kept = len(session.need().scene)
     assert (room / "point_cloud.ply").is_file()
     going_on = command("file.go_on_training")
@@ -169,6 +174,8 @@ def test_stop_here_keeps_a_scene_and_the_training_goes_on_to_the_same_splats(
     assert (room / "gaga-before" / "labels.npz").is_file()
     assert len(session.scene) != kept
     assert any("gaga-before" in notice.text for notice in session.notices)
+    assert known_world(room) == (True, (0, 0, 1))
+    assert session.scene.frame.is_metric
     before = run_stage(open_path_stage(room / "gaga-before"))
     assert len(before.scene) == kept
     assert (before.scene.labels > 0).sum() == 5

@@ -10,9 +10,12 @@ import pytest
 
 from gaga_core.export.export import export_scene_stage
 from gaga_core.export.options import ExportOptions
+from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import matrices_to_quats
 from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
+from gaga_core.scene.orientation import upright_basis
 from gaga_core.scene.project import save_project
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import upright
@@ -78,8 +81,16 @@ def test_a_file_that_stands_upright_is_not_asked_about_again(
     other.settings = load_settings()[0]
     _opened(other, silent)
     assert not any(notice.command for notice in other.notices)
-    assert run(upright.COMMAND, other)  # a second thought counts
+    assert "You said" in command(upright.COMMAND).enabled(other)
+    assert not run(upright.COMMAND, other)
+    is_ticked = command(upright.LEAVE).is_on
+    assert is_ticked is not None
+    assert is_ticked(other)
+    assert run(upright.LEAVE, other)  # a second thought counts
     assert load_settings()[0].as_filed == ()
+    assert not is_ticked(other)
+    assert run(upright.COMMAND, other)
+    assert load_settings()[0].upright == (str(silent),)
 
 
 @pytest.mark.parametrize("answer", [upright.COMMAND, upright.LEAVE])
@@ -120,7 +131,9 @@ def test_a_file_that_says_how_it_stands_is_not_asked_about(
         session = new_session()
         _opened(session, path)
         assert not any(notice.command for notice in session.notices)
-        assert run(upright.COMMAND, session)  # a scene can be turned all the same
+        says = command(upright.COMMAND).enabled(session)
+        assert bool(says) == (form is SplatFormat.SPZ), "a .ply can be turned all the same"
+        assert run(upright.COMMAND, session) == (form is SplatFormat.PLY)
         assert session.settings.upright == ()
 
 
@@ -167,6 +180,78 @@ def test_what_was_exported_standing_stands_when_it_is_opened_again(
     session = new_session()
     means = _opened(session, path)
     np.testing.assert_allclose(means @ session.rig.up, row.means[:, 2], atol=1e-4)
+
+
+def _standing(up: tuple[float, float, float]) -> Gaussians:
+    """A ground of flat splats with a few things above it, in a world with this up."""
+    rng = np.random.default_rng(2)
+    ground = rng.uniform([-2, -2, -0.01], [2, 2, 0.01], (400, 3))
+    things = rng.uniform([-0.5, -0.5, 0], [0.5, 0.5, 1.5], (100, 3))
+    turn = upright_basis(np.array(up)).T
+    made = random_gaussians(500, seed=1)
+    return replace(
+        made,
+        means=(np.concatenate([ground, things]) @ turn.T).astype(np.float32),
+        log_scales=np.tile(np.log([0.1, 0.1, 0.001]).astype(np.float32), (500, 1)),
+        quats=np.tile(matrices_to_quats(turn[None])[0].astype(np.float32), (500, 1)),
+        logit_opacities=np.full(500, 4.0, np.float32),
+    )
+
+
+@pytest.mark.parametrize("says", ["ground", "file"])
+@pytest.mark.parametrize("up", [(0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+def test_what_is_known_to_stand_upright_is_not_turned_over(
+    new_session: Callable[[], Session],
+    tmp_path: Path,
+    says: str,
+    up: tuple[float, float, float],
+) -> None:
+    made = _standing(up) if says == "ground" else random_gaussians(60, seed=4).with_up(up)
+    path = tmp_path / "thing.ply"
+    write_splats(path, made, SplatFormat.PLY)
+    session = new_session()
+    _opened(session, path)
+    np.testing.assert_allclose(session.rig.up, up, atol=1e-6)
+    why = command(upright.COMMAND).enabled(session)
+    assert ("ground shows" if says == "ground" else "file says") in why
+    assert not run(upright.COMMAND, session)
+    # Turned over by hand, or in a project that was saved so, it can be turned back, once.
+    over = np.concatenate([np.diag([1.0, -1.0, -1.0]), np.zeros((3, 1))], axis=1)
+    session.need().do(edits.move_scene(session.need().scene, over, "Rotate"))
+    assert run(upright.COMMAND, session)
+    np.testing.assert_allclose(session.need().world, np.eye(4), atol=1e-6)
+    np.testing.assert_allclose(session.rig.up, up, atol=1e-6)
+    assert command(upright.COMMAND).enabled(session) == why
+
+
+def test_the_camera_of_before_comes_back_with_undo_and_that_of_the_turn_with_redo(
+    new_session: Callable[[], Session], silent: Path
+) -> None:
+    session = new_session()
+    _opened(session, silent)
+
+    def seen() -> np.ndarray:
+        for _ in range(30):
+            session.tick(0.1)
+        return session.rig.camera(640, 480).cam_from_world.copy()
+
+    seen()
+    session.rig.orbit(120, 40)
+    session.rig.zoom(2)
+    before = seen()
+    assert run(upright.COMMAND, session)
+    turned = seen()
+    assert np.abs(turned - before).max() > 0.1
+    for move in (session.undo, session.redo, session.undo):
+        move()
+        np.testing.assert_allclose(seen(), turned if move == session.redo else before, atol=1e-9)
+    session.rig.orbit(-70, 10)  # what another motion does with the camera is its own
+    other = seen()
+    shift = np.c_[np.eye(3), [3.0, 0.0, 0.0]]
+    session.need().do(edits.move_scene(session.need().scene, shift, "Move"))
+    session.tick(0.1)
+    session.undo()
+    np.testing.assert_allclose(seen(), other, atol=1e-6)
 
 
 def test_a_scene_with_photos_is_not_turned_onto_its_head(associated: Session) -> None:

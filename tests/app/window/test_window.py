@@ -21,7 +21,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.errors import GagaError, plain_text
 from gaga_core.export.export import export_objects_stage
-from gaga_core.io.splats.splat_files import SplatFormat, write_splats
+from gaga_core.io.splats.splat_files import SplatFormat, read_splats, write_splats
 from gaga_core.placing.photos import list_photos
 from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene.scene import Scene
@@ -41,6 +41,7 @@ from gaga_studio.ui.kit.textures import groups_of_view
 from gaga_studio.ui.panels import inspector
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
+from tests.core.io.splat_parts import write_without_up
 from tests.core.placing.photo_scenes import write_photos
 from tests.scenes import objects_scene, random_gaussians
 
@@ -232,7 +233,8 @@ def test_advice_on_the_picture_goes_once_it_is_followed(
 def test_clicks_on_a_scene_that_is_turned_then_are_still_the_tools(
     display: str, balls: Path, tmp_path: Path, what: str
 ) -> None:
-    lone = Path(shutil.copy(balls / "point_cloud.ply", tmp_path / "lone.ply"))
+    lone = tmp_path / "lone.spz"  # does not say how it stands: it may be turned
+    write_without_up(lone, read_splats(balls / "point_cloud.ply"))
 
     def test(d: Driver) -> None:
         d.keys(KEY.o)

@@ -15,7 +15,12 @@ from gaga_core.scene.edits import transform
 from gaga_core.scene.frame import inverse
 from gaga_core.scene.scene import Scene
 from tests.core.cli.calls import Capture, answer, refusal
-from tests.core.scene.captures.scenes import any_similarity, write_furnished, write_scene
+from tests.core.scene.captures.scenes import (
+    any_similarity,
+    write_furnished,
+    write_posed,
+    write_scene,
+)
 
 
 @pytest.fixture
@@ -39,6 +44,29 @@ def test_two_halves_come_together(halves: tuple[Path, Path, np.ndarray], capsys:
     assert scale < 0.005
     assert said["changes"] is None  # there are no splats
     assert sorted(p.name for p in first.iterdir()) == ["gaga", "images", "sparse"]
+
+
+@pytest.mark.parametrize("k1", [0.0, 0.3], ids=["pinhole", "bent"])
+@pytest.mark.parametrize("at", ["images", "."])
+def test_photos_that_another_program_placed_are_placed(
+    tmp_path: Path, capsys: Capture, k1: float, at: str
+) -> None:
+    """Their poses lie next to them; nothing was made of them here."""
+    world = any_similarity(np.random.default_rng(4))
+    write_scene(tmp_path / "a", 0)
+    write_posed(tmp_path / "b", 1, world=world, k1=k1)
+    second = tmp_path / "b"
+    if at == ".":  # a folder of photos, and no scene folder
+        second = (second / "images").rename(tmp_path / "walk")
+        (tmp_path / "b" / "transforms.json").rename(second / "transforms.json")
+    said = answer(capsys, "align", str(tmp_path / "a"), str(second))
+    found = said["alignment"]
+    assert isinstance(found, dict)
+    turn, scale = difference(inverse(world), np.array(found["first_from_second"]))
+    assert np.degrees(turn) < 0.5
+    assert scale < 0.005
+    (second / "transforms.json").unlink()
+    assert "Make" in refusal(capsys, "align", str(tmp_path / "a"), str(second))
 
 
 def test_what_moved_is_listed_and_both_are_written(tmp_path: Path, capsys: Capture) -> None:

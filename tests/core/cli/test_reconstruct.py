@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gaga_core.cli.main import main
-from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.folder.scene_folder import World, known_world, open_scene_folder, write_world
 from gaga_core.pipeline.reconstruct import reconstruct_scene, set_groups_aside
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import run_stage
@@ -17,6 +17,7 @@ from tests.core.conftest import PlacedRoom
 
 Capture = pytest.CaptureFixture[str]
 _SHORT = ReconstructConfig(iterations=120, max_side=64, max_splats=1000)
+_ONLY_PLACED = replace(_SHORT, only="sfm")
 
 
 def test_photos_are_placed_and_counted(
@@ -69,6 +70,31 @@ def test_a_stopped_training_goes_on_to_the_splats_of_a_whole_one(
     run_stage(reconstruct_scene(None, whole, config))
     files = [(folder / "point_cloud.ply").read_bytes() for folder in (stopped, whole)]
     assert files[0] == files[1]
+
+
+def test_what_is_known_of_the_photos_stays_when_splats_are_replaced(
+    placed_room: PlacedRoom, tmp_path: Path
+) -> None:
+    """What the first splats find goes aside with the second ones; the poses are those of before."""
+    scene = tmp_path / "scene"
+    run_stage(reconstruct_scene(placed_room.workspace.parent / "in", scene, _ONLY_PLACED))
+    write_world(scene, World(is_metric=True, up=(0, 0, 1), program="transforms.json"))
+    of_photos = {"report.json", "world.json", "cache/masks/key.png"}
+    of_splats = {"labels.npz", "bank.npz", "masks/0.png", "lod/tree.npz", "align-b.json"}
+
+    def files(name: str) -> set[str]:
+        root = scene / name
+        return {p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file()}
+
+    for name in (of_photos | of_splats) - {"report.json", "world.json"}:
+        (scene / "gaga" / name).parent.mkdir(exist_ok=True, parents=True)
+        (scene / "gaga" / name).write_text(name)
+    run_stage(reconstruct_scene(None, scene, _SHORT))
+    assert files("gaga") == of_photos | of_splats, "there were no splats before"
+    assert not (scene / "gaga-before").exists()
+    run_stage(reconstruct_scene(None, scene, _SHORT, again=True))
+    assert (files("gaga"), files("gaga-before")) == (of_photos, of_splats)
+    assert known_world(scene) == (True, (0, 0, 1))
 
 
 def test_bad_input_is_one_sentence(tmp_path: Path, capsys: Capture) -> None:

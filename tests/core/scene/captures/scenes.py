@@ -1,5 +1,7 @@
 """Two captures of one corner of a room, with photos, poses and splats of known groups."""
 
+import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -11,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.color import SH_C0
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.cameras.colmap import write_colmap
+from gaga_core.io.cameras.colmap import read_colmap, write_colmap
+from gaga_core.io.cameras.transforms_json import write_transforms_json
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits import transform
@@ -47,6 +50,30 @@ def write_scene(
         picture.save(folder / "images" / camera.name, quality=95)
     placed = cameras if world is None else carried_cameras(cameras, world)
     write_colmap(folder / "sparse" / "0", placed, np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+
+
+def write_posed(folder: Path, every: int, *, world: DoubleArray, k1: float) -> None:
+    """The photos of `write_scene` with a transforms.json in place of a COLMAP model, taken by a
+    lens that bends rays by ``k1`` (OpenCV's, 0 = none)."""
+    write_scene(folder, every, world=world)
+    cameras = read_colmap(folder / "sparse" / "0").cameras
+    shutil.rmtree(folder / "sparse")
+    paths = {camera.name: folder / "images" / camera.name for camera in cameras}
+    for camera in cameras:
+        rows, columns = np.indices((camera.height, camera.width)) + 0.5
+        bent = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ np.linalg.inv(camera.K).T
+        x, y = bent[..., 0], bent[..., 1]
+        for _ in range(50):  # the fixed point: where the pinhole sees what the lens bent there
+            bend = 1 + k1 * (x**2 + y**2)
+            x, y = bent[..., 0] / bend, bent[..., 1] / bend
+        straight = np.stack([x, y, np.ones_like(x)], axis=-1) @ camera.K.T
+        column, row = (straight[..., k].astype(int) for k in (0, 1))
+        picture = np.asarray(Image.open(paths[camera.name]))
+        Image.fromarray(picture[row, column]).save(paths[camera.name], quality=95)
+    file = folder / "transforms.json"
+    write_transforms_json(file, cameras, paths)
+    values = json.loads(file.read_text())
+    file.write_text(json.dumps(values | ({"camera_model": "OPENCV", "k1": k1} if k1 else {})))
 
 
 def splats_of(
