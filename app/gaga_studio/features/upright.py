@@ -83,7 +83,9 @@ def why_not_left(session: Session) -> str:
     if session.document is None:
         return "No scene is open."
     path = session.document.project.model_path
-    return "" if _is_open_question(path) else "The file says which way is up."
+    if _is_open_question(path):
+        return ""
+    return "Only an .spz file that does not say which way is up is asked about."
 
 
 def _name(session: Session) -> str:

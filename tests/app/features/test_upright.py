@@ -134,6 +134,7 @@ def test_a_file_that_says_how_it_stands_is_not_asked_about(
         says = command(upright.COMMAND).enabled(session)
         assert bool(says) == (form is SplatFormat.SPZ), "a .ply can be turned all the same"
         assert run(upright.COMMAND, session) == (form is SplatFormat.PLY)
+        assert "does not say" in command(upright.LEAVE).enabled(session), "a .ply says nothing"
         assert session.settings.upright == ()
 
 
