@@ -1402,6 +1402,26 @@ def test_parts_of_the_window(display: str, grouped_copy: Path, tmp_path: Path) -
     drive(walk, path=grouped_copy, size=(1280, 720))
 
 
+def test_the_object_to_assign_to_is_typed_at_once(display: str, grouped_copy: Path) -> None:
+    """The field of the menu had no keyboard: what was typed did nothing."""
+
+    def walk(d: Driver) -> None:
+        some = group_indices(d.scene, 1)[:9]  # so many objects that there is a field
+        many = edits.set_labels(d.scene, some, 101 + np.arange(len(some), dtype=np.int32))
+        d.on_main(lambda: d.session.need().do(many))
+        d.engine.item_click("//Objects/**/object 2/##row", 1)
+        d.frames(4)
+        d.click("$FOCUSED/###Assign to")
+        assert d.exists("**/###to 3")
+        d.engine.key_chars("no such name")
+        d.frames(4)
+        assert not d.exists("**/###to 3"), "what is typed is looked for"
+        d.engine.key_press(imgui.Key.escape)
+        d.engine.popup_close_all()
+
+    drive(walk, path=grouped_copy, size=(1280, 720), patience_s=30)
+
+
 def test_cards_and_colors_keep_off_what_is_worked_on(display: str, grouped_copy: Path) -> None:
     def walk(d: Driver) -> None:
         _the_card_of_an_object_stays_in_the_picture(d)
