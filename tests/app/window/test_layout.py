@@ -1402,8 +1402,8 @@ def test_parts_of_the_window(display: str, grouped_copy: Path, tmp_path: Path) -
     drive(walk, path=grouped_copy, size=(1280, 720))
 
 
-def test_the_object_to_assign_to_is_typed_at_once(display: str, grouped_copy: Path) -> None:
-    """The field of the menu had no keyboard: what was typed did nothing."""
+def test_the_object_of_a_menu_is_typed_at_once(display: str, grouped_copy: Path) -> None:
+    """The field had no keyboard in *Assign to* and *Move to*: what was typed did nothing."""
 
     def walk(d: Driver) -> None:
         some = group_indices(d.scene, 1)[:9]  # so many objects that there is a field
@@ -1416,8 +1416,17 @@ def test_the_object_to_assign_to_is_typed_at_once(display: str, grouped_copy: Pa
         d.engine.key_chars("no such name")
         d.frames(4)
         assert not d.exists("**/###to 3"), "what is typed is looked for"
-        d.engine.key_press(imgui.Key.escape)
-        d.engine.popup_close_all()
+        for _ in range(2):
+            d.keys(KEY.escape)
+        d.select(2)
+        d.focus("Memory bank")
+        decision = d.session.decisions(2)[1]
+        d.click(f"**/{decision.view} {decision.mask}/##decision")
+        d.click("**/###Move mask")
+        assert d.exists("**/###to 3")
+        d.engine.key_chars("no such name")
+        d.frames(4)
+        assert not d.exists("**/###to 3"), "what is typed is looked for"
 
     drive(walk, path=grouped_copy, size=(1280, 720), patience_s=30)
 
