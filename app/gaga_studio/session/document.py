@@ -143,6 +143,11 @@ class Closes(Protocol):
         ...
 
 
+def splats_text(n: int, kind: str = "") -> str:
+    """How many splats: "1 splat", "5,999 loose splats"."""
+    return f"{n:,} {kind}splat{'' if n == 1 else 's'}"
+
+
 class Document:
     """One open project. The edits themselves are in ``gaga_studio.features``."""
 
@@ -490,13 +495,16 @@ class Document:
         return self.name_of(groups[0]) if len(groups) == 1 else f"{len(groups)} objects"
 
     def title_for(self, verb: str) -> str:
-        """Title of an edit of the selection: "Move chair", "Delete 20 splats of 3 objects"."""
-        groups = self.read.selected_groups()
+        """Title of an edit of the selection: "Move chair", "Delete 20 splats of 3 objects",
+        "Recolor chair and 2 loose splats"."""
+        groups, n_loose = self.read.selected_groups(), self.read.n_loose()
         if not groups:
             return f"{verb} splats"
-        n = len(self.read.selected_indices())
-        of = f"{n:,} splat{'s' if n > 1 else ''} of " if self.read.selects_parts() else ""
-        return f"{verb} {of}{self.names_of(groups)}"
+        of = ""
+        if self.read.selects_parts():
+            of = f"{splats_text(len(self.read.selected_indices()) - n_loose)} of "
+        loose = f" and {splats_text(n_loose, 'loose ')}" if n_loose else ""
+        return f"{verb} {of}{self.names_of(groups)}{loose}"
 
     def selected_box(self) -> tuple[DoubleArray, DoubleArray] | None:
         """Box lo, hi (3,) of the selection, world; None when nothing is selected.

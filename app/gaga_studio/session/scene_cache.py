@@ -99,6 +99,14 @@ class SceneCache:
 
         return self._by("parts", "splats state labels", find)
 
+    def n_loose(self) -> int:
+        """How many of the selected splats belong to no group."""
+
+        def find() -> int:
+            return int(np.count_nonzero(self._scene.labels[self.selected_indices()] <= 0))
+
+        return self._by("loose", "splats state labels", find)
+
     def selected_box(self, is_previewing: bool) -> tuple[DoubleArray, DoubleArray]:
         """Box lo, hi (3,) of the selection, world; during a drag: as before it."""
 

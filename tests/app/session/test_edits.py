@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.arrays import FloatArray
+from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.color import rgb_from_dc
 from gaga_core.export.export import export_scene_stage
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
+from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
@@ -22,6 +23,7 @@ from gaga_studio.features.find import association
 from gaga_studio.features.transform import shift
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
+from gaga_studio.ui.panels import inspector
 from tests.app.looks import finish, objects_of, scene_of, snapshot
 
 _W, _H = 320, 240
@@ -217,3 +219,34 @@ def test_an_edit_of_parts_is_called_so(associated: Session) -> None:
     assert document.title_for("Delete") == "Delete 5 splats of 2 objects"
     document.select(other[:1], "set", "Select")
     assert document.title_for("Delete") == f"Delete 1 splat of {document.name_of(int(ids[1]))}"
+
+
+def test_loose_splats_next_to_those_of_objects_are_told_apart(associated: Session) -> None:
+    """A rectangle over the tip of a robot and the ground was "robot, 6,049 splats"."""
+    document, (group, other) = associated.need(), objects_of(associated)[:2]
+    own = group_indices(document.scene, group)
+    loose = group_indices(document.scene, other)[:3]
+    document.edit(lambda scene: edits.set_labels(scene, loose, 0, "Take out"))
+    name, whole = document.name_of(group), f"{len(own):,} splats"
+
+    def named(*splats: IntArray) -> tuple[str, str, list[str]]:
+        document.select(np.concatenate(splats), "set", "Select")
+        title, facts = inspector.title(associated, document)
+        return document.title_for("Delete"), title, [f for f in facts if "seen in" not in f]
+
+    mixed = f"{name} and loose splats"
+    assert named(own) == (f"Delete {name}", name, [whole])
+    assert named(own[:2], loose) == (
+        f"Delete 2 splats of {name} and 3 loose splats",
+        mixed,
+        ["2 splats", f"of {len(own):,}", "3 loose splats"],
+    )
+    assert named(own, loose[:1]) == (
+        f"Delete {name} and 1 loose splat", mixed, [whole, "1 loose splat"],
+    )  # fmt: skip
+    assert named(loose) == ("Delete splats", "Loose splats", ["3 splats"])
+    both = np.append(own, group_indices(document.scene, other))
+    assert named(both, loose)[1:] == (
+        "2 objects and loose splats", [f"{len(both):,} splats", "3 loose splats"],
+    )  # fmt: skip
+    assert named(both[:-1], loose)[1] == "Parts of 2 objects and loose splats"

@@ -1402,10 +1402,40 @@ def test_parts_of_the_window(display: str, grouped_copy: Path, tmp_path: Path) -
     drive(walk, path=grouped_copy, size=(1280, 720))
 
 
+def test_the_object_of_a_menu_is_typed_at_once(display: str, grouped_copy: Path) -> None:
+    """The field had no keyboard in *Assign to* and *Move to*: what was typed did nothing."""
+
+    def walk(d: Driver) -> None:
+        some = group_indices(d.scene, 1)[:9]  # so many objects that there is a field
+        many = edits.set_labels(d.scene, some, 101 + np.arange(len(some), dtype=np.int32))
+        d.on_main(lambda: d.session.need().do(many))
+        d.engine.item_click("//Objects/**/object 2/##row", 1)
+        d.frames(4)
+        d.click("$FOCUSED/###Assign to")
+        assert d.exists("**/###to 3")
+        d.engine.key_chars("no such name")
+        d.frames(4)
+        assert not d.exists("**/###to 3"), "what is typed is looked for"
+        for _ in range(2):
+            d.keys(KEY.escape)
+        d.select(2)
+        d.focus("Memory bank")
+        decision = d.session.decisions(2)[1]
+        d.click(f"**/{decision.view} {decision.mask}/##decision")
+        d.click("**/###Move mask")
+        assert d.exists("**/###to 3")
+        d.engine.key_chars("no such name")
+        d.frames(4)
+        assert not d.exists("**/###to 3"), "what is typed is looked for"
+
+    drive(walk, path=grouped_copy, size=(1280, 720), patience_s=30)
+
+
 def test_cards_and_colors_keep_off_what_is_worked_on(display: str, grouped_copy: Path) -> None:
     def walk(d: Driver) -> None:
         _the_card_of_an_object_stays_in_the_picture(d)
         _no_card_lies_over_handles(d)
+        _no_card_lies_over_a_notice(d)
         for size in ((1280, 720), (800, 500)):
             d.resize(*size)
             d.frames(20)
@@ -1447,6 +1477,28 @@ def _no_card_lies_over_handles(d: Driver) -> None:
         assert d.session.hovered_group == group
         assert not _tooltip(d), away
     d.session.tool = ToolName.PICK
+    d.session.hovering.away()
+
+
+def _no_card_lies_over_a_notice(d: Driver) -> None:
+    """It lay over its words and its buttons; next to it the card is still there."""
+    group = _lowest(d)
+    d.on_main(lambda: objects.rename(d.session, group, "vase"))
+    d.on_main(lambda: d.session.notify(Level.ERROR, "Nothing is left to be done"))
+    d.frames(4)
+    notice = d.engine.get_window_by_ref("//Notice 0").rect()
+    y = (notice.min.y + notice.max.y) / 2
+    places = [(notice.min.x - away, y) for away in (4, 40)]
+    places += [(x, notice.max.y + 4) for x in np.linspace(notice.min.x, notice.max.x, 4)]
+    for place in places:
+        d.engine.mouse_move_to_pos(ImVec2(*place))
+        d.frames(4)
+        d.session.hovering.group = group
+        d.frames(2)
+        card = d.engine.get_window_by_ref("//##Tooltip_00")
+        assert card.active, place
+        assert not card.rect().overlaps(notice), place
+    d.click("Notice 0/###Close")
     d.session.hovering.away()
 
 

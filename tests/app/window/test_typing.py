@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 
 from gaga_core.scene.scene import State
 from gaga_studio.features.commands import new_session
@@ -324,3 +325,27 @@ def test_one_chord_duplicates_and_another_deselects(
     (before, _), (after, seen) = type_into(studio, both, in_a_frame=1, frame_s=0.02, see=see)
     assert after > before
     assert seen == ["Select", "Duplicate", "Select", "0"]
+
+
+@pytest.mark.parametrize(
+    "typed", ["", "space space", pytest.param("o b j Return", id="obj, Enter")]
+)
+def test_escape_clears_the_search_and_leaves_it_where_it_is_empty(
+    display: str, grouped_copy: Path, typed: str
+) -> None:
+    """Once it has left, keys are the view's: B is the brush, and not a word to look for."""
+
+    def see(studio: Studio) -> tuple[str, bool, bool]:
+        session = studio.session
+        is_typing = imgui.get_io().want_text_input
+        return session.need().feature(SearchState).text, is_typing, session.tool is ToolName.BRUSH
+
+    session = new_session(Settings(first_steps_done=True))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    rest: Stroke = ("Rest", True)
+    script = [*strokes(f"Control_L+f {typed}"), rest, *strokes("Escape"), rest]
+    script += [*strokes("Escape b" if typed else "b"), rest]
+    _, found, cleared, left, _ = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
+    assert (bool(found[0]), found[1]) == (bool(typed), True)
+    assert cleared == ("", bool(typed), False)
+    assert left == ("", False, True)

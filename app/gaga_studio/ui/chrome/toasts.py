@@ -12,7 +12,7 @@ from gaga_studio.features import commands, export
 from gaga_studio.session.notices import HINT_SECONDS, Level, Notice
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.picture_area import PictureArea
+from gaga_studio.ui.kit.picture_area import PictureArea, Rect
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -75,6 +75,7 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
     at = ImVec2(right, max(area.top, area.chip_bottom, area.card_bottom) + em(0.7))
     width = max(min(em(24), at.x - area.left - em(0.7)), em(12))
+    drawn: list[Rect] = []
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
         size = state.sizes.get(notice, ImVec2(0, 0))  # until it has been drawn
         if slot and size.x == width and at.y + size.y > area.bottom:
@@ -83,7 +84,9 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
         place = at, ImVec2(width, highest), n_lines
         bottom = _card(session, state, notice, slot, place)
         state.sizes[notice] = ImVec2(width, bottom - at.y)
+        drawn.append((at.x - width, at.y, at.x, bottom))
         at.y = bottom + em(0.4)
+    area.notices = tuple(drawn)
 
 
 def close_error(session: Session, state: ToastState) -> bool:

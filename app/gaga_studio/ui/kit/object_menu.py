@@ -36,9 +36,12 @@ def objects(
 
     ``shares`` (0..1) by group stand at the right edge.
     """
-    if imgui.is_window_appearing():
+    is_new = imgui.is_window_appearing()
+    if is_new:
         state.text = ""
     if len(table) > _MANY:
+        if is_new:
+            imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(em(15))
         _, state.text = imgui.input_text_with_hint("##Wanted object", "Find an object", state.text)
     found = [int(table.ids[row]) for row in listed(table, state.text, "name")]

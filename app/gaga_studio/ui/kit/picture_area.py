@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+Rect = tuple[float, float, float, float]  # left, top, right, bottom
+
 
 @dataclass
 class PictureArea:
@@ -19,11 +21,20 @@ class PictureArea:
     live_bottom: float = 0.0  # lower edge of the card of a training; 0: there is none
     cube_height: float = 0.0  # of the view cube in the upper right corner
     steps_height: float = 0.0  # of the first steps at the foot of an empty picture
+    notices: tuple[Rect, ...] = ()  # that were drawn last
 
     @property
     def bottom(self) -> float:
         """The y of the lower edge."""
         return self.top + self.height
+
+    def has_notice_in(self, rect: Rect) -> bool:
+        """Whether a notice lies over a part of ``rect``."""
+        left, top, right, bottom = rect
+        return any(
+            left < other[2] and other[0] < right and top < other[3] and other[1] < bottom
+            for other in self.notices
+        )
 
     @property
     def size(self) -> tuple[int, int]:

@@ -10,7 +10,6 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.cleanup import DROPPED, TAKEN_IN
-from gaga_core.scene.objects import ObjectTable
 from gaga_core.scene.orientation import Pose, degrees_of, motion_between, with_degrees
 from gaga_core.scene.scene import Weight, WeightKind
 from gaga_studio.features import (
@@ -26,7 +25,7 @@ from gaga_studio.features import (
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.selection import Uncertain
 from gaga_studio.features.transform import GradeSliders
-from gaga_studio.session.document import Document
+from gaga_studio.session.document import Document, splats_text
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -222,17 +221,17 @@ def _grade(session: Session, sliders: GradeSliders) -> None:
 # --- Clean up in the inspector: what would come and go, and the two ways to end the preview.
 
 
-def _cleaning(session: Session, document: Document, n_splats: int) -> bool:
+def _cleaning(session: Session, document: Document) -> bool:
     """The preview in the place of the panel; False when there is none."""
     found = cleanup.shown(session)
     if found is None:
         return False
     counts = found.counts
     with _preview(session, "object.clean_apply", cleanup.cancel):
-        _title(session, document, n_splats)
+        _title(session, document)
         _line(
             DROPPED,
-            f"{_splats(len(found.remove))} to drop",
+            f"{splats_text(len(found.remove))} to drop",
             (
                 (counts["stray"], "floater" if counts["stray"] == 1 else "floaters"),
                 (counts["neighbours_out"], "of its neighbours"),
@@ -240,7 +239,7 @@ def _cleaning(session: Session, document: Document, n_splats: int) -> bool:
         )
         _line(
             TAKEN_IN,
-            f"{_splats(len(found.add))} to add",
+            f"{splats_text(len(found.add))} to add",
             ((counts["inside"], "hidden inside"), (counts["neighbours_in"], "at its edge")),
         )
         _confidence(session, document)
@@ -255,10 +254,6 @@ def draw_choice(session: Session, is_next_to: bool) -> None:
     if widgets.checkbox(f"{command.title}###Clean first", session.settings.clean_first)[0]:
         commands.run(command.id, session)
     widgets.tooltip("Clean whole objects before they are isolated, deleted or exported")
-
-
-def _splats(n: int) -> str:
-    return "1 splat" if n == 1 else f"{n:,} splats"
 
 
 def _line(rgb: Sequence[float], text: str, parts: Sequence[tuple[int, str]]) -> None:
@@ -462,14 +457,13 @@ def draw(session: Session, state: InspectorState) -> None:
     document = session.document
     if _filling(session) or _adding(session):
         return
-    n_splats = len(session.selected_indices()) if document is not None else 0
-    if document is None or n_splats == 0:
+    if document is None or len(session.selected_indices()) == 0:
         hint = "Click an object in the view or in the list." if document is not None else ""
         widgets.empty_state(icons.BOX, "Nothing selected", hint)
         return
-    if _cleaning(session, document, n_splats):
+    if _cleaning(session, document):
         return
-    _title(session, document, n_splats)
+    _title(session, document)
     _buttons(session)
     _properties(session, document, state)
     groups = session.selected_groups()
@@ -479,32 +473,32 @@ def draw(session: Session, state: InspectorState) -> None:
     _grade(session, state.grade)
 
 
-def _title(session: Session, document: Document, n_splats: int) -> None:
-    groups = session.selected_groups()
-    if len(groups) == 1:
-        name = document.name_of(groups[0])
-    elif groups:
+def title(session: Session, document: Document) -> tuple[str, list[str]]:
+    """What is selected, and facts of it: how many splats of objects, how many of none."""
+    groups, n_loose = session.selected_groups(), document.read.n_loose()
+    n_selected = len(session.selected_indices())
+    if not groups:
+        return "Loose splats", [splats_text(n_selected)]
+    name = document.name_of(groups[0])
+    if len(groups) > 1:
         name = f"{'Parts of ' * document.read.selects_parts()}{len(groups)} objects"
-    else:
-        name = "Loose splats"
+    facts = [splats_text(n_selected - n_loose)]
+    table = session.objects()
+    row = table.row(groups[0]) if len(groups) == 1 else None
+    if row is not None and n_selected - n_loose < table.counts[row]:
+        facts.append(f"of {int(table.counts[row]):,}")
+    if n_loose:
+        facts.append(splats_text(n_loose, "loose "))
+    if row is not None and table.n_views[row]:
+        facts.append(f"seen in {int(table.n_views[row])} views")
+    return f"{name} and loose splats" if n_loose else name, facts
+
+
+def _title(session: Session, document: Document) -> None:
+    name, facts = title(session, document)
     with theme.face(strong=True, scale=1.15):
         widgets.line(name)
-    facts = [f"{n_splats:,} splats"]
-    if len(groups) == 1:
-        facts += _facts(session.objects(), groups[0], n_splats)
     widgets.dim("  ·  ".join(facts), wrap=True)
-
-
-def _facts(table: ObjectTable, group: int, n_splats: int) -> list[str]:
-    row = table.row(group)
-    if row is None:
-        return []
-    facts = []
-    if n_splats < table.counts[row]:
-        facts.append(f"of {int(table.counts[row]):,}")
-    if table.n_views[row]:
-        facts.append(f"seen in {int(table.n_views[row])} views")
-    return facts
 
 
 def _buttons(session: Session) -> None:

@@ -127,7 +127,10 @@ _HINT = "Search objects"
 _MENU = "More ways to find"
 _LOW = 11.0  # em: a lower panel has no line under the list
 _ASKING = ("object.find_in_view", "object.index", "object.name_all")
-_KEYS = "Up and Down choose, Enter selects, Shift+Enter selects all that fit, Escape clears"
+_KEYS = (
+    "Up and Down choose, Enter selects, Shift+Enter selects all that fit, "
+    "Escape clears, and leaves where there is no text"
+)
 
 
 @dataclass
@@ -205,7 +208,7 @@ def _box(
 
 
 def _keys(session: Session, state: SearchBoxState, search: SearchState, has_ended: bool) -> None:
-    """Keys while the text is typed; Escape ends the typing."""
+    """Keys while the text is typed; Escape clears it, and ends the typing where there is none."""
     step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
     if step:
         search.move(step)

@@ -527,7 +527,7 @@ def _mouse_area(size: ImVec2, has_handles: bool) -> bool:
 def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) -> None:
     """A card at the mouse, in the picture alone: next to it are panels and their buttons.
 
-    Not where there are handles to be taken; the status bar has the name as well.
+    Not where there are handles to be taken, nor over a notice; the status bar has the name as well.
     """
     group, document = session.hovered_group, session.document
     if not is_shown or not group or document is None:
@@ -542,10 +542,18 @@ def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) ->
     name = widgets.elided(table.names[row], area.width - around)
     size = ImVec2(around + imgui.calc_text_size(name).x, imgui.get_text_line_height() + 2 * pad.y)
     mouse, foot = imgui.get_io().mouse_pos, min(area.bottom, area.offer_top)
-    left = max(min(mouse.x + em(1), area.left + area.width - size.x), area.left)
     below, above = mouse.y + em(1), max(mouse.y - em(0.5) - size.y, area.top)
-    top = below if below + size.y <= foot else above
-    imgui.set_next_window_pos(ImVec2(left, top))
+    places = (
+        (max(min(x, area.left + area.width - size.x), area.left), y)
+        for x in (mouse.x + em(1), mouse.x - em(1) - size.x)
+        for y in ((below, above) if below + size.y <= foot else (above,))
+    )
+    place = next(
+        ((x, y) for x, y in places if not area.has_notice_in((x, y, x + size.x, y + size.y))), None
+    )
+    if place is None:
+        return
+    imgui.set_next_window_pos(ImVec2(*place))
     if imgui.begin_tooltip():
         widgets.text(dot, widgets.rgba(table.colors[row]))
         imgui.same_line(0, em(0.4))
