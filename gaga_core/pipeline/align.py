@@ -256,7 +256,7 @@ def addition_of(scene: Scene, second: Project, world: DoubleArray) -> Addition:
     splats, labels = bake(other), other.labels[other.visible]
     ids, first = np.unique(labels, return_index=True)
     names = {group: group_name(other, group) for group in ids.tolist() if group}
-    names[0] = Path(_name_of(second)).stem
+    names[0] = second.model_path.stem if second.folder is None else _name_of(second)
     path = second.model_path if second.folder is None or digest else second.folder.root
     edit = append(scene, splats, path, digest, labels, names)
     if edit is None or len(splats) == 0:

@@ -553,8 +553,8 @@ def scene_of(photos: Path) -> Path:
     """Scene folder for photos or a video that lie outside one, where the user names none.
 
     Next to them, with "-scene" behind the name; for SCENE/images and SCENE/input it is SCENE. A
-    folder whose name says nothing, as THING/photos, has that of the folder that it is in; one that
-    was begun under its own stays.
+    folder whose name says nothing, as THING/photos, has that of the folder that it is in before it;
+    one that was begun under its own stays.
     """
     photos = photos.absolute()
     if photos.is_dir() and photos.name in ("images", ORIGINALS):
@@ -562,7 +562,9 @@ def scene_of(photos: Path) -> Path:
     if photos.is_file():
         return photos.with_name(f"{photos.stem}-scene")
     own = photos.with_name(f"{photos.name}-scene")
-    return own if own.is_dir() else photos.with_name(f"{_told_name(photos)}-scene")
+    told = _told_name(photos)
+    is_own = own.is_dir() or told == photos.name
+    return own if is_own else photos.with_name(f"{told}-{own.name}")
 
 
 # What cameras and programs call a folder of photos, whatever they show.

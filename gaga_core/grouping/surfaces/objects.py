@@ -457,12 +457,12 @@ def objects_stage(
     """
     sample = sample_surfels(views, load_masks, load_further, depths, config.surfels)
     surfels = yield from part(sample, 0, _STEPS, STAGE)
+    if len(surfels.points) < LEAST_SURFELS:
+        raise GagaError("The views show almost none of the splats. Check poses and model.")
     near, support = Neighbourhood.of(surfels.points), None
     if config.silhouettes:
         support = support_of(surfels.points, surfels.normals)
         surfels = surfels.parted(support, near, _SILHOUETTES)
-    if len(surfels.points) < LEAST_SURFELS:
-        raise GagaError("The views show almost none of the splats. Check poses and model.")
     yield Progress(STAGE, 1, _STEPS, "small pieces")
     rows = np.flatnonzero(finite(gaussians))
     around = cKDTree(surfels.points).query(

@@ -207,6 +207,7 @@ def _weighted_normals(
 _FACES = 0.9  # least cosine of a flat surface's normals with that of its plane: 25 degrees
 _NEAR_PLANE = 2.0  # times the spacing of samples: distance from a plane of what lies on it
 _LEAST_GROUND = 0.01  # least share of all samples of a layer of the ground, and of a thing on it
+_LEAST_SAMPLES = 8  # of a layer of the ground: fewer have no outline
 _WITHIN = 0.8  # least share of what is just above the ground that lies inside of its outline
 _BELOW = 0.04  # most of what lies inside of its outline that is below: noise
 
@@ -229,12 +230,17 @@ def support_of(points: DoubleArray, normals: DoubleArray) -> BoolArray:
         layer = np.floor((height - height.min()) / reach).astype(np.int64)
         for k in np.flatnonzero(np.bincount(layer[faces], minlength=1) > least):
             flat = faces & (layer >= k - 1) & (layer <= k + 1)
+            if flat.sum() < _LEAST_SAMPLES:
+                continue
             centre = points[flat].mean(axis=0)
-            axis = principal_axes(np.cov(points[flat].T)[None])[1][0, :, 0]
-            axis = axis if axis @ normal > 0 else -axis
+            moments, axes = principal_axes(np.cov(points[flat].T)[None])
+            axis = axes[0, :, 0] * np.where(axes[0, :, 0] @ normal > 0, 1, -1)
             above = (points - centre) @ axis
             flat = faces & (np.abs(above) < reach)
-            if flat.sum() <= largest or (above > reach).sum() <= (above < -reach).sum():
+            is_strip = moments[0, 1] < reach**2 or flat.sum() < _LEAST_SAMPLES
+            if is_strip or (above > reach).sum() <= (above < -reach).sum():
+                continue
+            if flat.sum() <= largest:
                 continue
             within = _is_within(points[flat], points, axis, 2 * reach)
             foot = (above > reach) & (above < 3 * reach)

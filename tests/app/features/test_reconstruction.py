@@ -341,7 +341,7 @@ def test_a_folder_whose_name_says_nothing_has_that_of_what_it_is_in(
     found = look_at_photos(folder)
     assert found is not None
     assert found.name == "tankard"
-    assert found.scene == folder.parent / "tankard-scene"
+    assert found.scene == folder.parent / f"tankard-{name}-scene", "two of them are two scenes"
     begun = folder.parent / f"{name}-scene"
     begun.mkdir()
     again = look_at_photos(folder)

@@ -83,3 +83,10 @@ def test_what_stands_on_nothing_goes_to_any_place_that_is_free() -> None:
     assert found is not None
     np.testing.assert_allclose(found, -_Y, atol=0.1)
     assert _step(scene, np.eye(3), _Z) is None
+
+
+def test_where_nothing_else_is_seen_no_place_is_told() -> None:
+    scene = _scene((), np.eye(3), has_table=False)
+    every = np.arange(len(scene), dtype=np.int32)
+    assert step_to_free_place(scene, every, _X, _Z) is None
+    assert step_to_free_place(scene, every[:1], _X, _Z) is not None, "one splat has no size"

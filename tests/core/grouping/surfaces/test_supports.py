@@ -39,6 +39,17 @@ def _found(parts: list[Part], turn: DoubleArray | None = None) -> DoubleArray:
     return support_of(points + noise, normals).reshape(len(parts), _N).mean(axis=1)
 
 
+@pytest.mark.parametrize("n", [32, 60, 299])
+@pytest.mark.parametrize("seed", range(5))
+def test_few_samples_and_strips_are_no_support_and_no_error(n: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, normals = rng.normal(size=(2, n, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    support_of(points, normals)
+    points[: n // 4, 1:], normals[: n // 4] = -2.0, (0, 0, 1)  # a straight edge
+    assert not support_of(points, normals)[: n // 4].all()
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_plate_is_what_a_can_stands_on_however_it_lies(seed: int) -> None:
     plate = _disc(0.8, 0.0, inner=0.3)
