@@ -36,7 +36,8 @@ def step_to_free_place(
     if len(rows) == 0:
         return None
     points, labels = (world_means(scene, rows) @ axes).astype(np.float32), scene.labels[rows]
-    heights = (points[:, 2] - own[0][2]) / (_NEAR * max(float(np.linalg.norm(own[1] - own[0])), 1e-12))
+    diagonal = max(float(np.linalg.norm(own[1] - own[0])), 1e-12)
+    heights = (points[:, 2] - own[0][2]) / (_NEAR * diagonal)
     support = _support(points, labels, heights, own)
     carrying = points[(np.abs(heights) <= 1) & (labels == support)][:, :2]
     mine = {*np.unique(scene.labels[splats]).tolist(), support, 0}
