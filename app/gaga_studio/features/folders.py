@@ -78,7 +78,7 @@ def new_folder(session: Session) -> bool:
     """Put the selected objects and chosen folders into a new folder, and ask for its name.
 
     It lies where they are; it is empty when nothing is selected, and inside of the one folder that
-    is chosen.
+    is chosen where nothing else is selected.
     """
     document = session.need()
     scene = document.settled().scene
@@ -86,7 +86,8 @@ def new_folder(session: Session) -> bool:
     places = [parent_of(path) for path in folders] or [
         scene.folders.places.get(group, "") for group in groups
     ]
-    inside = folders[0] if len(folders) == 1 else ""
+    is_alone = len(folders) == 1 and set(groups) <= set(scene.folders.groups(folders[0]))
+    inside = folders[0] if is_alone else ""
     path = scene.folders.free(inside or _common(places), _NEW)
     if (groups or folders) and not inside:
         edit = edits.put_in_folder(scene, groups, path, folders, "New folder")

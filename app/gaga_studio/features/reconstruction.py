@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -488,26 +488,16 @@ class KnownRates:
             _LOG.warning("rates: %s", error)
 
 
-def timed(
-    session: Session, stage: Stage[T], name: str, usual_s: Callable[[Progress], float | None]
-) -> Stage[T]:
-    """``stage``, whose time is kept for the next estimate under ``name``.
+def timed(session: Session, stage: Stage[T], name: str, usual_s: float) -> Stage[T]:
+    """``stage``, whose time in parts of ``usual_s`` is kept for the next estimate under ``name``.
 
-    ``usual_s``: what is expected, by its last words; None: this time tells nothing of the next.
     Kernels that are prepared do not count.
     """
-    start, last = time.monotonic(), Progress(name, 0, 0)
-    while True:
-        try:
-            step = next(stage)
-        except StopIteration as end:
-            known, took = session.feature(KnownRates), time.monotonic() - start
-            if (usual := usual_s(last)) is not None:
-                known.keep(known.rates | {name: took / usual})
-            return cast(T, end.value)
-        if step.total > 0:
-            last = step
-        yield step
+    start = time.monotonic()
+    value = yield from stage
+    known, took = session.feature(KnownRates), time.monotonic() - start
+    known.keep(known.rates | {name: took / usual_s})
+    return value
 
 
 def seconds_of(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -> float:

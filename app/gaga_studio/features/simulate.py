@@ -4,7 +4,7 @@
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -31,6 +31,7 @@ from gaga_studio.features import camera, measure
 from gaga_studio.features.base import Command, busy, no_groups
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.session import stages
+from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
@@ -45,6 +46,7 @@ _STILL, _REST_S = 1e-5, 0.5  # change of places between two frames, and for how 
 _MESH, _CONFIG = MeshConfig(voxels=48, triangles=0), SimulationConfig(parts=8, concavity=0.1)
 
 Motions = list[tuple[int, DoubleArray]]  # of each group: a world map (4, 4) since the beginning
+Wanted = tuple[tuple[int, ...], object]  # groups, none for all, and what the scene is
 
 
 @dataclass
@@ -53,7 +55,11 @@ class SimulateState:
 
     is_held: bool = False  # its worker reads it
     is_falling: bool = False  # the bodies are made, and something was shown
-    runs: object = None  # the groups, and the state of the scene, that its worker is for
+    runs: Wanted | None = None  # what its worker is for
+
+    def clear(self) -> None:
+        """It runs no longer."""
+        self.is_held, self.is_falling, self.runs = False, False, None
 
 
 def state_of(session: Session) -> SimulateState | None:
@@ -90,65 +96,108 @@ def start(session: Session) -> bool:
     state = session.need().feature(SimulateState)
     wanted = session.selected_groups(), _moves(session.need().settled().scene)
     if state.runs == wanted:
-        state.is_held = True  # its worker goes on to the fall
+        state.is_held = True  # they fall when its worker ends
         return True
     return _run(session, wanted)
 
 
-def _run(session: Session, wanted: tuple[tuple[int, ...], object]) -> bool:
-    """Start the worker for ``wanted``: groups, none for all, and what the scene is."""
-    document, (groups, moves) = session.need(), wanted
+def _run(session: Session, wanted: Wanted) -> bool:
+    """Start the worker for ``wanted``: its bodies fall, once they are made."""
+    bodies = session.need().feature(PartsState)
+    if bodies.world is not None and (bodies.groups, bodies.moves) == wanted:
+        return _fall(session, wanted, bodies.world)
+    return _prepare(session, wanted)
+
+
+def _prepare(session: Session, wanted: Wanted) -> bool:
+    """Make the bodies, as a job that gives way; they fall at its end where it is held then."""
+    document, (groups, _) = session.need(), wanted
     scene, state = document.scene, document.feature(SimulateState)
     how = _placed(session, SimulationExport(config=_CONFIG, mesh=_MESH))
-    rows = {int(g): group_indices(scene, int(g)) for g in np.unique(scene.labels) if g > 0}
-    bodies = document.feature(PartsState)
-    world = bodies.world if (bodies.groups, bodies.moves) == wanted else None
-    place = upright_place(how.up, how.scale)
     making = mapped(world_stage(scene, how, groups or None), partial(replace, stage=PREPARES))
+    made: World | None = None
 
-    def stage() -> Stage[Motions]:
-        nonlocal world
-        world = world or (yield from stages.prepared(PREPARES, lambda: making, parts=("window",)))
-        return (yield from _fall_stage(world, place, state))
-
-    def is_right() -> bool:
-        return session.document is document and _moves(document.scene) == moves
-
-    def show(motions: object) -> None:
-        if isinstance(motions, list) and (state.is_falling or is_right()):
-            state.is_falling = True
-            moved = [(rows[group], matrix[:3]) for group, matrix in motions]
-            document.preview_with(lambda now: edits.transform_each(now, moved, _TITLE))
-
-    def done(motions: Motions) -> None:
-        assert world is not None  # it is what was made
-        if motions:
-            show(motions)
-        if state.is_falling and session.document is document:
-            document.commit_preview()
-            bodies.keep_fallen(world, groups, motions, place, _moves(document.scene))
-        elif is_right():
-            bodies.keep(world, *wanted)
+    def done(world: World) -> None:
+        nonlocal made
+        if _is_right(session, document, wanted):
+            made = world
+            document.feature(PartsState).keep(world, *wanted)
             if not state.is_held:
                 session.notify(Level.INFO, _READY)
 
     def end() -> None:
         if state.runs is not wanted:  # another one has begun
             return
+        is_held = state.is_held
+        state.clear()
+        if is_held and made is not None:
+            _fall(session, wanted, made)
+
+    ready = stages.prepared(PREPARES, lambda: making, parts=("window",))
+    return _begin(
+        state,
+        wanted,
+        lambda: session.jobs.start(PREPARES, ready, None, done, end, gives_way=True),
+    )
+
+
+def _fall(session: Session, wanted: Wanted, world: World) -> bool:
+    """Let the bodies fall for as long as it is held."""
+    document, (groups, _) = session.need(), wanted
+    scene, state, bodies = (
+        document.scene,
+        document.feature(SimulateState),
+        document.feature(PartsState),
+    )
+    how = _placed(session, SimulationExport(config=_CONFIG, mesh=_MESH))
+    rows = {int(g): group_indices(scene, int(g)) for g in np.unique(scene.labels) if g > 0}
+    place = upright_place(how.up, how.scale)
+    was_let_go = False  # before anything fell
+
+    def show(motions: object) -> None:
+        if session.document is not document or not isinstance(motions, list):
+            return
+        if state.is_falling or _is_right(session, document, wanted):
+            state.is_falling = True
+            moved = [(rows[group], matrix[:3]) for group, matrix in motions]
+            document.preview_with(lambda now: edits.transform_each(now, moved, _TITLE))
+
+    def done(motions: Motions) -> None:
+        nonlocal was_let_go
+        was_let_go = not motions
+        if motions:
+            show(motions)
+        if state.is_falling and session.document is document:
+            document.commit_preview()
+            bodies.keep_fallen(world, groups, motions, place, _moves(document.scene))
+        elif was_let_go and not state.is_held:
+            session.notify(Level.INFO, _READY)
+
+    def end() -> None:
         if session.document is document and state.is_falling:
             document.cancel_preview()  # of one that failed; else nothing is shown any more
-        is_held_again = state.is_held and not state.is_falling and bodies.world is world
-        state.is_held, state.is_falling, state.runs = False, False, None
-        if is_held_again and is_right() and world is not None:
-            start(session)
+        is_held_again = state.is_held and was_let_go
+        state.clear()
+        if is_held_again and _is_right(session, document, wanted):
+            _fall(session, wanted, world)
 
-    title, is_made = (PREPARES, False) if world is None else (_TITLE, True)
-    before = state.runs
+    falling = _fall_stage(world, place, state)
+    return _begin(state, wanted, lambda: session.jobs.start(_TITLE, falling, show, done, end))
+
+
+def _begin(state: SimulateState, wanted: Wanted, start_job: Callable[[], bool]) -> bool:
+    """Note that it is held, and start its job; all stays as it was when another job runs."""
+    before = state.is_held, state.is_falling, state.runs
     state.is_held, state.is_falling, state.runs = True, False, wanted
-    started = session.jobs.start(title, stage(), show, done, end, gives_way=not is_made)
-    if not started:
-        state.is_held, state.runs = False, before
+    if started := start_job():
+        return started
+    state.is_held, state.is_falling, state.runs = before
     return started
+
+
+def _is_right(session: Session, document: Document, wanted: Wanted) -> bool:
+    """Whether ``document`` is open and nothing moved in it since it was held."""
+    return session.document is document and _moves(document.scene) == wanted[1]
 
 
 def _fall_stage(world: World, place: DoubleArray, state: SimulateState) -> Stage[Motions]:

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
+from gaga_core.gaussians import Gaussians
 from gaga_core.io.splats.spz import states_axes
 from gaga_core.scene import edits
 from gaga_core.scene.orientation import guess_up, known_up
@@ -45,17 +47,25 @@ def why_not_turned(session: Session) -> str:
     if _is_open_question(document.project.model_path):
         return ""
     up, gaussians = session.rig.up, document.scene.gaussians
-    known = document.read.once("known up", gaussians, lambda: known_up(gaussians))
-    is_said = gaussians.up is not None or document.project.model_path.suffix.lower() == ".spz"
-    if known is None and is_said:  # the axes of its file are known, and up is that of models
-        known = guess_up(gaussians)
-    if known is None:
+    states = document.project.model_path.suffix.lower() == ".spz"
+    decided = document.read.once("known up", (gaussians, states), lambda: _known(gaussians, states))
+    if decided is None:
         return ""
+    known, who = decided
     now = document.world[:3, :3] @ known
     if float(_HALF_TURN[:, :3] @ now @ up) > float(now @ up):  # it was turned over
         return ""
-    who = "The file says" if is_said else "Its ground shows"
     return f"{who} that it is upright. Use Align to ground, or Rotate."
+
+
+def _known(gaussians: Gaussians, states_its_axes: bool) -> tuple[DoubleArray, str] | None:
+    """The up direction (3,) of the splats as in their file, and who says so; None: nobody."""
+    if gaussians.up is not None:
+        return gaussians.up, "The file says"
+    if (shown := known_up(gaussians)) is not None:
+        return shown, "Its ground shows"
+    # Where the axes of the file are known, up is that of models.
+    return (guess_up(gaussians), "The file says") if states_its_axes else None
 
 
 def is_turned(session: Session) -> bool:

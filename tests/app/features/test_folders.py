@@ -88,6 +88,16 @@ def test_a_new_folder_of_one_chosen_folder_lies_inside(associated: Session) -> N
     assert set(scene.folders.home.values()) == {"Folder/Hall", "Folder/Kitchen"}
 
 
+def test_a_folder_chosen_with_an_object_next_to_it_goes_into_a_new_one(associated: Session) -> None:
+    """An empty one was made inside of it."""
+    scene = scene_of(associated)
+    folders.put_in(associated, "Kitchen", (2, 3))
+    selection.select_groups(associated, (4,))
+    folders.choose(associated, "Kitchen", "add")
+    assert commands.run("object.folder", associated)
+    assert scene.folders.home == {2: "Folder/Kitchen", 3: "Folder/Kitchen", 4: "Folder"}
+
+
 def test_a_folder_is_chosen_while_its_objects_are_selected(associated: Session) -> None:
     folders.put_in(associated, "A", (2, 3))
     folders.put_in(associated, "A/B", (4,))

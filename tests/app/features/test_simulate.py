@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gaga_core.io.splats.ply import write_ply
+from gaga_core.progress import Progress, Stage
 from gaga_core.scene.bake import bake
 from gaga_core.scene.objects import group_indices
 from gaga_studio.features import selection, simulate, transform
@@ -18,6 +19,10 @@ from tests.scenes import box_on_table
 for _package in ("coacd", "manifold3d", "mujoco"):
     pytest.importorskip(_package, reason=f"{_package} is not installed")
 _GAP = 0.05  # m: from 5 cm it falls for 0.1 s
+
+
+def _nothing() -> Stage[None]:
+    yield Progress("Another", 0, 1)
 
 
 def _lowest(session: Session) -> float:
@@ -113,3 +118,42 @@ def test_what_hangs_in_the_air_lands(session: Session) -> None:
     session.undo()
     session.undo()
     assert snapshot(document.scene) == before
+
+
+@pytest.mark.parametrize("are_made", [False, True])
+def test_what_falls_gives_way_to_no_other_job(session: Session, are_made: bool) -> None:
+    """Bodies that were made in the same hold fell as a job that gave way, and it ended unsaid."""
+    if are_made:
+        assert simulate.start(session)
+        assert simulate.stop(session)
+        finish(session)
+    assert simulate.start(session)
+    state, until = simulate.state_of(session), time.monotonic() + 60
+    assert state is not None
+    while not state.is_falling and time.monotonic() < until:
+        session.jobs.poll()
+    assert session.jobs.why_busy == "Simulate is still running."
+    assert not session.jobs.start("Another", _nothing())
+    assert state.is_held
+    finish(session)
+    assert abs(_lowest(session)) < 0.005
+
+
+def test_bodies_fall_that_were_held_whatever_is_selected_by_then(session: Session) -> None:
+    assert simulate.start(session)
+    selection.select_none(session)
+    finish(session)
+    assert abs(_lowest(session)) < 0.005
+
+
+def test_what_is_cancelled_while_it_is_held_does_not_begin_again(session: Session) -> None:
+    assert simulate.start(session)
+    assert simulate.stop(session)
+    finish(session)
+    before = snapshot(session.need().scene)
+    assert simulate.start(session)
+    session.jobs.cancel()
+    finish(session)
+    assert session.jobs.running is None
+    assert simulate.state_of(session) == simulate.SimulateState()
+    assert snapshot(session.need().scene) == before

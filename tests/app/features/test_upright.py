@@ -14,7 +14,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import matrices_to_quats
 from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.progress import run_stage
-from gaga_core.scene import edits
+from gaga_core.scene import edits, orientation
 from gaga_core.scene.orientation import upright_basis
 from gaga_core.scene.project import save_project
 from gaga_core.scene.scene import Scene
@@ -223,6 +223,35 @@ def test_what_is_known_to_stand_upright_is_not_turned_over(
     np.testing.assert_allclose(session.need().world, np.eye(4), atol=1e-6)
     np.testing.assert_allclose(session.rig.up, up, atol=1e-6)
     assert command(upright.COMMAND).enabled(session) == why
+
+
+@pytest.mark.parametrize("shows", [True, False])
+def test_who_says_that_it_is_upright_is_found_once(
+    new_session: Callable[[], Session],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    shows: bool,
+) -> None:
+    """An open menu asks in every frame."""
+    made = _standing((0.0, -1.0, 0.0)) if shows else random_gaussians(60, seed=4)
+    path = tmp_path / "thing.spz"
+    write_splats(path, made, SplatFormat.SPZ)
+    session = new_session()
+    _opened(session, path)
+    looked = list[Gaussians]()
+    look = orientation._from_ground
+
+    def counted(gaussians: Gaussians) -> np.ndarray | None:
+        looked.append(gaussians)
+        return look(gaussians)
+
+    monkeypatch.setattr(orientation, "_from_ground", counted)
+    why = command(upright.COMMAND).enabled(session)
+    assert ("ground shows" if shows else "file says") in why
+    assert looked
+    looked.clear()
+    assert command(upright.COMMAND).enabled(session) == why
+    assert not looked
 
 
 def test_the_camera_of_before_comes_back_with_undo_and_that_of_the_turn_with_redo(

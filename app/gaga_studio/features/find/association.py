@@ -150,7 +150,7 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
     usual = _finding_seconds(document.scene, len(session.masks), preset)
 
     def counted(stage: Stage[Association]) -> Stage[Association]:
-        return timed(session, stage, _rate_name(preset), lambda _: usual)
+        return timed(session, stage, _rate_name(preset), usual)
 
     stage = associate_project_stage(document.project, session.masks, config, counted, usual)
     progress, end = watch_bank(session)
