@@ -27,7 +27,9 @@ _STEPS = 1000  # progress units of one part; parts differ in their number of ste
 # way: afterwards the time left is wrong by more than 1.5 times for 9 % of the time, by the share
 # alone for 16 %; with 10 s for 9 %, but up and down by 12 % in 5 s, not 10; with 20 s for 10 %.
 RECENT_S, _FEW_WORDS, _RECENT = 15.0, 10, 0.25
-TELLING = 0.05  # share of a task, or of a step, that is done until it tells what is to come
+# Share of a task, or of a step, that is done until it tells what is to come. A share that falls by
+# more is that of a step that comes back.
+TELLING = 0.05
 _TICK_S = 0.1  # how often a cancel is looked for while a thread is waited for
 _log = logging.getLogger(__name__)
 # Each thread has its own; who drives a stage sets a list here to hear what it says.
@@ -58,7 +60,8 @@ class Pace:
 
     The load of a machine changes, and the newest rate is that of what is left; a single word, which
     may be a long or a short one, says little. What a resumed step had behind it says nothing, nor
-    does its first word that goes on: it may hold what was prepared.
+    does its first word that goes on: it may hold what was prepared. A step that comes back begins
+    again: one of each file, say.
     """
 
     def __init__(self) -> None:
@@ -70,6 +73,9 @@ class Pace:
 
     def hear(self, at: float, share: float) -> None:
         """Take the newest word of the step; one that does not go on only says that it waits."""
+        if self._words and share < self._words[-1][1] - TELLING:
+            self._words.clear()
+            self._n_on = 0
         if not self._words:
             self.first = share
         elif share <= self._words[-1][1]:

@@ -42,7 +42,7 @@ from gaga_core.io.splats.ply import write_ply
 from gaga_core.io.splats.sog import LOD_META, META, is_sog_meta, is_streamed_sog
 from gaga_core.io.splats.splat_files import is_same_model, model_fingerprint, read_splats_stage
 from gaga_core.io.splats.spz import OURS, SilentAxes
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, part
 from gaga_core.scene.camera_path import (
     Bookmark,
     CameraPath,
@@ -450,10 +450,9 @@ def open_objects_stage(manifest: Path) -> Stage[tuple[Scene, Path, str]]:
     digests: list[str] = []
     files = [(manifest.parent / entry.file).absolute() for entry in entries]
     for i, file in enumerate(files):
-        yield Progress(READS_OBJECTS, i, len(files), file.name)
         if not file.is_file():
             raise GagaError(f"{file} is gone, which {manifest.name} names. Put it back.")
-        splats, digest = yield from read_added_stage(file)
+        splats, digest = yield from part(read_added_stage(file), i, len(files), READS_OBJECTS)
         parts.append(splats)
         digests.append(digest)
     counts = [len(splats) for splats in parts]

@@ -64,6 +64,26 @@ def test_the_pace_of_a_step_that_goes_on_is_that_of_what_is_done_now() -> None:
     assert pace.left(116.0) == pytest.approx(6), "overdue"
 
 
+@pytest.mark.parametrize("begins", [0.0, 0.3])
+@pytest.mark.parametrize("ends", [0.5, 1.0])
+def test_a_step_that_comes_back_has_the_pace_of_its_second_pass(begins: float, ends: float) -> None:
+    """Once for each file, say; a share that wavers is no second pass."""
+    pace, at = Pace(), 0.0
+    for share in np.linspace(0, ends, 21):
+        pace.hear(at, float(share))
+        pace.hear(at, float(share) - 0.01)
+        at += 1
+    whole = 20 / ends
+    assert pace.seconds == pytest.approx(whole)
+    for k, share in enumerate(np.linspace(begins, 1, 21)):
+        pace.hear(at, float(share))
+        assert pace.first == begins
+        assert (pace.seconds is None) == (k < 2), "it may hold what was prepared"
+        if pace.seconds is not None:
+            assert pace.left(at) == pytest.approx(60 - 3 * k)
+        at += 3
+
+
 def _any_steps(rng: np.random.Generator) -> Stage[str]:
     """Steps one after the other, some of them twice, some unknown, some without a share."""
     for name in rng.choice(list("abcdx"), 8):

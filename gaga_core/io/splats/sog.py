@@ -51,7 +51,7 @@ from gaga_core.io.splats.packing import (
     table_of,
     writing,
 )
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, portion
 
 META, LOD_META = "meta.json", "lod-meta.json"
 _MOST_META, _MOST_LOD_META = 1 << 24, 1 << 26  # bytes
@@ -423,9 +423,9 @@ def read_streamed_sog_stage(path: Path) -> Stage[Gaussians]:
     if not names:
         raise GagaError(f"{path} names no splats. Export it again.")
     for done, (name, parts) in enumerate(names):
-        yield Progress(READS, done, len(names), name)
         place = chunk_path(path, name)
-        chunk = yield from read_sog_stage(place)
+        begin, end = done / len(names), (done + 1) / len(names)
+        chunk = yield from portion(read_sog_stage(place), begin, end, READS)
         n_stored += size_of_parts(place)
         n_asked = sum(part.count for part in parts)  # at one level none is asked for twice
         if n_asked > len(chunk) or any(part.offset + part.count > len(chunk) for part in parts):

@@ -23,7 +23,12 @@ from gaga_core.segmentation.models.weights import find_model, models_folder
 
 _FILE = "speed.json"
 _SIDE, _TIMES = 64, 20  # matrices so small that one core multiplies them; times in a row
-_ROUNDS = 200  # of which the fastest counts
+# Rounds, of which the fastest counts, each until the clock moved by so many ns: that of Windows
+# moves in steps of 15.6 ms, so that a shorter one may read 0.
+_ROUNDS, _ROUND_NS = 3, 50_000_000
+# All end after so many ns, on a busy machine; a round after so many times in a row, when no clock
+# moves: a core of 420 gigaflops takes as long for these as a round is.
+_MOST_NS, _MOST = 1_000_000_000, 2000
 
 
 class _Speed(msgspec.Struct):
@@ -66,17 +71,24 @@ def seconds_a_photo(model: KnownModel) -> tuple[float, bool] | None:
 def _gigaflops() -> float:
     """Multiplications of float32 matrices on all cores, as networks do them.
 
-    The best of many rounds of some microseconds on one core, times the cores, by the time that the
-    processor spends on them: a busy machine does not look slow.
+    The fastest of some rounds on one core, times the cores, by the time that the processor spends
+    on them: a busy machine does not look slow. By the time that passed where the former stands.
     """
     matrix = np.linspace(0, 1, _SIDE * _SIDE, dtype=np.float32).reshape(_SIDE, _SIDE)
     out = np.empty_like(matrix)
-    best = float("inf")
-    for _ in range(_ROUNDS):
-        start = time.thread_time_ns()
+    found: list[float] = []  # ns a matrix
+    began, start, n = time.perf_counter_ns(), time.thread_time_ns(), 0
+    passed = spent = 0
+    while len(found) < _ROUNDS and passed < _MOST_NS and n < _MOST * _TIMES:
         for _ in range(_TIMES):
             np.matmul(matrix, matrix, out=out)
-        best = min(best, max(time.thread_time_ns() - start, 1) / _TIMES)
+        n += _TIMES
+        now, passed = time.thread_time_ns(), time.perf_counter_ns() - began
+        spent = now - start
+        if spent >= _ROUND_NS:
+            found.append(spent / n)
+            start, n = now, 0
+    best = min(found, default=(spent if spent > 0 else max(passed, 1)) / max(n, 1))
     return 2 * _SIDE**3 / best * (os.cpu_count() or 1)
 
 

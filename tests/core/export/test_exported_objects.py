@@ -8,13 +8,14 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.export.export import export_objects_stage
+from gaga_core.io.splats.packing import READS
 from gaga_core.io.splats.splat_files import SplatFormat
-from gaga_core.progress import run_stage
+from gaga_core.progress import Progress, run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.objects import group_colors, group_indices
-from gaga_core.scene.project import save_project
+from gaga_core.scene.project import READS_OBJECTS, open_path_stage, save_project
 from gaga_core.scene.scene import Scene
 from tests.core.scene.projects import assert_same, opened
 from tests.scenes import objects_scene
@@ -53,6 +54,18 @@ def test_an_export_is_opened_as_it_was(
         assert far.max() <= (0 if form is SplatFormat.PLY else 1e-3)
     saved = save_project(project, tmp_path / "saved.gaga")
     assert_same(again, opened(saved).scene)
+
+
+def test_opening_tells_one_share_that_goes_on(scene: Scene, tmp_path: Path) -> None:
+    """Each file began again at 0, and the time left was said to be a second."""
+    run_stage(export_objects_stage(scene, tmp_path, form=SplatFormat.SOG))
+    words: list[Progress] = []
+    run_stage(open_path_stage(tmp_path), words.append)
+    reads = [word for word in words if word.stage == READS_OBJECTS]
+    assert not [word for word in words if word.stage == READS]
+    shares = [word.done / word.total for word in reads]
+    assert shares == sorted(shares)
+    assert len(set(shares)) > 5, "within a file, too"
 
 
 def test_some_objects_have_only_their_folders(scene: Scene, tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ import pytest
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splats.sog import LOD_META, read_sog_stage
-from gaga_core.io.splats.splat_files import read_splats
-from gaga_core.progress import run_stage
+from gaga_core.io.splats.splat_files import read_splats, read_splats_stage
+from gaga_core.progress import Progress, run_stage
 from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.tree import LodTree, write_streamed_sog_stage
 from tests.scenes import random_gaussians
@@ -49,6 +49,21 @@ def test_finest_level_comes_back(written: Path, tree: LodTree, opened: Gaussians
         found = read_splats(path)
         assert len(found) == N
         assert np.abs(found.means - opened.means[tree.order]).max() < 1e-3
+
+
+def test_reading_tells_one_share_that_goes_on(written: Path, tmp_path: Path) -> None:
+    """Each chunk began again at 0, and the time left was said to be a second."""
+    shutil.copytree(written.parent, tmp_path, dirs_exist_ok=True)
+    meta = json.loads(written.read_text(encoding="utf-8"))
+    meta["environment"] = meta["filenames"][-1]  # a second chunk that is read
+    (tmp_path / LOD_META).write_text(json.dumps(meta), encoding="utf-8")
+    words: list[Progress] = []
+    run_stage(read_splats_stage(tmp_path), words.append)
+    assert len({word.stage for word in words}) == 1
+    shares = [word.done / word.total for word in words]
+    assert shares == sorted(shares)
+    assert any(0 < share < 0.5 for share in shares), "within a chunk, too"
+    assert any(0.5 < share < 1 for share in shares)
 
 
 def test_every_level_is_listed_once_and_lies_in_its_box(written: Path, tree: LodTree) -> None:

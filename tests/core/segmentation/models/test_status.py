@@ -34,10 +34,11 @@ def test_an_estimate_comes_before_the_first_use_and_a_measurement_after(models: 
 def test_any_clock_gives_an_estimate(
     models: Path, monkeypatch: pytest.MonkeyPatch, seconds: float
 ) -> None:
-    """On a machine so busy that one look took longer than all were to take, its speed was 0."""
+    """One that stands still; one of a machine so busy that one look takes longer than all were to
+    take, whose speed was 0."""
     ticks = count(step=round(seconds * 1e9))
     monkeypatch.setattr(time, "thread_time_ns", lambda: next(ticks))
-    monkeypatch.setattr(time, "perf_counter", lambda: next(ticks) / 1e9)
+    monkeypatch.setattr(time, "perf_counter_ns", lambda: next(ticks))
     for _ in range(2):
         estimate = status.seconds_a_photo(TINY)
         assert estimate is not None
@@ -45,6 +46,22 @@ def test_any_clock_gives_an_estimate(
     (models / "speed.json").write_text("{")
     assert status.measured(TINY.name) is None, "damaged: measured again"
     assert status.seconds_a_photo(TINY) is not None
+
+
+@pytest.mark.parametrize("step_ns", [15_625_000, 10**12])
+def test_a_clock_that_moves_in_steps_tells_the_same_speed(
+    models: Path, monkeypatch: pytest.MonkeyPatch, step_ns: int
+) -> None:
+    """That of Windows: most looks at it saw no time pass, so the machine seemed without limit; and
+    one that does not move while it is looked at."""
+    fine = status.seconds_a_photo(TINY)
+    (models / "speed.json").unlink()
+    clock = time.thread_time_ns
+    monkeypatch.setattr(time, "thread_time_ns", lambda: clock() // step_ns * step_ns)
+    coarse = status.seconds_a_photo(TINY)
+    assert fine is not None
+    assert coarse is not None
+    assert 1 / 4 < coarse[0] / fine[0] < 40, "a busy machine shares the time that passes"
 
 
 def test_the_list_tells_every_model_and_a_folder_put_there_by_hand(models: Path) -> None:
