@@ -230,6 +230,9 @@ class ExportSheet:
     simulation: SimulationExport = field(default_factory=SimulationExport)
     options: ExportOptions = field(default_factory=ExportOptions)
     path: str = ""  # as it is typed
+    begins: bool = (
+        False  # it shows its upper end, not what it was scrolled to when it was open last
+    )
     chosen: dict[What, Path] = field(default_factory=dict)  # places that a person named
     chosen_for: tuple[str, Path] | None = None  # the scene that they are for: its name and folder
     waits: FileDialog | None = None  # the sheet comes back when a place was chosen
@@ -253,6 +256,7 @@ def opens(
     # A box is of one scene; the rest is wanted again.
     sheet.options = replace(sheet.options, crop=None, up=camera.up_of(session))
     _propose(session, sheet)
+    sheet.begins = True
     imgui.open_popup(SHEET)
 
 
@@ -263,6 +267,9 @@ def draw(session: Session, sheet: ExportSheet, files: FilePicker) -> None:
         imgui.open_popup(SHEET)
     if not begin_modal(SHEET, em(40.5), is_possible=session.document is not None):
         return
+    if sheet.begins:
+        imgui.set_next_window_scroll(ImVec2(0, 0))
+        sheet.begins = False
     begin_part("Choices", ImVec2(0, body_height(em(25.5))))
     _what_and_form(session, sheet)
     is_solid = sheet.what == "objects" and sheet.solid is not None

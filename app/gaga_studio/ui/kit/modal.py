@@ -60,14 +60,8 @@ def body_height(wanted: float) -> float:
 
 
 def begin_part(name: str, size: ImVec2, flags: int = 0) -> bool:
-    """A child window of a sheet; the keys walk through it as through the rest of the sheet.
-
-    A sheet that opens again shows its beginning, not what it was scrolled to.
-    """
-    is_shown = imgui.begin_child(name, size, flags | imgui.ChildFlags_.nav_flattened)
-    if imgui.is_window_appearing():
-        imgui.set_scroll_y(0)
-    return is_shown
+    """A child window of a sheet; the keys walk through it as through the rest of the sheet."""
+    return imgui.begin_child(name, size, flags | imgui.ChildFlags_.nav_flattened)
 
 
 @contextmanager
