@@ -1493,9 +1493,12 @@ def _no_card_lies_over_a_notice(d: Driver) -> None:
     for place in places:
         d.engine.mouse_move_to_pos(ImVec2(*place))
         d.frames(4)
-        d.session.hovering.group = group
-        d.frames(2)
-        card = d.engine.get_window_by_ref("//##Tooltip_00")
+        for _ in range(30):  # meanwhile it is told what really is under the mouse
+            d.session.hovering.group = group
+            d.frames(1)
+            card = d.engine.get_window_by_ref("//##Tooltip_00")
+            if card.active:
+                break
         assert card.active, place
         assert not card.rect().overlaps(notice), place
     d.click("Notice 0/###Close")
