@@ -22,6 +22,7 @@ import pycolmap
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, LongArray
 from gaga_core.io.arrays_file import read_arrays
+from gaga_core.io.cameras.given import PINHOLES
 from gaga_core.io.depth_maps import DEPTH, read_scene_depth, write_scene_depth
 from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.processes import end_with_parent
@@ -287,7 +288,7 @@ def write_features(path: Path, database: Path) -> None:
 
 def _unbent(pixels: DoubleArray, camera: pycolmap.Camera) -> DoubleArray:
     """Where the pinhole with the focal length and centre of a lens sees its ``pixels`` (F, 2)."""
-    if camera.model_name in ("SIMPLE_PINHOLE", "PINHOLE") or len(pixels) == 0:
+    if camera.model_name in PINHOLES or len(pixels) == 0:
         return pixels
     # Outside of what the lens model covers a ray is not known: then it fits no point.
     flat = np.nan_to_num(np.asarray(camera.cam_from_img(pixels), np.float64))

@@ -204,6 +204,8 @@ def _weighted_normals(
 # --- What an object stands on: it turns along with it, and both have one outline.
 
 
+# Set by hand on seven of the twelve drawn turntables of `bench_turntables`, see experiments.md;
+# three others chose nothing.
 _FACES = 0.9  # least cosine of a flat surface's normals with that of its plane: 25 degrees
 _NEAR_PLANE = 2.0  # times the spacing of samples: distance from a plane of what lies on it
 _LEAST_GROUND = 0.01  # least share of all samples of a layer of the ground, and of a thing on it

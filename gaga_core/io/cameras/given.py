@@ -34,6 +34,9 @@ _CLOCKWISE = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]
 _TURNS = {1: 0, 6: 1, 3: 2, 8: 3}  # right angles clockwise to stand upright, by the EXIF tag
 
 
+PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE")  # models of COLMAP without distortion
+
+
 @dataclass(frozen=True)
 class Lens:
     """A lens in COLMAP's words: focal lengths, principal point (pixels, the middle of the first
@@ -66,7 +69,7 @@ class Lens:
     @property
     def is_bent(self) -> bool:
         """Whether it is more than a pinhole."""
-        return self.model not in ("SIMPLE_PINHOLE", "PINHOLE")
+        return self.model not in PINHOLES
 
     @property
     def K(self) -> DoubleArray:  # noqa: N802  the field's name
