@@ -1,5 +1,6 @@
 """Identities in the session: trained after the paper's groups, chosen, undone, saved."""
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -52,11 +53,19 @@ def test_what_the_presets_ask_for() -> None:
     assert GroupSettings().config("paper").depth == "expected"
 
 
+def _forget_kernels(monkeypatch: pytest.MonkeyPatch, empty: Path) -> None:
+    """As in a new installation; what opening a scene prepares would note there what it finds."""
+    for thread in threading.enumerate():
+        if thread.name == "job: Prepare kernels":
+            thread.join()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(empty))  # where it is noted what is compiled
+
+
 def test_kernels_that_are_not_compiled_count_in_the_time_and_in_the_bar(
     session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A new installation promised 15 s, and stood a minute at a bar without a share."""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))  # where it is noted what is compiled
+    _forget_kernels(monkeypatch, tmp_path)
     usual, first = usual_seconds("window", "grouping"), association.stage_offer(session)
     assert usual > 30
     project, config = session.need().project, AssociateConfig()
@@ -90,7 +99,7 @@ def test_kernels_are_a_step_with_a_share_where_the_time_of_the_rest_is_not_known
 ) -> None:
     """A new installation stood at a bar without a share for a minute."""
     _quickly(associated)
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))  # where it is noted what is compiled
+    _forget_kernels(monkeypatch, tmp_path)
     start(associated)
     shown: list[Job] = []
     while (job := associated.jobs.running) is not None:
