@@ -81,6 +81,7 @@ class Layout:
     remembered: frozenset[str] = frozenset()  # layouts that a person has arranged
     _frames: int = field(default=0)  # since the layout or its scale changed
     _size: tuple[int, int] = (0, 0)  # of the window, in the frame before
+    _is_shown: bool = True  # the panels, next to the picture
     _shown: Sequence[str] = ()  # panels that were in front, the one used last at the end
     _left: dict[str, Sequence[str]] = field(default_factory=dict)  # such panels, by layout
 
@@ -140,12 +141,24 @@ class Layout:
             self._frames = 0
         self._scale = scale
 
+    def show(self, shown: bool) -> None:
+        """Show the panels that have a place, or the picture alone; every frame. What was in front
+        is so again when they come back."""
+        if shown != self._is_shown:
+            self._note_what_is_in_front()
+            self._is_shown, self._frames = shown, 0
+        docking = hello_imgui.get_runner_params().docking_params
+        for panel in self.panels:
+            if not panel.is_bare:
+                window = docking.dockable_window_of_name(panel.label)
+                window.is_visible = shown and self._shows(panel)
+
     def _note_what_is_in_front(self) -> None:
         """For the next layout; the first one shows its first panel, whatever it replaces."""
-        if self._frames > 2 * _SETTLED:
+        if self._is_shown and self._frames > 2 * _SETTLED:
             self._shown = self._left[self._name] = _in_front(self.panels)
 
-    def shows(self, panel: Panel) -> bool:
+    def _shows(self, panel: Panel) -> bool:
         """Whether the layout that is used has a place for ``panel`` now."""
         return self._name.startswith(_WIDE) or panel.is_wanted is None or panel.is_wanted()
 
@@ -410,7 +423,7 @@ class Window:
         style = imgui.get_style()
         scale = style.font_scale_dpi * style.font_scale_main  # large text needs a large window
         self._layout.fit(imgui.get_io().display_size, scale)
-        self._show_panels(self.hooks.panels_shown())
+        self._layout.show(self.hooks.panels_shown())
         self.hooks.before_frame()
 
     def _note_size(self) -> None:
@@ -420,14 +433,6 @@ class Window:
         before, self._size = self._size, glfw.get_window_size(handle)
         if self._size == before and not glfw.get_window_attrib(handle, glfw.MAXIMIZED):
             self._free_size = self._size
-
-    def _show_panels(self, shown: bool) -> None:
-        """Show the panels that have a place, or the picture alone."""
-        docking = hello_imgui.get_runner_params().docking_params
-        for panel in self.panels:
-            if not panel.is_bare:
-                window = docking.dockable_window_of_name(panel.label)
-                window.is_visible = shown and self._layout.shows(panel)
 
 
 def _walk_with_keys() -> None:

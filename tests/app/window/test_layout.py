@@ -160,6 +160,34 @@ def test_tabs_come_back_as_they_were_after_a_tiny_window(display: str) -> None:
     drive(walk, size=(1500, 900))
 
 
+def test_tabs_come_back_as_they_were_after_the_picture_alone(display: str) -> None:
+    """Hidden panels come back one after the other, and the last one came to the front."""
+
+    def in_front(d: Driver) -> set[str]:
+        windows = [
+            d.engine.get_window_by_ref(f"//{panel.label}") for panel in d.studio.window.panels
+        ]
+        return {one.name for one in windows if one.active and not one.hidden}
+
+    def walk(d: Driver) -> None:
+        for size in ((1500, 900), (800, 500)):
+            d.resize(*size)
+            d.frames(20)
+            for panel in ("Objects", "Inspector", "Views"):
+                d.focus(panel)
+                d.frames(20)
+                before = in_front(d)
+                assert panel in before
+                d.keys(imgui.Key.tab)
+                d.frames(20)
+                assert in_front(d) == {"Viewport"}
+                d.keys(imgui.Key.tab)
+                d.frames(20)
+                assert in_front(d) == before, size
+
+    drive(walk, size=(1500, 900))
+
+
 def test_a_remembered_layout_without_a_picture_is_put_right(display: str, tmp_path: Path) -> None:
     layout = tmp_path / "window.ini"
     drive(lambda d: d.frames(8), size=(1300, 800), layout_file=layout)
