@@ -367,7 +367,7 @@ class Window:
         callbacks.show_gui = self._keys
         callbacks.show_menus = hooks.menu
         callbacks.show_status = hooks.status
-        callbacks.post_render_dockable_windows = hooks.overlay
+        callbacks.post_render_dockable_windows = self._after_panels
         callbacks.confirm_exit = hooks.may_close
         bar = hello_imgui.EdgeToolbarOptions()
         bar.size_em = 2.55
@@ -426,6 +426,10 @@ class Window:
         self._layout.show(self.hooks.panels_shown())
         self.hooks.before_frame()
 
+    def _after_panels(self) -> None:
+        self.hooks.overlay()
+        _take_the_whole_number()
+
     def _note_size(self) -> None:
         """Note the size to go back to. One that has just changed may be of a window that is about
         to say that it is maximized."""
@@ -433,6 +437,16 @@ class Window:
         before, self._size = self._size, glfw.get_window_size(handle)
         if self._size == before and not glfw.get_window_attrib(handle, glfw.MAXIMIZED):
             self._free_size = self._size
+
+
+def _take_the_whole_number() -> None:
+    """A double click in the field of a number selects all of it, as a single one does: its second
+    click, which meets the field open, would select the digits on one side of the point."""
+    context = imgui.get_current_context()
+    field = context.temp_input_id
+    if field and field == context.active_id and imgui.is_mouse_double_clicked(0):
+        context.input_text_state.select_all()
+        context.input_text_state.selected_all_mouse_lock = True  # until the mouse is released
 
 
 def _walk_with_keys() -> None:

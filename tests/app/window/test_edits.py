@@ -394,6 +394,13 @@ def test_numbers_are_typed_read_again_and_reset(
         np.testing.assert_allclose(degrees_of(pose, local=False), [0, 0, 30], atol=1e-4)
         np.testing.assert_allclose(pose.scale, 2.0, rtol=1e-6)
         assert pose.centre[1] == pytest.approx(0.25, abs=2e-3)
+        d.engine.item_double_click("//Inspector/Properties/##Position Y")
+        d.engine.key_chars("0.5")
+        d.engine.key_press(int(imgui.Key.enter))
+        d.settle()
+        pose = document.selected_pose()
+        assert pose is not None
+        assert pose.centre[1] == pytest.approx(0.5, abs=2e-3), "a double click takes all of 0.250"
         d.click("Inspector/Each axis")
         d.click("Inspector/Own axes")
         d.type_into("Inspector/Properties/##Scale Z", "1")
@@ -413,7 +420,7 @@ def test_numbers_are_typed_read_again_and_reset(
         d.click("Inspector/###Reset placement")
         d.settle()
         np.testing.assert_array_equal(world_means(document.scene, splats), start)
-        for _ in range(5):
+        for _ in range(6):
             d.keys(KEY.mod_ctrl, KEY.z)
         d.settle()
         assert document.history.cursor == n
