@@ -124,6 +124,7 @@ class UiState:
     menu: MenuState = field(default_factory=MenuState)
     plan: PlanSheet = field(default_factory=PlanSheet)
     toasts: ToastState = field(default_factory=ToastState)
+    in_front: Callable[[Session], object] | None = None  # waits until the asked panel is in front
 
     def forget_scene(self) -> None:
         """Another scene was opened; own models and the switch of the film strip stay."""
@@ -210,12 +211,14 @@ def openers(ui: UiState) -> dict[Request, Callable[[Session], object]]:
         Request.REDUCE: partial(reduce.opens, plan=ui.reduce),
         Request.CHANGES: changes.opens,
         Request.PANELS_BACK: lambda _: window.put_panels_back(),
-        Request.RENAME: partial(_rename, ui=ui),
+        Request.RENAME: _in_panel(
+            "Objects", lambda s: objects.rename_selected(s, ui.scene.objects), ui
+        ),
         Request.TIMELINE: _panel(memory_bank.TIMELINE),
         Request.HISTORY: _panel("History"),
         Request.CAMERA_PATH: _panel("Camera path"),
-        Request.RECOLOR: partial(_recolor, ui=ui),
-        Request.FIND: lambda _: search.focus(ui.scene.objects.search),
+        Request.RECOLOR: _in_panel("Inspector", lambda _: _open_picker(ui), ui),
+        Request.FIND: _in_panel("Objects", lambda _: search.focus(ui.scene.objects.search), ui),
         Request.FIND_IN_VIEW: lambda s: find_here(s, ui.area.size),
     }
 
@@ -226,22 +229,29 @@ def _popup(name: str) -> Callable[[Session], object]:
 
 def _panel(name: str) -> Callable[[Session], None]:
     def bring(session: Session) -> None:
-        session.view.show_panels = True
-        imgui.set_window_focus(name)
-        window = imgui.internal.find_window_by_name(name)
-        if window is not None and window.dock_node is not None and window.dock_node.tab_bar:
-            window.dock_node.tab_bar.next_selected_tab_id = window.tab_id  # its tab is seen, too
+        session.view.show_panels, session.view.asked_panel = True, name
 
     return bring
 
 
-def _rename(session: Session, ui: UiState) -> None:
-    _panel("Objects")(session)
-    objects.rename_selected(session, ui.scene.objects)
+def _in_panel(
+    name: str, act: Callable[[Session], object], ui: UiState
+) -> Callable[[Session], None]:
+    """Do ``act`` once the panel is in front: in one that is covered, or just appears, a field would
+    lose the keyboard."""
+
+    def ask(session: Session) -> None:
+        if session.view.show_panels and window.is_in_front(name):
+            imgui.set_window_focus(name)
+            act(session)
+            return
+        _panel(name)(session)
+        ui.in_front = act
+
+    return ask
 
 
-def _recolor(session: Session, ui: UiState) -> None:
-    _panel("Inspector")(session)
+def _open_picker(ui: UiState) -> None:
     ui.scene.inspector.opens_picker = True
 
 
@@ -401,6 +411,8 @@ class Studio:
             may_close=self._may_close,
             frame_rate=self._frame_rate,
             panels_shown=lambda: session.view.show_panels,
+            is_opening=lambda: self.ui.in_front is not None,
+            take_asked_panel=session.view.take_asked_panel,
         )
 
     def _keys(self) -> None:
@@ -558,6 +570,10 @@ class Studio:
         request = self.session.take_request()
         if request is not None:
             self._openers[request](self.session)
+        act = self.ui.in_front
+        if act is not None and not self.session.view.asked_panel:
+            self.ui.in_front = None
+            act(self.session)
 
     def _status(self) -> None:
         tool = self.picture.controller.tool(self.session)

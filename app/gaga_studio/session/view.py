@@ -156,6 +156,7 @@ class ViewState:
     lod_budget: int = 2_000_000  # splats in the picture of a scene with level of detail
     resolution_scale: float = 1.0  # of the viewport's own pixels
     show_panels: bool = True  # Tab hides everything but the picture
+    asked_panel: str = ""  # title of the panel that is to come to the front
     show_info: bool = True  # splats, frame time and backend in the status bar
     takes_splats: bool = False  # of the tools that select regions; else whole objects
     visible_only: bool = False  # they take the visible surface; else everything behind it too
@@ -176,6 +177,11 @@ class ViewState:
     has_mask_gate: bool = True  # only those that the depth gate lets through
     playback: Playback = field(default_factory=Playback)
     pointed: tuple[float, ...] | None = None  # surface point (3,) that a menu was opened on
+
+    def take_asked_panel(self) -> str:
+        """The panel that is to come to the front, told once; "" = none."""
+        asked, self.asked_panel = self.asked_panel, ""
+        return asked
 
     def is_antialiased(self, scene: Scene) -> bool:
         """Return whether the splats are drawn antialiased: as the file asks, unless overridden."""

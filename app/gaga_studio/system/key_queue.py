@@ -147,11 +147,12 @@ class KeyQueue:
         self._settles = 0  # frames
         self.is_behind = False  # events of this frame wait for the next ones
 
-    def before_frame(self) -> None:
-        """Leave in the queue what belongs to the frame that begins now."""
+    def before_frame(self, *, opens: bool = False) -> None:
+        """Leave in the queue what belongs to the frame that begins now. ``opens``: what a key asked
+        for is still on its way."""
         queue = imgui.get_current_context().input_events_queue
         self._return(queue)
-        self._settles = max(self._settles - 1, 0)
+        self._settles = SETTLE if opens else max(self._settles - 1, 0)
         portion = Portion(
             settles=self._settles > 0,
             is_typing=self._is_typing(),

@@ -141,12 +141,16 @@ class Layout:
             self._frames = 0
         self._scale = scale
 
-    def show(self, shown: bool) -> None:
+    def show(self, shown: bool, take_asked: Callable[[], str]) -> None:
         """Show the panels that have a place, or the picture alone; every frame. What was in front
-        is so again when they come back."""
+        is so again when they come back, and then the panel that was asked for, if any."""
         if shown != self._is_shown:
             self._note_what_is_in_front()
             self._is_shown, self._frames = shown, 0
+        asked = take_asked() if shown and self._frames > _SETTLED else ""
+        if asked:
+            imgui.set_window_focus(asked)
+            _bring_to_front(asked)
         docking = hello_imgui.get_runner_params().docking_params
         for panel in self.panels:
             if not panel.is_bare:
@@ -193,9 +197,18 @@ def _named(layout: str, scale: float) -> str:
 
 def _in_front(panels: Sequence[Panel]) -> tuple[str, ...]:
     """Titles of the panels whose tabs are chosen, the one used last at the end."""
-    windows = [imgui.internal.find_window_by_name(panel.label) for panel in panels]
-    shown = [w for w in windows if w is not None and w.active and not w.hidden]
+    shown = [
+        imgui.internal.find_window_by_name(panel.label)
+        for panel in panels
+        if is_in_front(panel.label)
+    ]
     return tuple(window.name for window in sorted(shown, key=lambda window: window.focus_order))
+
+
+def is_in_front(panel: str) -> bool:
+    """Whether the panel of this title is seen."""
+    window = imgui.internal.find_window_by_name(panel)
+    return window is not None and window.active and not window.hidden
 
 
 def _bring_to_front(panel: str) -> None:
@@ -279,6 +292,8 @@ class Hooks:
     may_close: Callable[[], bool]  # False keeps the window open
     frame_rate: Callable[[], float]  # wanted frames a second at rest; 0 = as fast as the screen
     panels_shown: Callable[[], bool]  # False: the picture alone
+    is_opening: Callable[[], bool]  # what a key asked for waits for its panel
+    take_asked_panel: Callable[[], str]  # panel that is to come to the front, once; "" = none
 
 
 @dataclass(frozen=True)
@@ -413,7 +428,7 @@ class Window:
         self.hooks.keys()
 
     def _before_frame(self) -> None:
-        self._key_queue.before_frame()
+        self._key_queue.before_frame(opens=self.hooks.is_opening())
         self._note_size()
         _walk_with_keys()
         rate = 0.0 if self.keys_wait else self.hooks.frame_rate()
@@ -423,7 +438,7 @@ class Window:
         style = imgui.get_style()
         scale = style.font_scale_dpi * style.font_scale_main  # large text needs a large window
         self._layout.fit(imgui.get_io().display_size, scale)
-        self._layout.show(self.hooks.panels_shown())
+        self._layout.show(self.hooks.panels_shown(), self.hooks.take_asked_panel)
         self.hooks.before_frame()
 
     def _after_panels(self) -> None:

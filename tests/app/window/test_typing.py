@@ -206,6 +206,29 @@ def test_a_name_that_is_being_typed_is_left_alone(
     assert list(after[1].values()) == ([name] if name else [])
 
 
+@pytest.mark.parametrize("keys", ["F2 m u g Return", "Control_L+f m u g Return"])
+@pytest.mark.parametrize("hidden", ["", "Tab "], ids=["covered", "hidden"])
+def test_a_field_in_an_unseen_list_comes_to_the_front_and_gets_what_is_typed(
+    display: str, grouped_copy: Path, hidden: str, keys: str
+) -> None:
+    """It opened under another panel, and "mug" went to the picture, as keys."""
+
+    def see(studio: Studio) -> tuple[list[str], str]:
+        session = studio.session
+        if not session.selected_groups():
+            select_groups(session, (1,))
+            session.view.asked_panel = "History"  # in the place of the list
+        document = session.need()
+        return list(document.scene.names.values()), document.feature(SearchState).text
+
+    session = new_session(Settings(first_steps_done=True))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    rest: Stroke = ("Rest", True)
+    script = [rest, *strokes(hidden + keys)]
+    *_, after = type_into(studio, script, in_a_frame=len(script), frame_s=0.5, see=see)
+    assert after == ((["mug"], "") if keys.startswith("F2") else ([], "mug"))
+
+
 _CLICK: list[Stroke] = [("Button1", True), ("Button1", False)]
 
 

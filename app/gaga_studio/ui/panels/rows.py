@@ -74,7 +74,7 @@ class RowState:
     renaming_folder: str | None = None  # folder whose name is one
     text: str = ""  # of that field
     shown: str = ""  # the name when the field was opened: entering it again names nothing
-    has_keyboard: bool = False  # it was asked to take it
+    has_keyboard: bool = False  # it took it; until then it asks
     is_active: bool = False  # it has it
     was_clicked: bool = False  # a row, by which the selection changed: it is in sight
     is_coloring: bool = False  # a group's color is being dragged
@@ -130,7 +130,8 @@ def name_field(state: RowState, name: str, height: float) -> tuple[bool, str] | 
     entered, state.text = imgui.input_text("##Name", theme.noted(state.text), flags)
     imgui.pop_style_var()
     # A field that was not drawn in some frame has lost the keys without being told.
-    was_active, state.is_active, state.has_keyboard = state.is_active, imgui.is_item_active(), True
+    was_active, state.is_active = state.is_active, imgui.is_item_active()
+    state.has_keyboard = state.has_keyboard or state.is_active
     imgui.internal.get_current_window().dc.prev_line_text_base_offset = 0  # the row's is without it
     is_left = entered or (was_active and not state.is_active)
     # Escape brings back what the field was opened with, which is no name that was typed.

@@ -145,7 +145,6 @@ class SearchBoxState:
 def focus(state: SearchBoxState) -> None:
     """Bring the keyboard to the box (Ctrl+F)."""
     state.wants_keyboard = True  # at the next frame
-    imgui.set_window_focus("Objects")
 
 
 def is_low() -> bool:
