@@ -214,15 +214,16 @@ def mapped(stage: Stage[T], change: Callable[[Progress], Progress]) -> Stage[T]:
             yield change(step)
 
 
-class _Share:
+class Share:
     """How far a stage is: a share 0..1 that never goes back, whatever its steps tell of."""
 
     def __init__(self) -> None:
-        self.furthest = 0.0
+        self.furthest, self.is_known = 0.0, False
 
     def of(self, step: Progress) -> float:
         """The share after the newest word; one of which the total is not known stands still."""
         if step.total > 0:
+            self.is_known = True
             self.furthest = max(self.furthest, min(step.done / step.total, 1.0))
         return self.furthest
 
@@ -230,7 +231,7 @@ class _Share:
 def portion(stage: Stage[T], begin: float, end: float, title: str) -> Stage[T]:
     """Run ``stage``; its progress is passed on as that of ``title`` from ``begin`` to ``end``,
     in 0..1."""
-    share = _Share()
+    share = Share()
 
     def change(step: Progress) -> Progress:
         done = round(_STEPS * (begin + (end - begin) * share.of(step)))
@@ -244,7 +245,7 @@ def part(stage: Stage[T], index: int, n_parts: int, title: str, *, prefix: str =
 
     ``prefix`` stands before each message.
     """
-    share = _Share()
+    share = Share()
 
     def change(step: Progress) -> Progress:
         done = index * _STEPS + int(_STEPS * share.of(step))
@@ -260,7 +261,7 @@ def joined(stage: Stage[T], title: str, seconds: Mapping[str, float]) -> Stage[T
 
     A step that is not among them, or that comes back, is told of and has no share of its own.
     """
-    whole, share = sum(seconds.values()), _Share()
+    whole, share = sum(seconds.values()), Share()
     ends = accumulate(seconds.values())
     begins = {name: end - seconds[name] for name, end in zip(seconds, ends, strict=True)}
 

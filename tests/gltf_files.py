@@ -21,8 +21,10 @@ def glb_bytes(gltf: object, binary: bytes | memoryview) -> bytes:
     return head + chunks + struct.pack("<I4s", len(binary), b"BIN\0") + binary
 
 
-def glb_of_spz(spz: bytes, name: str, node: Mapping[str, object] | None = None) -> bytes:
-    """A GLB whose splats are an SPZ, of the extension ``name``, as the draft of Khronos has it."""
+def glb_of_spz(
+    spz: bytes, name: str, node: Mapping[str, object] | None = None, n_times: int = 1
+) -> bytes:
+    """A GLB whose splats are an SPZ ``n_times``, of the extension ``name``: Khronos' draft."""
     packed = {name: {"bufferView": 0}}
     inside = {"kernel": "ellipse", "colorSpace": "srgb_rec709_display", "extensions": packed}
     is_former = name == "KHR_spz_gaussian_splats_compression"  # of the primitive itself
@@ -33,7 +35,9 @@ def glb_of_spz(spz: bytes, name: str, node: Mapping[str, object] | None = None) 
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, **(node or {})}],
-        "meshes": [{"primitives": [{"attributes": {}, "mode": 0, "extensions": extensions}]}],
+        "meshes": [
+            {"primitives": n_times * [{"attributes": {}, "mode": 0, "extensions": extensions}]}
+        ],
         "buffers": [{"byteLength": len(spz) + 3}],
         "bufferViews": [{"buffer": 0, "byteOffset": 3, "byteLength": len(spz)}],
     }

@@ -386,7 +386,7 @@ class Studio:
             lost = "Settings and autosaves are not kept."
             self.session.notify(Level.WARNING, f"{explain_os_error(error, home)} {lost}")
         # While the window opens nobody clicks: half of what a first click needs is compiled then.
-        self.session.jobs.prepare("Prepare kernels", stages.kernels_stage())
+        self.session.jobs.prepare("Prepare kernels", stages.kernels_stage(self.session.rates))
         try:
             self.window.run()
         finally:

@@ -28,7 +28,6 @@ from gaga_core.io.splats.web_page import STAGE as WRITES_PAGE
 from gaga_core.io.splats.web_page import check_room, viewer_bytes
 from gaga_core.progress import Progress, Stage, joined, mapped, run_stage
 from gaga_core.raster import choose
-from gaga_core.scene.bake import STAGE as BAKES
 from gaga_core.scene.bake import bake_stage, with_groups
 from gaga_core.scene.export_manifest import (
     MANIFEST_VERSION,
@@ -121,11 +120,11 @@ class Exported:
     psnr: float | None = None  # dB, see `picture_loss_stage`; None: nothing was decimated
 
 
-_STAGE = "Export"
+STAGE = "Export"
 # Seconds of the steps of a file of 120,000 splats of 50 objects. Only what they are in parts of
 # each other counts.
 _LESS_S = {MERGES: 9.5, COMPARES: 2.5}
-_STEP_S = {BAKES: 0.3, **_LESS_S, DRAWS: 5.0, WRITES_PAGE: 5.0, SORTS: 0.3, WRITES: 1.0}
+_STEP_S = {**_LESS_S, DRAWS: 5.0, WRITES_PAGE: 5.0, SORTS: 0.3, WRITES: 1.0}
 
 
 @of_scene_now
@@ -158,11 +157,10 @@ def export_scene_stage(
     stage = _written(scene, splats, path, form, options, groups=groups, alone=what == "selected")
     is_page, is_less = form is SplatFormat.HTML, options.decimate < 1
     steps = [
-        BAKES,
         *(_LESS_S if is_less else ()),
         *((DRAWS, WRITES_PAGE) if is_page else (SORTS, WRITES)),
     ]
-    return (yield from joined(stage, _STAGE, {step: _STEP_S[step] for step in steps}))
+    return (yield from joined(stage, STAGE, {step: _STEP_S[step] for step in steps}))
 
 
 def _written(
@@ -327,6 +325,7 @@ def export_objects_stage(
                     stage = write_splats_stage(staging / entry.file, placed, form)
                 yield from as_step(step, stage, 1 - merging)
             written.append(_described(entry, options.applied(gaussians, origin), psnr))
+        yield Progress("Export objects", len(objects), len(objects))
         if not written:
             raise GagaError("None of these objects has a surface, so there is nothing to export.")
         ids = {entry.id for entry in written}

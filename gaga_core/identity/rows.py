@@ -28,6 +28,7 @@ from gaga_core.threads import run_chunks
 # rasterizer. Both W E and W^T dF are gathers: the entries are kept by pixel and by Gaussian.
 
 
+STAGE = "Sample pixels"  # of progress
 BYTES_PER_ENTRY = 16  # index and weight, in both orders
 _CHUNK = 2048  # lists of one piece of work
 
@@ -179,7 +180,7 @@ def sample_rows(
                 rows = ViewRows(camera.name, weights, labels[pixels])
         if rows is not None:
             views.append(rows)
-        yield Progress("Sample pixels", i + 1, len(cameras), camera.name, rows)
+        yield Progress(STAGE, i + 1, len(cameras), camera.name, rows)
     if not views:
         raise GagaError("No pixel of the training views has a group. Associate the masks again.")
     return views
@@ -273,7 +274,7 @@ def whole_views(
         if len(chosen) == 1 and first is None:
             alone = WholeViews(gaussians, chosen, maps, rasterizer, config, "", {})
             first = rows = alone.rows(0)
-        yield Progress("Sample pixels", i + 1, len(cameras), camera.name, rows)
+        yield Progress(STAGE, i + 1, len(cameras), camera.name, rows)
     if not any(labels.any() for labels in maps):
         raise GagaError("No pixel of the training views has a group. Associate the masks again.")
     return WholeViews(gaussians, chosen, maps, rasterizer, config, stamp.hexdigest(), {})

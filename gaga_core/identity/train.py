@@ -111,7 +111,7 @@ def load_checkpoint(path: Path, digest: str, n_gaussians: int, n_groups: int) ->
         return Training(values[0], values[1], values[2], tuple(moments), int(arrays["step"]))
 
 
-STAGE = "Train identities"
+STAGE, REFINES = "Train identities", "Refine identities"
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ def _prepare(
                 per_step = estimate.seconds_per_step + (1 - kept) * sampling_time / len(cameras)
                 estimate = TimeEstimate(config.iterations * per_step, per_step)
             message = f"about {max(1, round(estimate.seconds / 60))} min"
-            yield Progress(STAGE, 0, config.iterations, message, estimate)
+            yield replace(progress, message=message, payload=estimate)
         yield Progress(progress.stage, progress.done, progress.total, progress.message)
     settings = replace(config, iterations=2, checkpoint_every=1)
     text = f"{asdict(settings)} {n_groups}"
@@ -371,7 +371,7 @@ def refine_identity(
         cross_entropy(training, batch, gradients)
         adam_step(training, gradients, config.rates)
         message = f"{100 * best.accuracy:.2f} % of held-out pixels right"
-        yield Progress("Refine identities", training.step, config.steps, message)
+        yield Progress(REFINES, training.step, config.steps, message)
         if training.step % config.check_every and training.step < config.steps:
             continue
         fit = _fit(training, tests)

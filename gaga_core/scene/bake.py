@@ -55,6 +55,8 @@ def bake(scene: Scene, *, indices: AnyArray | None = None) -> Gaussians:
 def bake_stage(scene: Scene, *, indices: AnyArray | None = None) -> Stage[Gaussians]:
     """Splats of ``indices`` (K,) (default: the visible ones) as they are seen, in row order.
 
+    What follows takes much longer, so its words tell no share: that would begin again.
+
     Positions, rotations, scales, opacities and all SH bands follow the placement; a map that
     stretches or mirrors changes each covariance to ``A S A^T``, taken apart again. The turn of SH
     is the rotation nearest to the map. Splats whose placement changes nothing, and parameters that
@@ -62,21 +64,19 @@ def bake_stage(scene: Scene, *, indices: AnyArray | None = None) -> Stage[Gaussi
     directions; zeros stay zeros); all others pass through.
     """
     splats = sorted_indices(scene.visible if indices is None else indices, len(scene))
-    yield Progress(STAGE, 0, len(splats))
+    yield Progress(STAGE, 0, 0)
     if len(splats) == len(scene) and not scene.placement.any():
         return scene.gaussians
     out = scene.gaussians.take(splats)
     index = scene.placement[splats]
     order = np.argsort(index, kind="stable")
     rows, starts = np.unique(index[order], return_index=True)
-    done = 0
     for row, piece in zip(rows, np.split(order, starts[1:]), strict=len(rows) > 0):
         for start in range(0, len(piece), _CHUNK):
             chunk = piece[start : start + _CHUNK]
             if row != 0:
                 _bake_row(scene, int(row), out, chunk)
-            done += len(chunk)
-            yield Progress(STAGE, done, len(splats))
+            yield Progress(STAGE, 0, 0)
     return out
 
 

@@ -38,11 +38,12 @@ from gaga_core.io.files import atomic_write, fingerprint, is_file
 from gaga_core.io.folder.lock import lock_folder
 from gaga_core.io.folder.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
 from gaga_core.io.json_file import PathText, read_json
+from gaga_core.io.splats.packing import READS
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.io.splats.sog import LOD_META, META, is_sog_meta, is_streamed_sog
 from gaga_core.io.splats.splat_files import is_same_model, model_fingerprint, read_splats_stage
 from gaga_core.io.splats.spz import OURS, SilentAxes
-from gaga_core.progress import Progress, Stage, part
+from gaga_core.progress import Progress, Stage, part, portion
 from gaga_core.scene.camera_path import (
     Bookmark,
     CameraPath,
@@ -780,7 +781,10 @@ def _open_saved(file: Path) -> Stage[Project]:
     if root is not None and not is_file(root) and is_scene_folder(root):
         yield Progress("Look at the folder", 0, 1, root.name)
         folder = replace(open_scene_folder(root), model_path=model_path)
-    gaussians = yield from read_splats_stage(model_path, entry.axes)
+    n_added = sum(item.gaussians for item in document.added)
+    of_model = entry.gaussians / max(entry.gaussians + n_added, 1)
+    read = read_splats_stage(model_path, entry.axes)
+    gaussians = yield from portion(read, 0, of_model, READS)
     added = _added_of(document.added, file.parent, len(gaussians))
     n_opened = len(gaussians)
     made = made_of(file.parent / document.scene, arrays, sum(item.is_made for item in added))

@@ -85,6 +85,7 @@ def start(session: Session, path: Path) -> None:
         try:
             config = AlignConfig()
             work = stages.prepared(
+                session.rates,
                 TITLE,
                 lambda: align.align_stage(first, capture, config, place),
                 usual_s=sum(align.usual_seconds(first, capture, config).values()),

@@ -74,7 +74,7 @@ def start(session: Session, plan: DatasetPlan, out: Path) -> bool:
 
     return session.jobs.start(
         f"Make data in {out.name}",
-        stages.prepared("Make pictures", stage, parts=("window", "export")),
+        stages.prepared(session.rates, "Make pictures", stage, parts=("window", "export")),
         on_done=lambda text: session.notify(Level.INFO, text, shows=out),
         on_end=end,
         waits=True,

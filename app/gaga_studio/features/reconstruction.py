@@ -1,8 +1,6 @@
 """From photos to splats: the offer, the job, its preview, and its question."""
 
-import json
 import logging
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -12,9 +10,7 @@ import numpy as np
 
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.io.files import atomic_write
 from gaga_core.io.folder.scene_folder import place_aside
-from gaga_core.io.json_file import read_json
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.camera_path import CameraPath, turntable
 from gaga_core.scene.orientation import upright_basis
@@ -36,7 +32,6 @@ T = TypeVar("T")
 TITLE = "Make splats"
 _PARTS: tuple["Part", ...] = ("window", "training")  # of the kernels: what it needs
 _STEPS = 1000  # of the job's bar
-_RATES = "rates.json"  # in the home of gaga-studio
 _LOG = logging.getLogger(__name__)
 _ANYWAY, _STOP = "Use it anyway", "Cancel"
 
@@ -178,7 +173,7 @@ def make(
         former = TrainingUpdate(stopped.cameras, (), stopped.update, *kept)
     if former is not None:
         training.take(former)
-    known, aside = session.feature(KnownRates), place_aside(plan.scene)
+    known, aside = session.rates, place_aside(plan.scene)
     kernels_s = stages.kernels_seconds(*_PARTS)
     estimate = Estimate(found, plan.config, known.rates, kernels_s=kernels_s)
 
@@ -467,42 +462,9 @@ def _in_steps(estimate: "Estimate") -> Callable[[Progress], Progress]:
     return change
 
 
-class KnownRates:
-    """How long each step took on this machine, in parts of what is expected; kept between runs."""
-
-    def __init__(self) -> None:
-        self.rates: dict[str, float] = {}
-        path = paths.home() / _RATES
-        try:
-            self.rates = read_json(path, dict[str, float], "") if path.is_file() else {}
-        except GagaError as error:  # it is measured again
-            _LOG.warning("rates: %s", error)
-
-    def keep(self, rates: dict[str, float]) -> None:
-        """Keep what was measured for the next run."""
-        self.rates = rates
-        try:
-            with atomic_write(paths.home() / _RATES) as temporary:
-                temporary.write_text(json.dumps(rates, indent=1) + "\n", encoding="utf-8")
-        except (GagaError, OSError) as error:  # what was made is there all the same
-            _LOG.warning("rates: %s", error)
-
-
-def timed(session: Session, stage: Stage[T], name: str, usual_s: float) -> Stage[T]:
-    """``stage``, whose time in parts of ``usual_s`` is kept for the next estimate under ``name``.
-
-    Kernels that are prepared do not count.
-    """
-    start = time.monotonic()
-    value = yield from stage
-    known, took = session.feature(KnownRates), time.monotonic() - start
-    known.keep(known.rates | {name: took / usual_s})
-    return value
-
-
 def seconds_of(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -> float:
     """Seconds that making splats takes on this machine."""
-    rates, kernels_s = session.feature(KnownRates).rates, stages.kernels_seconds(*_PARTS)
+    rates, kernels_s = session.rates.rates, stages.kernels_seconds(*_PARTS)
     return max(found.seconds(plan.config, rates, kernels_s), 1.0)
 
 

@@ -133,7 +133,7 @@ def _prepare(session: Session, wanted: Wanted) -> bool:
         if is_held and made is not None:
             _fall(session, wanted, made)
 
-    ready = stages.prepared(PREPARES, lambda: making, parts=("window",))
+    ready = stages.prepared(session.rates, PREPARES, lambda: making, parts=("window",))
     return _begin(
         state,
         wanted,
@@ -329,7 +329,7 @@ def show_parts(session: Session, how: SimulationExport) -> bool:
         session.notify(Level.INFO, " ".join((text, *sentences(world, measure.HOW_TO_SCALE))))
 
     made = world_stage(scene, how.seeing(document.project), groups or None)
-    ready = stages.prepared("Draw", lambda: made, parts=("window",))
+    ready = stages.prepared(session.rates, "Draw", lambda: made, parts=("window",))
     return session.jobs.start("Show convex parts", ready, on_done=done)
 
 

@@ -330,7 +330,8 @@ def associate_other(session: Session) -> bool:
             document.feature(OtherGroups).found = bank, preset, found.labels
 
     config = session.feature(FindState).association(preset)
-    stage = association.associate_project_stage(document.settled(), session.masks, config)
+    rates = session.rates
+    stage = association.associate_project_stage(document.settled(), session.masks, config, rates)
     return session.jobs.start(_job_title(preset), stage, on_done=done)
 
 

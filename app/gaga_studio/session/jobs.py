@@ -19,7 +19,7 @@ from typing import Generic, TypeVar
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_core.progress import TELLING, Pace, Progress, Stage, heard
+from gaga_core.progress import TELLING, Pace, Progress, Share, Stage, heard
 from gaga_studio.session.notices import Level
 
 T = TypeVar("T")
@@ -38,10 +38,9 @@ class Job:
     title: str
     stage: str  # the step it is in; the title until the first progress
     message: str
-    fraction: float  # 0..1; -1 while unknown
+    fraction: float  # 0..1 of the whole, never less than before; -1 while unknown
     eta_s: float | None  # seconds left; None while unknown
     is_cancelling: bool
-    is_of_step: bool = False  # the share is of one of several steps, and begins again with the next
 
 
 class JobRunner:
@@ -306,7 +305,7 @@ class _Delivery(Generic[T]):
         self._heard_at = 0.0  # time of the newest word
         self._said: tuple[float, float] | None = None  # when, and how many seconds were left
         self._paces: dict[str, Pace] = {}  # of the steps that have a share
-        self._steps: set[str] = set()  # those that were named, with a share or without
+        self._share = Share()
 
     def seconds_left(self) -> float | None:
         """Seconds left, as the user reads them: None until enough is measured; they count down, and
@@ -339,9 +338,11 @@ class _Delivery(Generic[T]):
         return pace.left(now) if is_measured else None
 
     @property
-    def is_of_step(self) -> bool:
-        """Whether the share is that of one step of several."""
-        return len(self._steps) > 1 and self.latest is not None and self.latest.left_s is None
+    def fraction(self) -> float:
+        """Share 0..1 of all: stages of several steps tell that of the whole (`joined`, `part`,
+        `portion`), and what one does not join stands still, and never goes back; -1 while
+        unknown."""
+        return self._share.furthest if self._share.is_known else -1.0
 
     def step(self) -> bool:
         """One step of the stage, in the worker; False at its end."""
@@ -352,7 +353,7 @@ class _Delivery(Generic[T]):
             return False
         if progress.payload is not None:
             self._payload = progress.payload
-        self._steps.add(progress.stage)
+        self._share.of(progress)
         self._heard_at = time.monotonic()
         if progress.total > 0:
             pace = self._paces.setdefault(progress.stage, Pace())
@@ -424,13 +425,11 @@ class _Worker(threading.Thread):
         progress = self.delivery.latest
         if progress is None:
             return Job(self.title, self.title, "", -1.0, None, self.is_cancelling)
-        fraction = min(progress.done / progress.total, 1.0) if progress.total > 0 else -1.0
         return Job(
             self.title,
             progress.stage,
             progress.message,
-            fraction,
+            self.delivery.fraction,
             self.delivery.seconds_left(),
             self.is_cancelling,
-            self.delivery.is_of_step,
         )

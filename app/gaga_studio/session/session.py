@@ -45,6 +45,7 @@ from gaga_studio.session.notices import (
     choose_one,
     notifies,
 )
+from gaga_studio.session.rates import KnownRates
 from gaga_studio.session.settings import Settings, load_settings, save_settings
 from gaga_studio.session.view import (
     ImageSource,
@@ -200,6 +201,11 @@ class Session:
         if kind not in self._features:
             self._features[kind] = kind()
         return cast(T, self._features[kind])
+
+    @property
+    def rates(self) -> KnownRates:
+        """How long tasks take on this machine."""
+        return self.feature(KnownRates)
 
     # --- messages
 
@@ -577,7 +583,7 @@ class Session:
             if path is not None:
                 at = project.opened_again_by(path) if isinstance(project, Project) else path
                 self.change_settings(self.settings.opened(at))
-            self.jobs.prepare("Prepare kernels", stages.kernels_stage())
+            self.jobs.prepare("Prepare kernels", stages.kernels_stage(self.rates))
 
         self.jobs.start(f"{_OPEN}{name}", stage, on_done=read)
 

@@ -17,6 +17,7 @@ from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.project import Project, open_path_stage, save_project
 from gaga_core.scene.scene import Scene
+from gaga_studio.session.rates import KnownRates
 
 if TYPE_CHECKING:
     from gaga_core.kernels import Part
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _BAR = 1000  # steps of a bar
+# Seconds of a task of which nothing is known, until it ran once on this machine; in the middle of
+# those on the demo scene, which take 3 s (Split) to 30 s (Measure the objects).
+TASK_S = 10.0
 
 
 def open_demo_stage(folder: Path) -> Stage[Project]:
@@ -42,17 +46,19 @@ def open_stage(path: Path) -> "Stage[Project | PhotoFind]":
     return (yield from open_path_stage(found.scene if found is not None else path))
 
 
-def kernels_stage() -> Stage[None]:
-    """Compile what clicks, the object list and thumbnails run, so that none of them waits for it.
+def kernels_stage(rates: KnownRates, *parts: "Part") -> Stage[None]:
+    """Compile what is not compiled yet of ``parts`` (none: what clicks, the object list and
+    thumbnails run, so that none of them waits for it); ``rates`` learns how fast that goes here.
 
     Once on a machine: later it ends at once.
     """
     from gaga_core.kernels import is_compiled
 
-    if not is_compiled():
-        from gaga_core.pipeline.compile_kernels import warm_up_stage
+    missing = [part for part in parts or ("window",) if not is_compiled(part)]
+    if missing:
+        from gaga_core.pipeline.compile_kernels import usual_seconds, warm_up_stage
 
-        yield from warm_up_stage("window")
+        yield from rates.timed_kernels(warm_up_stage(*missing), usual_seconds(*missing))
 
 
 def kernels_seconds(*parts: "Part") -> float:
@@ -80,34 +86,40 @@ def save_stage(
 
 
 def prepared(
+    rates: KnownRates,
     title: str,
     make: Callable[[], Stage[T]],
     text: str = "Preparing",
     *,
     parts: "tuple[Part, ...]" = ("window", "grouping"),
-    usual_s: float = 0.0,
+    usual_s: float = TASK_S,
+    name: str = "",
 ) -> Stage[T]:
     """Compile the kernels of ``parts`` where needed, then run the stage that ``make`` builds.
 
-    With ``usual_s``, the seconds that the stage takes on a machine like the one on which kernels
-    were measured, both are one bar; without, kernels are a step with a share of its own. All in the
-    job's thread: numba, torch and what ``make`` imports would slow the launch down.
+    Both are one bar. ``usual_s``: seconds that the stage takes on a machine like the one on which
+    kernels were measured; what it took here is kept in ``rates`` under ``name`` (default:
+    ``title``) for the next time. All in the job's thread: numba, torch and what ``make`` imports
+    would slow the launch down.
     """
-    from gaga_core.kernels import is_compiled
+    from gaga_core.kernels import STAGE
 
+    name = name or title
     yield Progress(title, 0, 0, text)
-    missing = [part for part in parts if not is_compiled(part)]
-    if not missing:
-        return (yield from make())
-    from gaga_core.pipeline.compile_kernels import usual_seconds, warm_up_stage
-
-    kernels, work = warm_up_stage(*missing), make()
-    if not usual_s:
-        yield from kernels
+    usual_kernels_s = kernels_seconds(*parts)
+    kernels_s, work_s = usual_kernels_s * rates.of(STAGE), usual_s * rates.of(name)
+    kernels, work = kernels_stage(rates, *parts), rates.timed(make(), name, usual_s)
+    if not usual_kernels_s:
+        yield from kernels  # their last words, if any
         return (yield from work)
-    kernels_s = usual_seconds(*missing)
-    share = kernels_s / (kernels_s + usual_s)
-    yield from mapped(kernels, partial(_within, title, 0.0, share))
+    share = kernels_s / (kernels_s + work_s)
+
+    def change(step: Progress) -> Progress:
+        left = 1 - step.done / step.total if step.total > 0 else 1.0
+        left_s = left * usual_kernels_s * rates.of(STAGE) + usual_s * rates.of(name)
+        return replace(_within(title, 0.0, share, step), left_s=left_s)
+
+    yield from mapped(kernels, change)
     return (yield from mapped(work, partial(_within, title, share, 1.0)))
 
 

@@ -366,6 +366,7 @@ def export_simulation_stage(
         texts[MANIFEST] = described + "\n"
         for name, text in texts.items():
             (staging / name).write_text(text, encoding="utf-8")
+        yield Progress(STEP, n + 1, n + 1)
         publish_all(staging, [*files, *texts], folder)
     return folder / MANIFEST, world
 

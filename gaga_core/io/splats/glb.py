@@ -35,6 +35,7 @@ from gaga_core.io.files import atomic_write, check_memory, open_file
 from gaga_core.io.json_file import decode_json
 from gaga_core.io.splats.packing import (
     EDGE,
+    READS,
     damaged,
     file_inside,
     joined_splats,
@@ -49,7 +50,7 @@ from gaga_core.io.splats.packing import (
     writing,
 )
 from gaga_core.io.splats.spz import decode_spz_stage, turned
-from gaga_core.progress import Stage
+from gaga_core.progress import Stage, portion
 
 MAGIC = b"glTF"
 JSON, BIN = b"JSON", b"BIN\0"  # kinds of chunks
@@ -232,17 +233,21 @@ def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
     gltf, found = buffers.gltf, list[Gaussians]()
     meshes = list(_placed_meshes(gltf))  # a circle is found before memory is taken
     n_stored = n_bytes = path.stat().st_size + buffers.n_stored
-    if sum(len(gltf["meshes"][mesh]["primitives"]) for _, mesh in meshes) > _MOST_PARTS:
+    n_parts, done = sum(len(gltf["meshes"][mesh]["primitives"]) for _, mesh in meshes), 0
+    if n_parts > _MOST_PARTS:
         raise ValueError("too many primitives")
     for place, mesh in meshes:
         for primitive in gltf["meshes"][mesh]["primitives"]:
+            begin, done = done, done + 1
             extensions = primitive.get("extensions", {})
             inside = extensions.get(_EXTENSION, {}).get("extensions", {})
             packed = next((inside[name] for name in _SPZ if name in inside), None)
             packed = extensions.get(_FORMER) if packed is None else packed
             if packed is not None:
                 inner = io.BytesIO(buffers.view(packed["bufferView"]))
-                stored = yield from decode_spz_stage(path, inner, _AXES)
+                decoded = decode_spz_stage(path, inner, _AXES)
+                half = 2 * n_parts  # the other half of the share is that of joining them
+                stored = yield from portion(decoded, begin / half, done / half, READS)
                 splats = turned(stored, _AXES)  # the half turn is its own inverse
             elif any("compression" in str(key) for key in inside):
                 raise GagaError(

@@ -267,6 +267,7 @@ def write_sog_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
                 yield writing(path, n * done // n_files, n)
                 # A zip holds the time of its parts: the same scene gives the same bytes.
                 archive.writestr(zipfile.ZipInfo(name), content)
+            yield writing(path, n, n)
         return
     with staging_folder(path.parent) as staging:
         names = []
@@ -274,6 +275,7 @@ def write_sog_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
             yield writing(path, n * done // n_files, n)
             (staging / name).write_bytes(content)
             names.append(name)
+        yield writing(path, n, n)
         publish_all(staging, names, path.parent)
 
 

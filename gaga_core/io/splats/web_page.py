@@ -115,6 +115,7 @@ def write_page_stage(path: Path, page: Page) -> Stage[None]:
         for done, (name, content) in enumerate(_columns(gaussians, labels, head)):
             yield Progress(STAGE, n * done // _STEPS, n, path.name)
             columns[name] = base64.b64encode(gzip.compress(content, mtime=0)).decode("ascii")
+        yield Progress(STAGE, n, n, path.name)
         columns = {"scene": _json(_described(page, head)), **columns}
         # A title from the name of a folder may have bytes that are no text: they become "?".
         temporary.write_text(_assembled(page.title, columns), encoding="utf-8", errors="replace")

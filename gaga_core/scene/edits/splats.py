@@ -9,8 +9,9 @@ import numpy as np
 from gaga_core.arrays import AnyArray, BoolArray, IntArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.io.splats.packing import READS
 from gaga_core.io.splats.spz import OURS
-from gaga_core.progress import Stage
+from gaga_core.progress import Stage, portion
 from gaga_core.scene.edits.objects import free_group
 from gaga_core.scene.edits.values import (
     AppendFile,
@@ -195,9 +196,11 @@ def with_added_stage(
 ) -> Stage[Gaussians]:
     """Rows of the opened file and of all files that were added to it, read again.
 
+    The share that is told is that of all, the opened file's among them.
     ``made``: in order, those of the entries that an edit made and no file holds.
     """
     whole, left = opened, list(made)
+    n = max((item.first + item.n for item in added), default=0)
     for item in added:
         if item.is_made:
             splats = left.pop(0)
@@ -205,7 +208,8 @@ def with_added_stage(
                 raise GagaError("The splats that the project itself keeps are damaged.")
             whole = joined(whole, splats)
             continue
-        splats, _ = yield from read_added_stage(Path(item.path), item.fingerprint, item.axes)
+        read = read_added_stage(Path(item.path), item.fingerprint, item.axes)
+        splats, _ = yield from portion(read, item.first / n, (item.first + item.n) / n, READS)
         if len(splats) != item.n or len(whole) != item.first:
             raise GagaError(
                 f"{item.path} does not fit the saved project. Put the previous file back."

@@ -30,7 +30,7 @@ from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.json_file import read_json
 from gaga_core.io.splats.packing import COLUMNS, FARTHEST, checked_rows
 from gaga_core.io.splats.sog import LOD_META, META, Bound, LodMeta, Node, Range, write_sog_stage
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, portion
 
 FORMAT = 2  # 1: every four neighbours became one
 FILE, ORDER, NODES = "lod.json", "order.i32", "nodes.npy"
@@ -273,12 +273,12 @@ def write_streamed_sog_stage(folder: Path, tree: LodTree, opened: Gaussians) -> 
                     ranges[node, level] = Range(len(filenames), offset, end - first)
                     offset += end - first
                 filenames.append(name)
-                yield Progress(STAGE, done, total, name)
                 first, end = chunk[0][1][level][0], chunk[-1][1][level][1]
-                splats, _ = tree.read_places(level, first, end, opened)
-                (staging / name).parent.mkdir()
-                yield from write_sog_stage(staging / name, splats)
-                done += len(splats)
+                places = level, first, end
+                written = _chunk_stage(staging / name, tree, places, opened)
+                now = done + end - first
+                yield from portion(written, done / total, now / total, STAGE)
+                done = now
         meta = LodMeta(
             lodLevels=n_levels,
             filenames=filenames,
@@ -293,6 +293,16 @@ def write_streamed_sog_stage(folder: Path, tree: LodTree, opened: Gaussians) -> 
         names = sorted({name.split("/")[0] for name in filenames})
         publish_all(staging, [*names, LOD_META], folder)
     return folder / LOD_META
+
+
+def _chunk_stage(
+    path: Path, tree: LodTree, places: tuple[int, int, int], opened: Gaussians
+) -> Stage[None]:
+    """Write the splats of ``places`` (level, first, end) as a SOG in a folder of their own."""
+    yield Progress(STAGE, 0, 1, path.parent.name)
+    splats, _ = tree.read_places(*places, opened)
+    path.parent.mkdir()
+    yield from write_sog_stage(path, splats)
 
 
 def _boxes(tree: LodTree, ranges: dict[tuple[int, int], Range], n_levels: int) -> Node:

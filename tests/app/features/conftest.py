@@ -1,5 +1,6 @@
 """The small scene, looked at for clicks: once, because that takes seconds."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,16 @@ from gaga_core.scene.selection.click import ClickGraph, click_graph_stage, click
 from gaga_studio.features.commands import run
 from gaga_studio.features.find.click_object import ClickState, key_of
 from gaga_studio.session.session import Session
+from tests.app import told
+from tests.shares import falls
+
+
+@pytest.fixture(autouse=True)
+def no_share_falls() -> Iterator[None]:
+    """Whatever runs here: each job tells one share of all its steps, and it never goes back."""
+    with told.by_job() as heard:
+        yield
+    assert [found for said in heard.values() for found in falls(said)] == []
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ from gaga_studio.features import add_scene, commands
 from gaga_studio.session.session import Session
 from tests.app import told
 from tests.core.scene.captures.scenes import any_similarity, write_furnished, write_scene
+from tests.shares import falls
 
 
 def test_a_scene_without_groups_becomes_one_of_its_name(tmp_path: Path) -> None:
@@ -36,11 +37,12 @@ def test_a_scene_is_added_where_it_fits_and_changes_are_listed(
     assert session.jobs.wait()
     document = session.need()
     scene, n = document.scene, len(document.scene)
-    with told.words() as heard:
+    with told.by_job() as heard:
         add_scene.start(session, second)
         assert session.jobs.wait(400)
-    assert told.falls(heard) == [], "one share of all, which began again at each step"
-    assert len({word.done for word in heard}) > 40
+    (said,) = heard.values()
+    assert falls(said) == [], "one share of all, which began again at each step"
+    assert len({word.done for word in said}) > 40
     found = add_scene.shown(session)
     assert found is not None
     assert found.aligned is not None

@@ -17,7 +17,7 @@ from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.pipeline.compile_kernels import usual_seconds
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
-from gaga_core.progress import Progress, run_stage
+from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.project import decided_groups
 from gaga_core.scene.scene import Scene, Weight
@@ -68,20 +68,53 @@ def test_kernels_that_are_not_compiled_count_in_the_time_and_in_the_bar(
     _forget_kernels(monkeypatch, tmp_path)
     usual, first = usual_seconds("window", "grouping"), association.stage_offer(session)
     assert usual > 30
-    project, config = session.need().project, AssociateConfig()
-    stage = association.associate_project_stage(project, session.masks, config, usual_s=usual / 3)
+    project, config = session.need().project, AssociateConfig.of("paper")
+    finding = association.finding_seconds(project.scene, len(session.masks), "paper")
+    assert first is not None
+    assert first.seconds == pytest.approx(usual + finding)
+    stage = association.associate_project_stage(project, session.masks, config, session.rates)
     steps: list[Progress] = []
     run_stage(stage, steps.append)
     assert {step.stage for step in steps} == {association.TITLE}
     shares = [step.done / step.total for step in steps[1:]]
     assert shares == sorted(shares)
     is_kernel = ["Prepare kernels" in step.message for step in steps[1:]]
-    assert shares[is_kernel.index(False)] == pytest.approx(0.75, abs=0.02)
+    assert shares[is_kernel.index(False)] == pytest.approx(usual / (usual + finding), abs=0.02)
+    lefts = [step.left_s for step, is_one in zip(steps[1:], is_kernel, strict=True) if is_one]
+    assert lefts[0] == pytest.approx(usual + finding)
+    assert None not in lefts, "and the time that is left is that of both"
     assert 0.95 < shares[-1] <= 1
     later = association.stage_offer(session)
-    assert first is not None
     assert later is not None
-    assert first.seconds == pytest.approx(later.seconds + usual)
+    assert later.seconds == pytest.approx(finding * session.rates.of("Find objects, paper"))
+
+
+def test_a_new_installation_expects_of_finding_what_its_kernels_told(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """*Find objects* said 45 s and took 130, on a machine that had taken three times as long as
+    usual for the first kernels."""
+    _forget_kernels(monkeypatch, tmp_path)
+    finding = association.finding_seconds(_scene(session), len(session.masks), "paper")
+
+    at = 0.0
+
+    def kernels() -> Stage[None]:
+        nonlocal at
+        for k in range(5):
+            at = 9.0 * k
+            yield Progress("Prepare kernels", k, 4)
+
+    with monkeypatch.context() as clock:
+        clock.setattr("gaga_studio.session.rates.time.monotonic", lambda: at)
+        run_stage(session.rates.timed_kernels(kernels(), 12.0))
+    offer, usual = association.stage_offer(session), usual_seconds("window", "grouping")
+    assert offer is not None
+    assert offer.seconds == pytest.approx(3 * (usual + finding))
+    session.rates.keep(session.rates.rates | {"Find objects, paper": 2.0})
+    offer = association.stage_offer(session)
+    assert offer is not None
+    assert offer.seconds == pytest.approx(3 * usual + 2 * finding), "it was measured itself"
 
 
 def _split(session: Session) -> None:
@@ -91,7 +124,7 @@ def _split(session: Session) -> None:
 
 
 @pytest.mark.parametrize("start", [association.lift, _split])
-def test_kernels_are_a_step_with_a_share_where_the_time_of_the_rest_is_not_known(
+def test_kernels_have_a_share_of_the_bar_and_of_the_time_of_what_waits_for_them(
     associated: Session,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -105,12 +138,13 @@ def test_kernels_are_a_step_with_a_share_where_the_time_of_the_rest_is_not_known
     while (job := associated.jobs.running) is not None:
         shown += [job] if not shown or job != shown[-1] else []
         associated.jobs.poll()
-    kernels = [job for job in shown if job.stage == "Prepare kernels"]
-    shares = [job.fraction for job in kernels]
+    shares = [job.fraction for job in shown if job.fraction >= 0]
+    kernels = [job for job in shown if "Prepare kernels" in job.message]
     assert shares == sorted(shares)
-    assert 0 <= shares[0] < 0.5
-    assert len(set(shares)) > 5
-    assert all(job.is_of_step for job in kernels), "it is named: the share is not that of the job"
+    assert 0 <= kernels[0].fraction < 0.5
+    assert kernels[-1].fraction < 1
+    assert len({job.fraction for job in kernels}) > 5
+    assert all(job.eta_s is not None for job in kernels)
 
 
 def test_the_papers_groups_are_lifted_and_labels_are_the_classifiers(session: Session) -> None:

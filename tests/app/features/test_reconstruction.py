@@ -22,7 +22,7 @@ from gaga_core.scene.project import open_path_stage
 from gaga_studio.features import objects, reconstruction
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
-from gaga_studio.features.reconstruction import KnownRates, ReconstructionPlan
+from gaga_studio.features.reconstruction import ReconstructionPlan
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, TrainingUpdate, smoothed
@@ -111,7 +111,7 @@ def test_splats_are_shown_while_they_train_and_a_cancelled_training_goes_on(
     session.jobs.cancel()
     assert session.jobs.wait(300)
     assert training.is_stopped
-    assert SURFACES in session.feature(KnownRates).rates, "what was done tells of the next run"
+    assert SURFACES in session.rates.rates, "what was done tells of the next run"
     assert session.shown is training.scene, "it can still be looked at"
     reconstruction.leave_stopped(session)
     assert session.shown is None

@@ -22,6 +22,7 @@ from gaga_studio.session import jobs
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from tests.app import told
+from tests.shares import falls
 
 _FILM = FilmConfig(video=VideoConfig(64, 48, fps=2))
 _DATA = dataset.DatasetPlan(DatasetConfig(views=2, width=64, height=64, fill=False), ("coco",))
@@ -81,10 +82,10 @@ def _started(session: Session, name: str, to: Path) -> str:
 def test_one_that_is_done_says_what_it_made_and_where(
     walked: Session, name: str, tmp_path: Path
 ) -> None:
-    with told.words() as heard:
+    with told.by_job() as heard:
         _started(walked, name, tmp_path)
         assert walked.jobs.wait()
-    assert told.falls(heard) == [], "one share of the whole"
+    assert [falls(said) for said in heard.values()] == [[]], "one share of the whole"
     assert walked.notices
     assert {n.level for n in walked.notices} <= {Level.INFO, Level.WARNING}
     if name in _WRITE:

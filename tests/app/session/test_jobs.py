@@ -4,6 +4,7 @@ import logging
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
@@ -164,8 +165,8 @@ class _Told:
         return self._delivery.seconds_left()
 
     @property
-    def is_of_step(self) -> bool:
-        return self._delivery.is_of_step
+    def fraction(self) -> float:
+        return self._delivery.fraction
 
 
 def test_rate_gives_the_time_that_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -207,9 +208,19 @@ def test_a_first_word_that_waited_does_not_spoil_the_time_left(
             first = first or at
             assert left == pytest.approx(word_s * (n - done), abs=1e-6)
     assert 5 <= first - prepared_s <= 10
-    assert not told.is_of_step
     assert told.hear(at, 0, 10, "Fill") is None
-    assert told.is_of_step, "a share that begins again is said to be of a step"
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_share_that_is_shown_never_falls(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever a stage says: steps that come again, a share that is not known any more."""
+    told, rng, before = _Told(monkeypatch), np.random.default_rng(seed), -1.0
+    for at in range(200):
+        total = int(rng.integers(0, 9))
+        told.hear(at, float(rng.uniform(0, total + 1)), total, str(rng.choice(["Look", "Fill"])))
+        assert before <= told.fraction <= 1
+        assert (told.fraction < 0) == (before < 0 and total == 0), "known from its first share on"
+        before = told.fraction
 
 
 @pytest.mark.parametrize("known_s", [0.5, 4.0])

@@ -18,7 +18,7 @@ from gaga_core.scene.scene import State
 from gaga_studio.features import export, selection, transform
 from gaga_studio.features.camera import go_to_view
 from gaga_studio.features.find import association
-from gaga_studio.features.reconstruction import KnownRates
+from gaga_studio.session.rates import KnownRates
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import ToolName
 from tests.app.folders import write_scene
@@ -64,7 +64,7 @@ class _Walk:
             association.stage_offer(d.session),
             f"Find objects, {d.session.settings.preset}",
         )
-        before = d.session.feature(KnownRates).rates.get(name, 1.0)
+        before = d.session.rates.of(name)
         assert offer is not None
         usual = offer.seconds / before - usual_seconds("window", "grouping")
         d.click("**/###Find objects")

@@ -28,8 +28,9 @@ from gaga_studio.features.find.association import FindState
 from gaga_studio.features.find.click_object import ClickState
 from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.features.find.search import SearchState
-from gaga_studio.features.reconstruction import TITLE, KnownRates, ReconstructionPlan, found_text
+from gaga_studio.features.reconstruction import TITLE, ReconstructionPlan, found_text
 from gaga_studio.session.jobs import Job
+from gaga_studio.session.rates import KnownRates
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode
 from gaga_studio.ui.chrome import status
@@ -381,7 +382,7 @@ def test_one_bar_for_all_steps_from_the_kernels_on(
     write_photos(tmp_path / "shots", 6)
 
     def walk(d: Driver) -> None:
-        before = d.session.feature(KnownRates).rates
+        before = d.session.rates.rates
         d.click("**/###Settings…")
         d.click("**/More")
         d.type_into("**/##Iterations", "30")
@@ -399,7 +400,7 @@ def test_one_bar_for_all_steps_from_the_kernels_on(
         assert shares[-1] > 0.7
         assert all("%" in text and text.endswith("left") for job, text in own if job.fraction >= 0)
         # These photos have no background to look for.
-        rates = d.session.feature(KnownRates).rates
+        rates = d.session.rates.rates
         assert rates != before
         assert KnownRates().rates == rates, "they are kept"
         assert set(rates) | {BACKGROUND} >= set(STEPS)

@@ -28,7 +28,7 @@ from gaga_core.io.splats import ply
 from gaga_core.io.splats.glb import Buffers
 from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.io.splats.splat_files import SplatFormat, read_splats
-from gaga_core.progress import Progress, run_stage
+from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits.history import History
@@ -38,6 +38,7 @@ from gaga_core.scene.orientation import guess_up
 from gaga_core.scene.scene import Scene, State
 from tests.core.scene.edits.edit_walk import builders, random_affine, walk_scene
 from tests.scenes import random_gaussians
+from tests.shares import falls, shares
 
 COLUMNS = ("means", "quats", "log_scales", "logit_opacities", "sh")
 
@@ -331,6 +332,36 @@ def test_solids_stand_for_objects_in_the_place_and_size_of_the_files(tmp_path: P
     mesh = MeshExport(MeshForm.MESH, MeshFile.GLB, MeshConfig(8))
     with pytest.raises(GagaError, match="None of these objects has a surface"):
         run_stage(export_objects_stage(scene, tmp_path / "d", form=mesh))
+
+
+_FORMS: list[SplatFormat | MeshExport] = [
+    *SplatFormat,
+    *(MeshExport(form, file, MeshConfig(12)) for form in MeshForm for file in MeshFile),
+]
+
+
+@pytest.mark.parametrize("decimate", [1.0, 0.3])
+@pytest.mark.parametrize("form", _FORMS, ids=lambda form: getattr(form, "suffix", str(form)))
+def test_an_export_tells_one_share_that_never_falls_and_ends_whole(
+    form: SplatFormat | MeshExport, decimate: float, tmp_path: Path
+) -> None:
+    """Of the scene and of its objects, in every form, whatever steps it has."""
+    n, options = 1500, ExportOptions(decimate=decimate)
+    scene = Scene.of(random_gaussians(n, sh_degree=1), np.arange(n, dtype=np.int32) // 500)
+    moved = random_affine(np.random.default_rng(0))
+    History(scene).do(edits.transform(scene, np.arange(700), moved))
+    stages: list[Stage[Any]] = [
+        export_objects_stage(scene, tmp_path / "out", form=form, options=options)
+    ]
+    if isinstance(form, SplatFormat):
+        path = tmp_path / f"scene{form.suffix}"
+        stages.append(export_scene_stage(scene, path, form=form, options=options))
+    for stage in stages:
+        words: list[Progress] = []
+        run_stage(stage, words.append)
+        assert falls(words) == []
+        assert shares(words)[0] < 0.5
+        assert shares(words)[-1] == pytest.approx(1)
 
 
 @pytest.mark.parametrize("form", [*MeshForm, SplatFormat.PLY, "merged"])

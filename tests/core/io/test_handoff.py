@@ -19,14 +19,22 @@ from gaga_core.io.meshes import MeshFile, write_mesh
 from gaga_core.io.splats import packing
 from gaga_core.io.splats.glb import Buffers
 from gaga_core.io.splats.packing import unit_quats
-from gaga_core.io.splats.splat_files import SplatFormat, form_of, losses, read_splats, write_splats
-from gaga_core.progress import run_stage
+from gaga_core.io.splats.splat_files import (
+    SplatFormat,
+    form_of,
+    losses,
+    read_splats,
+    read_splats_stage,
+    write_splats,
+)
+from gaga_core.progress import Progress, run_stage
 from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.selection.bounds import oriented_box
 from tests.core.io.splat_parts import angles, covariances, ksplat
 from tests.gltf_files import glb_bytes, glb_of_spz, silent_spz
 from tests.peer_tools import node_tool
 from tests.scenes import random_gaussians
+from tests.shares import falls, shares
 
 _SHARED = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "splats"
 _TRANSFORM = node_tool("@playcanvas/splat-transform/bin/cli.mjs")
@@ -162,6 +170,19 @@ def test_splats_that_are_packed_as_spz_are_read_from_a_glb(tmp_path: Path, name:
     assert angles(back.quats, turned).max() < 2e-3
     odd = [False, True, False, True, False, True, False, True, False]  # in x and y, by coefficient
     np.testing.assert_allclose(back.sh, np.where(np.array(odd)[:, None], -here.sh, here.sh))
+
+
+def test_reading_pieces_of_a_glb_tells_one_share_that_never_falls(tmp_path: Path) -> None:
+    """Each piece began again at 0."""
+    spz, glb = tmp_path / "a.spz", tmp_path / "a.glb"
+    write_splats(spz, random_gaussians(60, sh_degree=1))
+    name = "KHR_gaussian_splatting_compression_spz_2"
+    glb.write_bytes(glb_of_spz(spz.read_bytes(), name, n_times=3))
+    words: list[Progress] = []
+    run_stage(read_splats_stage(glb), words.append)
+    assert falls(words) == []
+    assert shares(words)[-1] == 1
+    assert len(set(shares(words))) > 3 * 3, "within each"
 
 
 def test_damaged_and_other_compressions_in_a_glb_are_one_sentence(tmp_path: Path) -> None:

@@ -13,10 +13,17 @@ from gaga_core.grouping.associate import AssociateConfig, Association, BankSnaps
 from gaga_core.grouping.memory_bank import MemoryBank, Preset
 from gaga_core.identity.field import FILE as IDENTITY_FILE
 from gaga_core.identity.field import encoding_colors, save_identity
-from gaga_core.identity.lift import LiftConfig, lift_groups, mode_of_preset, task_of_association
+from gaga_core.identity.lift import (
+    STAGE,
+    LiftConfig,
+    lift_groups,
+    mode_of_preset,
+    task_of_association,
+)
 from gaga_core.identity.lift import Mode as LiftMode
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.io.folder.scene_folder import SceneFolder, select_views
+from gaga_core.kernels import STAGE as PREPARES
 from gaga_core.masks import MaskSet
 from gaga_core.pipeline.associate import with_silhouettes
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
@@ -28,10 +35,10 @@ from gaga_core.scene.edits.splats import ids_of_added, spread
 from gaga_core.scene.project import Project, decided_groups
 from gaga_core.scene.scene import LabelSource, Scene
 from gaga_studio.features.base import Command, ask, needs, no_bank, no_masks, watch
-from gaga_studio.features.reconstruction import KnownRates, timed
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
+from gaga_studio.session.rates import KnownRates
 from gaga_studio.session.session import NO_OBJECTS_OF_A_FILE, Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
@@ -91,7 +98,8 @@ def lift(session: Session, mode: LiftMode | None = None) -> None:
     preset: Preset = bank.preset if bank is not None else "paper"
     mode = mode or lift_mode(session.settings, preset) or mode_of_preset(preset)
     options = session.feature(FindState).identities.config(preset, mode)
-    stage = lift_project_stage(document.project, session.masks, mode, options)
+    rates = session.rates
+    stage = lift_project_stage(document.project, session.masks, mode, options, rates)
     used = mode == "paper" and preset != "robust"
 
     check = watch(session, document, _CHANGED, lambda: document.settled().scene.bank is bank)
@@ -147,12 +155,8 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
     config = session.feature(FindState).association(preset)
     found = stages.masks_of(document.project, provider or session.provider)
     session.provider, session.masks = found
-    usual = _finding_seconds(document.scene, len(session.masks), preset)
-
-    def counted(stage: Stage[Association]) -> Stage[Association]:
-        return timed(session, stage, _rate_name(preset), usual)
-
-    stage = associate_project_stage(document.project, session.masks, config, counted, usual)
+    rates = session.rates
+    stage = associate_project_stage(document.project, session.masks, config, rates)
     progress, end = watch_bank(session)
 
     def done(result: Association) -> None:
@@ -235,13 +239,12 @@ def associate_project_stage(
     project: Project,
     masks: MaskSet,
     config: AssociateConfig,
-    counted: Callable[[Stage[Association]], Stage[Association]] = lambda stage: stage,
-    usual_s: float = 0.0,
+    rates: KnownRates,
 ) -> Stage[Association]:
     """Associate the masks of the train views (test views are for scores, as in ``gaga associate``).
 
-    Works on the Gaussians of the file: the photos show them where they stood. ``counted`` measures
-    the stage without the kernels that are prepared before; ``usual_s``: see `stages.prepared`.
+    Works on the Gaussians of the file: the photos show them where they stood. ``rates``: see
+    `stages.prepared`.
     """
     if project.folder is None or len(masks) == 0:
         raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
@@ -250,10 +253,12 @@ def associate_project_stage(
     config = with_silhouettes(config, project.folder, masks)
 
     return stages.prepared(
+        rates,
         TITLE,
-        lambda: counted(associate_stage(gaussians, cameras, masks, choose(), config)),
+        lambda: associate_stage(gaussians, cameras, masks, choose(), config),
         "Preparing (the first run takes a little longer)",
-        usual_s=usual_s,
+        usual_s=finding_seconds(project.scene, len(masks), config.preset),
+        name=_rate_name(config.preset),
     )
 
 
@@ -267,7 +272,7 @@ class LiftedScene:
 
 
 def lift_project_stage(
-    project: Project, masks: MaskSet, mode: LiftMode, config: LiftConfig
+    project: Project, masks: MaskSet, mode: LiftMode, config: LiftConfig, rates: KnownRates
 ) -> Stage[LiftedScene]:
     """Give the groups of the open scene identity encodings; write SCENE/gaga/identity.npz.
 
@@ -306,7 +311,8 @@ def lift_project_stage(
         colors = encoding_colors(identity.field.encodings)
         return LiftedScene(identity.labels, identity.confidence, colors)
 
-    return stages.prepared("Lift groups", lift)
+    usual_s = lifting_seconds(mode, config, cameras)
+    return stages.prepared(rates, STAGE, lift, usual_s=usual_s, name=f"{STAGE}, {mode}")
 
 
 _no_identities = needs(
@@ -350,6 +356,7 @@ COMMANDS: tuple[Command, ...] = (
 _SECONDS_PER_VIEW = {"paper": 0.6, "released": 0.4, "robust": 1.2}
 _LEAST_SECONDS = 2.0
 _SECONDS_PER_PHOTO = 0.7  # regions: depth, superpixels and merging
+_SECONDS_PER_VIEW_LIFTED = {"vote": 0.1, "refine": 0.3, "paper": 0.1}  # the demo scene's views
 _SECONDS_PER_STEP = 0.02  # of identities from zeros, 16,384 pixels each
 _SECONDS_PER_PIXEL = 2.4e-6  # ... of a step on all pixels, measured on ycb_table
 
@@ -359,6 +366,12 @@ def training_seconds(config: LiftConfig, cameras: Sequence[Camera]) -> float:
     n, whole = config.paper.rows.per_view, max((c.width * c.height for c in cameras), default=0)
     per_step = _SECONDS_PER_STEP * n / 16384 if n else _SECONDS_PER_PIXEL * whole
     return config.paper.iterations * per_step
+
+
+def lifting_seconds(mode: LiftMode, config: LiftConfig, cameras: Sequence[Camera]) -> float:
+    """Estimated time to lift groups to identities from views of ``cameras``."""
+    training = training_seconds(config, cameras) if mode == "paper" else 0.0
+    return len(cameras) * _SECONDS_PER_VIEW_LIFTED[mode] + training
 
 
 def training_text(config: LiftConfig, cameras: Sequence[Camera]) -> str:
@@ -414,20 +427,25 @@ def _rate_name(preset: str) -> str:
     return f"Find objects, {preset}"
 
 
-def _finding_seconds(scene: Scene, n_masks: int, preset: str) -> float:
+def finding_seconds(scene: Scene, n_masks: int, preset: str) -> float:
     """Seconds that finding objects takes on two idle cores."""
     millions = len(scene) / 1e6
     return _LEAST_SECONDS + n_masks * _SECONDS_PER_VIEW.get(preset, 1.0) * (0.1 + millions)
 
 
 def offer_of(
-    project: Project, n_masks: int, preset: str, training_s: float = 0.0, rate: float = 1.0
+    project: Project,
+    n_masks: int,
+    preset: str,
+    training_s: float = 0.0,
+    rate: float = 1.0,
+    kernels_s: float = 0.0,
 ) -> StageOffer:
     """Return the stage that a scene without groups needs.
 
     ``n_masks``: views with masks; ``training_s``: what identities take after the groups; ``rate``:
-    how many times as long as usual finding objects took on this machine, which kernels that are
-    not compiled yet take, too.
+    how many times as long as usual finding objects takes on this machine; ``kernels_s``: what
+    kernels that are not compiled yet take here.
     """
     folder, scene = project.folder, project.scene
     if folder is None:
@@ -437,9 +455,7 @@ def offer_of(
     if n_masks == 0:
         names = ", ".join(folder.mask_folders)
         return StageOffer(f"No file in masks/{names} has the name of a photo. Rename the masks.")
-    kernels_s = stages.kernels_seconds("window", "grouping")
-    usual = kernels_s + _finding_seconds(scene, n_masks, preset)
-    seconds = rate * usual + training_s
+    seconds = kernels_s + rate * finding_seconds(scene, n_masks, preset) + training_s
     return StageOffer(
         f"{_photos_have(n_masks)} masks but no objects yet.",
         TITLE,
@@ -485,5 +501,6 @@ def stage_offer(session: Session) -> StageOffer | None:
     options = session.feature(FindState).identities.config(session.settings.preset, "paper")
     training = training_seconds(options, session.cameras) if trains else 0.0
     preset = session.settings.preset
-    rate = session.feature(KnownRates).rates.get(_rate_name(preset), 1.0)
-    return offer_of(document.project, len(session.masks), preset, training, rate)
+    kernels_s, rates = stages.kernels_seconds("window", "grouping"), session.rates
+    here = rates.of(_rate_name(preset)), kernels_s * rates.of(PREPARES)
+    return offer_of(document.project, len(session.masks), preset, training, *here)

@@ -36,6 +36,7 @@ from gaga_studio.features.find.memory_bank import KnownViews
 from gaga_studio.session import stages
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, UserQuestion, notifies
+from gaga_studio.session.rates import KnownRates
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 
@@ -515,7 +516,8 @@ def make_live(session: Session, request: MaskRequest) -> None:
     found: list[Association] = []  # newest last; the worker adds, nothing is changed
     ended: list[SegmentReport] = []
     progress, end_of_live = association.watch_bank(session)
-    stage = _stage(document.project, request, _config(session), found)
+    how = _config(session), session.rates
+    stage = _stage(document.project, request, how, found)
 
     def done(report: SegmentReport) -> None:
         ended.append(report)
@@ -541,7 +543,10 @@ def _config(session: Session) -> AssociateConfig:
 
 
 def _stage(
-    project: Project, request: MaskRequest, config: AssociateConfig, found: list[Association]
+    project: Project,
+    request: MaskRequest,
+    how: tuple[AssociateConfig, KnownRates],
+    found: list[Association],
 ) -> Stage[SegmentReport]:
     """Make the masks; append to ``found`` the objects of the photos so far."""
     folder = project.folder
@@ -563,12 +568,12 @@ def _stage(
             is_due = _SHARE * (time.perf_counter() - mark) >= cost
             if len(views) >= _LEAST_VIEWS and is_due:
                 began = time.perf_counter()
-                yield from _objects(project, step, views, config, found)
+                yield from _objects(project, step, views, how, found)
                 mark, n_seen = time.perf_counter(), len(views)
                 cost = mark - began
     if len(views) > n_seen:
         last = Progress(LIVE_TITLE, 1, 1, "", ViewDone(report.folder, views[-1]))
-        yield from _objects(project, last, views, config, found)
+        yield from _objects(project, last, views, how, found)
     return report
 
 
@@ -576,7 +581,7 @@ def _objects(
     project: Project,
     step: Progress,
     views: list[str],
-    config: AssociateConfig,
+    how: tuple[AssociateConfig, KnownRates],
     found: list[Association],
 ) -> Stage[None]:
     """Associate the masks of ``views``; progress stays that of the masks (``step``)."""
@@ -585,9 +590,8 @@ def _objects(
     assert folder is not None  # `_stage` looked
     known = [camera.name for camera in folder.cameras]
     text = f"objects in {len(views)} photos"
-    stage = association.associate_project_stage(
-        project, mask_folder(done.folder, views, known), config
-    )
+    masks = mask_folder(done.folder, views, known)
+    stage = association.associate_project_stage(project, masks, *how)
     newest = yield from mapped(stage, lambda _: replace(step, payload=None, message=text))
     found.append(newest)
     snapshot = BankSnapshot(done.view, newest.bank, newest.bank.n_groups)

@@ -38,6 +38,7 @@ from gaga_studio.session import stages
 from gaga_studio.session.camera_rig import Pose
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
+from gaga_studio.session.rates import KnownRates
 from gaga_studio.session.scene_cache import labels_of_bank
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, ViewState
@@ -134,7 +135,9 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
         session.notify(Level.INFO, repair.sentence())
 
     name = "Associate again"
-    return session.jobs.start(name, stages.prepared(name, stage), progress, done, end)
+    return session.jobs.start(
+        name, stages.prepared(session.rates, name, stage), progress, done, end
+    )
 
 
 def _edit_of(scene: Scene, before: IntArray, repair: "Repair", title: str) -> edits.Edit | None:
@@ -201,7 +204,12 @@ def split_by_masks(session: Session) -> bool:
         text = f"{name} is two now: {len(split.masks)} of its {len(log)} masks and "
         session.notify(Level.INFO, f"{text}{len(split.rows):,} splats left it.")
 
-    return session.jobs.start(f"Split {name}", stages.prepared("Vote again", stage), None, done)
+    return session.jobs.start(
+        f"Split {name}",
+        stages.prepared(session.rates, "Vote again", stage),
+        None,
+        done,
+    )
 
 
 # --- shared by both repairs
@@ -388,9 +396,11 @@ def add_views(session: Session) -> bool:
         association.lift_after_finding(session, config.preset)
 
     stage = stages.prepared(
+        session.rates,
         "Add views",
         lambda: add_to_edited_stage(gaussians, cameras, masks, edited, choose(), config),
         "Preparing (the first run takes a little longer)",
+        usual_s=association.finding_seconds(scene, n_new, config.preset),
     )
     return session.jobs.start("Add photos and masks", stage, progress, done, end)
 
@@ -445,7 +455,7 @@ def toggle_timeline(session: Session) -> bool:
             _show(session, document)
 
     name = "Replay the memory bank"
-    return session.jobs.start(name, stages.prepared(name, stage), on_done=done)
+    return session.jobs.start(name, stages.prepared(session.rates, name, stage), on_done=done)
 
 
 def _show(session: Session, document: Document) -> None:
@@ -588,7 +598,9 @@ def mask_splats_of(session: Session, decision: Decision) -> "MaskSplats | None":
         asked = (decision.view, evidence)
         if session.jobs.quiet is None and asked not in known.looked_at:
             known.looked_at.add(asked)  # once: a view that cannot be read fails every time
-            session.jobs.start_quiet("Look at the view", _look_stage(evidence, camera))
+            session.jobs.start_quiet(
+                "Look at the view", _look_stage(evidence, camera, session.rates)
+            )
         return None
     key = (decision.view, decision.mask, evidence)
     if known.lit is None or known.lit[0] != key:
@@ -665,7 +677,7 @@ def _view_of(session: Session, decision: Decision) -> "tuple[Document, Evidence,
         return None
 
 
-def _look_stage(evidence: "Evidence", camera: Camera) -> Stage[object]:
+def _look_stage(evidence: "Evidence", camera: Camera, rates: KnownRates) -> Stage[object]:
     """Find the accepted depths of the masks of one view."""
 
     def gather() -> Stage[object]:
@@ -674,7 +686,7 @@ def _look_stage(evidence: "Evidence", camera: Camera) -> Stage[object]:
         yield from gather_stage(evidence.only([camera]), choose(), only_bounds=True)
         return None
 
-    return stages.prepared("Look at the view", gather)
+    return stages.prepared(rates, "Look at the view", gather)
 
 
 # --- quality of the objects
@@ -699,7 +711,7 @@ def measure_quality(session: Session) -> bool:
         document.feature(ObjectQuality).by_labels[digest] = found
 
     title = "Measure the objects"
-    return session.jobs.start(title, stages.prepared(title, stage), None, done)
+    return session.jobs.start(title, stages.prepared(session.rates, title, stage), None, done)
 
 
 def shown_quality(session: Session) -> "tuple[Quality | None, bool]":

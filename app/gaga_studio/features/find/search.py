@@ -531,7 +531,10 @@ def index(session: Session) -> None:
     frozen = replace(project, scene=replace(project.scene))
 
     stage = stages.prepared(
-        "Index the objects", lambda: refresh_index(frozen, _load_embedder()), "Loading the model"
+        session.rates,
+        "Index the objects",
+        lambda: refresh_index(frozen, _load_embedder()),
+        "Loading the model",
     )
 
     def done(made: GroupIndex) -> None:

@@ -1,7 +1,7 @@
 """The status bar: what a click does now, the running task, and figures of the picture."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 from imgui_bundle import ImVec2, imgui
@@ -123,8 +123,7 @@ def _job(session: Session, job: Job, width: float) -> None:
     words = imgui.calc_text_size(job_text(job)).x
     bar = em(_BAR) if words + cancel + em(_GAPS + _BAR) <= width else em(_SHORT_BAR)
     room = width - cancel - bar - em(_GAPS - 0.1)
-    shown = job if words <= room else replace(job, is_of_step=False)  # the time left is read first
-    text = job_text(shown)
+    text = job_text(job)
     if (wide := imgui.calc_text_size(text).x) > room:  # the share is read before the title, too
         of_title = imgui.calc_text_size(job.title).x
         title = widgets.elided(job.title, max(of_title - (wide - room), 0.0))
@@ -152,14 +151,13 @@ def _job(session: Session, job: Job, width: float) -> None:
 
 
 def job_text(job: Job) -> str:
-    """ "Find objects 45 %, 12 s left"; the step is named where the share is its own."""
+    """ "Find objects 45 %, 12 s left"; the step is named while the share is not known."""
     if job.is_cancelling:
         return f"{job.title}: stopping"
-    names_step = (job.is_of_step or job.fraction < 0) and not job.title.startswith(job.stage)
-    step = f": {job.stage[:1].lower()}{job.stage[1:]}" if names_step else ""
     if job.fraction < 0:
-        return f"{job.title}{step}"
-    text = f"{job.title}{step}  {100 * job.fraction:.0f} %"
+        names_step = not job.title.startswith(job.stage)
+        return f"{job.title}: {job.stage[:1].lower()}{job.stage[1:]}" if names_step else job.title
+    text = f"{job.title}  {100 * job.fraction:.0f} %"
     if job.eta_s is not None:
         text += f", {duration(job.eta_s)} left"
     return text

@@ -17,6 +17,7 @@ from gaga_core.progress import Progress, run_stage
 from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.tree import LodTree, write_streamed_sog_stage
 from tests.scenes import random_gaussians
+from tests.shares import falls, shares
 
 N = 40_000
 
@@ -49,6 +50,17 @@ def test_finest_level_comes_back(written: Path, tree: LodTree, opened: Gaussians
         found = read_splats(path)
         assert len(found) == N
         assert np.abs(found.means - opened.means[tree.order]).max() < 1e-3
+
+
+def test_writing_tells_one_share_that_never_falls_and_ends_whole(
+    tree: LodTree, opened: Gaussians, tmp_path: Path
+) -> None:
+    """Each chunk began again at 0."""
+    words: list[Progress] = []
+    run_stage(write_streamed_sog_stage(tmp_path, tree, opened), words.append)
+    assert falls(words) == []
+    assert shares(words)[-1] == 1
+    assert len(set(shares(words))) > 2 * len(list(tmp_path.glob("*/meta.json"))), "within each"
 
 
 def test_reading_tells_one_share_that_goes_on(written: Path, tmp_path: Path) -> None:
