@@ -19,16 +19,14 @@ from typing import Generic, TypeVar
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
-from gaga_core.progress import TELLING, Pace, Progress, Share, Stage, heard
+from gaga_core.progress import RECENT_S, TELLING, Pace, Progress, Share, Stage, heard
 from gaga_studio.session.notices import Level
 
 T = TypeVar("T")
 Notify = Callable[[Level, str], None]
 _LOG = logging.getLogger(__name__)
 _QUIET_STEP_S = 60.0  # longest step of a quiet job: seconds of compiling, on a busy machine
-# For how long a rate is measured before it is said, and in how many seconds what is said follows
-# two thirds of a change: as long as a person needs to read it, about.
-_MEASURED_S, _FOLLOWS_S = 5.0, 3.0
+_FOLLOWS_S = 3.0  # in which what is said follows two thirds of a change: it takes that to read it
 
 
 @dataclass(frozen=True)
@@ -334,7 +332,7 @@ class _Delivery(Generic[T]):
             return max(latest.left_s - (now - self._heard_at), 0.0)
         pace = self._paces[latest.stage]
         done = min(latest.done / latest.total, 1.0) - pace.first
-        is_measured = pace.measured_s >= _MEASURED_S and done >= TELLING * (1 - pace.first)
+        is_measured = pace.measured_s >= RECENT_S and done >= TELLING * (1 - pace.first)
         return pace.left(now) if is_measured else None
 
     @property

@@ -195,7 +195,14 @@ def test_opening_a_scene_prepares_the_kernels_beside(
 
 
 @pytest.mark.parametrize(
-    ("seconds", "text"), [(0.2, "1 s"), (12.2, "12 s"), (61, "61 s"), (200, "3 min 20 s")]
+    ("seconds", "text"),
+    [
+        (0.2, "under a minute"),
+        (59, "under a minute"),
+        (61, "about 1 min"),
+        (200, "about 3 min"),
+        (7300, "about 2 h"),
+    ],
 )
 def test_a_running_job_says_what_how_far_and_how_long(seconds: float, text: str) -> None:
     job = Job("Find objects", "Find objects", "", -1.0, None, False)

@@ -151,7 +151,7 @@ def _job(session: Session, job: Job, width: float) -> None:
 
 
 def job_text(job: Job) -> str:
-    """ "Find objects 45 %, 12 s left"; the step is named while the share is not known."""
+    """ "Find objects 45 %, under a minute left"; the step is named while the share is not known."""
     if job.is_cancelling:
         return f"{job.title}: stopping"
     if job.fraction < 0:
@@ -159,16 +159,19 @@ def job_text(job: Job) -> str:
         return f"{job.title}: {job.stage[:1].lower()}{job.stage[1:]}" if names_step else job.title
     text = f"{job.title}  {100 * job.fraction:.0f} %"
     if job.eta_s is not None:
-        text += f", {duration(job.eta_s)} left"
+        text += f", {time_left(job.eta_s)}"
     return text
 
 
-def duration(seconds: float) -> str:
-    """ "12 s" or "3 min 20 s"."""
-    whole = max(round(seconds), 1)
-    if whole < 90:
-        return f"{whole} s"
-    return f"{whole // 60} min {whole % 60} s"
+def time_left(seconds: float) -> str:
+    """ "under a minute left" or "about 3 min left": no finer than it is known, as other programs
+    may take the machine at any time."""
+    if seconds < 60:
+        return "under a minute left"
+    minutes = round(seconds / 60)
+    if minutes < 90:
+        return f"about {minutes} min left"
+    return f"about {round(seconds / 3600)} h left"
 
 
 def _figures_text(session: Session, figures: FrameFigures | None) -> str:

@@ -10,6 +10,7 @@ from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
+from gaga_studio.ui.chrome.status import time_left
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.modal import begin_modal, begin_part, body_height, close_row
 from gaga_studio.ui.kit.theme import em
@@ -163,7 +164,8 @@ def _progress(session: Session, job: Job) -> None:
     if widgets.button("Cancel", Face(width=-1), why_not=why_not):
         session.jobs.cancel()
     if job.eta_s is not None:
-        widgets.dim(f"About {job.eta_s:.0f} s left. After a cancel, Get continues from here.")
+        left = time_left(job.eta_s)
+        widgets.dim(f"{left[0].upper()}{left[1:]}. After a cancel, Get continues from here.")
 
 
 def _terms(session: Session, listing: Listing) -> None:

@@ -17,7 +17,7 @@ from gaga_studio.session.notices import Level, Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, smoothed
 from gaga_studio.ui.chrome import command_buttons
-from gaga_studio.ui.chrome.status import duration
+from gaga_studio.ui.chrome.status import time_left
 from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.modal import answer, begin_modal, body
 from gaga_studio.ui.kit.theme import em
@@ -264,7 +264,7 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
     elif not training.is_stopped:  # else the buttons need the room
         widgets.line(text, theme.DIM)
     if job is not None and job.eta_s is not None and not small:  # the status line says it, too
-        widgets.dim(f"{duration(job.eta_s)} left")
+        widgets.dim(time_left(job.eta_s))
     if training.is_stopped:
         _what_now(session)
     else:
