@@ -131,14 +131,16 @@ def test_parts_get_as_long_as_the_frame_has_time() -> None:
     assert now[0] - start < 0.06
 
 
-def test_slow_panels_do_not_starve_the_picture() -> None:
-    """Frames whose panels take 0.3 s, on a busy machine, draw it for about as long."""
+@pytest.mark.parametrize("is_draft", [False, True])
+def test_slow_panels_do_not_starve_the_picture(is_draft: bool) -> None:
+    """Frames whose panels take 0.3 s, on a busy machine, draw it for about as long: pictures of a
+    motion came every 13 s, or none until its end."""
     now, left, cost = [0.0], 100_000, 3e-5  # three seconds of splats
     slices = Slices(lambda: None, lambda: now[0])
     slices.begin(1000)
     while left > 0:
         start = now[0]
-        slices.frame(0.04)
+        slices.frame(0.04, is_draft=is_draft)
         while left > 0:
             n = slices.size("blend")
             left -= n

@@ -30,6 +30,7 @@ _CAUTION = 0.5  # of the time that is left: the next part may be slower than the
 # Times the seconds of a frame that it gets where its panels take as long: on a busy machine they
 # take a second, and a picture of three seconds in parts of 40 ms would be whole after a minute.
 _MOST_TIMES = 8.0
+_LAG_S = 0.5  # seconds after which a picture that is drawn while something moves is an old one
 
 
 @dataclass
@@ -47,12 +48,14 @@ class Slices:
     _spent: float = 0.0  # on this picture so far
     _until: float = 0.0
     _frame_s: float = 0.0  # 0 = all at once
+    _begun_at: float = 0.0  # when this picture was begun
     _left_at: float = 0.0  # when the last frame of this picture ended
     _part: tuple[str, int, float] | None = None  # kind, splats, start of the part under way
 
     def begin(self, n_pixels: int) -> None:
         """Start another picture; splats cost more where it has more pixels than the last."""
         self._spent, self._part, self._left_at = 0.0, None, self.clock()
+        self._begun_at = self._left_at
         if "blend" in self._speeds:
             self._speeds["blend"] *= min(1.0, self._pixels / n_pixels)
         self._pixels = n_pixels
@@ -60,11 +63,12 @@ class Slices:
     def frame(self, seconds: float, *, is_draft: bool = False) -> None:
         """Start a frame that may draw for ``seconds``, 0 = as long as it takes.
 
-        As long as all else since the last one took, if that is longer; not while something moves,
-        when a draft is drawn.
+        As long as all else since the last one took, if that is longer; not for a draft, which is
+        drawn while something moves, until it lags.
         """
         now = self.clock()
-        most = seconds if is_draft else _MOST_TIMES * seconds
+        keeps_pace = is_draft and now - self._begun_at < _LAG_S
+        most = seconds if keeps_pace else _MOST_TIMES * seconds
         self._frame_s = max(seconds, min(now - self._left_at, most))
         self._until = now + self._frame_s
 
