@@ -641,7 +641,7 @@ class Studio:
             view,
             self._overlays(),
             frame_s=frame_s,
-            is_draft=not self._pacing.is_settled or session.live is not None,
+            is_draft=self._pacing.is_draft or session.live is not None,
         )
         if self.viewport.lod_error is not None:
             level_of_detail.failed(session, self.viewport.lod_error)
@@ -677,7 +677,7 @@ class Studio:
                 pixel_scale=scale,
             ),
             frame_s=_PART_S if self.left.is_software else 0.0,
-            is_draft=not self._pacing.is_settled,
+            is_draft=self._pacing.is_draft,
         )
 
     def _release_left(self) -> None:

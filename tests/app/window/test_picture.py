@@ -14,10 +14,12 @@ from PIL import Image
 from gaga_core.io.folder.scene_folder import open_scene_folder
 from gaga_core.io.splats.splat_files import SplatFormat, write_splats
 from gaga_core.scene.scene import State
+from gaga_studio import studio
 from gaga_studio.features import camera, commands, export, selection
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.find.memory_bank import Timeline
+from gaga_studio.gpu import viewport
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.notices import Level
 from gaga_studio.session.view import CentreColors, Mode, PhotoCompareMode, Side, SplatLook
@@ -69,6 +71,29 @@ def test_modes_look_background_and_a_motion(
         assert np.abs(d.pixels().astype(int) - full).mean() < 1  # full again, as before
 
     drive(walk, path=grouped_scene)
+
+
+def test_a_motion_is_seen_where_pictures_became_slow_after_fast_ones(
+    display: str, grouped_scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fast pictures are drawn in full while something moves. When they take more than a frame, as
+    beside other programs, each was begun again by the next frame, and none was whole before the
+    end."""
+
+    def walk(d: Driver) -> None:
+        d.settle()
+        picture = d.studio.viewport
+        assert picture is not None
+        d.studio._pacing._save(0.0)  # as after many fast pictures
+        monkeypatch.setattr(studio, "_PART_S", 1e-4)
+        monkeypatch.setattr(viewport, "_MOST_TIMES", 1.0)  # each takes several frames
+        before = picture.n_draws
+        for _ in range(60):
+            d.on_main(lambda: d.session.rig.orbit(2, 0))
+            d.frames(1)
+        assert picture.n_draws >= before + 2
+
+    drive(walk, path=grouped_scene, fills_window=True)
 
 
 def test_what_the_label_says_is_what_the_picture_shows(
