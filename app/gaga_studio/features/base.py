@@ -8,7 +8,7 @@ from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.scene.edits import Edit
 from gaga_studio.session.document import Document
-from gaga_studio.session.notices import Level, NothingSelectedError, Request
+from gaga_studio.session.notices import Level, NothingSelectedError, PreviewWaitsError, Request
 from gaga_studio.session.session import Session
 
 T = TypeVar("T")
@@ -121,6 +121,12 @@ def busy(session: Session) -> str:
     return session.jobs.why_busy
 
 
+def preview_waits(session: Session) -> str:
+    """Needs a scene that can be changed: what a task finds is lost where a preview waits."""
+    waits = session.document.waiting if session.document is not None else ""
+    return str(PreviewWaitsError(waits)) if waits else ""
+
+
 def need_no_job(session: Session) -> None:
     """Raise ``GagaError`` while a job runs."""
     if reason := busy(session):
@@ -155,7 +161,7 @@ not_saveable = first_of(no_scene, busy)
 _without_masks = needs(
     lambda session: len(session.masks), "This scene has no masks. Use Make masks, or Import masks."
 )
-no_masks = first_of(not_saveable, _without_masks)
+no_masks = first_of(not_saveable, preview_waits, _without_masks)
 NO_BANK = "The masks of these objects are not known. Use Find objects first."
 no_shown_bank = first_of(
     needs(lambda session: session.need().scene.bank is not None, NO_BANK), _without_masks

@@ -15,7 +15,16 @@ from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.scene import edits
 from gaga_core.scene.edits.values import read_added_stage
 from gaga_studio.features import level_of_detail
-from gaga_studio.features.base import Command, ask, busy, needs, no_scene, not_saveable
+from gaga_studio.features.base import (
+    Command,
+    ask,
+    busy,
+    first_of,
+    needs,
+    no_scene,
+    not_saveable,
+    preview_waits,
+)
 from gaga_studio.session.notices import Level, Request, choose_one, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
@@ -116,7 +125,12 @@ _no_edits = needs(lambda session: session.need().history.can_undo, "Nothing has 
 COMMANDS: tuple[Command, ...] = (
     ask("file.open_folder", "Open scene folder…", Request.OPEN_FOLDER, "Ctrl+O"),
     ask("file.open_file", "Open splat file…", Request.OPEN_FILE, "Ctrl+Shift+O"),
-    ask("file.add_splats", "Add splats…", Request.ADD_SPLATS, enabled=not_saveable),
+    ask(
+        "file.add_splats",
+        "Add splats…",
+        Request.ADD_SPLATS,
+        enabled=first_of(not_saveable, preview_waits),
+    ),
     Command("file.demo", "Open the demo", Session.open_demo, enabled=busy),
     Command("file.save", "Save project", lambda s: s.save(), "Ctrl+S", enabled=no_scene),
     ask("file.save_as", "Save project as…", Request.SAVE_AS, "Ctrl+Shift+S", enabled=no_scene),
