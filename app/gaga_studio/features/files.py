@@ -90,7 +90,8 @@ def add_splats(session: Session, path: Path, *more: Path) -> None:
         if session.document is not document:
             return
         splats, digest = read
-        document.do(edits.append(document.settled().scene, splats, path, digest))
+        up = session.rig.up
+        document.do(edits.append(document.settled().scene, splats, path, digest, up=up))
         session.notify(
             Level.INFO, f"Added {len(splats):,} splats of {path.name}; they are selected."
         )

@@ -1,12 +1,13 @@
 """Builders of edits that select, hide, lock and delete splats, and add those of other files."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, BoolArray, IntArray, UInt8Array
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splats.packing import READS
@@ -20,17 +21,20 @@ from gaga_core.scene.edits.values import (
     FlipState,
     Kept,
     SetNames,
+    SetPlacement,
     joined,
     read_added_stage,
     together,
 )
 from gaga_core.scene.frame import Frame
-from gaga_core.scene.index_set import PackedInts, sorted_indices
-from gaga_core.scene.scene import Added, Scene, State
+from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
+from gaga_core.scene.orientation import turn_between
+from gaga_core.scene.scene import Added, Placements, Scene, State
 from gaga_core.scene.selection.algebra import world_means
 
 How = Literal["set", "add", "remove", "intersect"]
 _NOTHING = State(0)
+_UPRIGHT = 1e-6  # of the elements of a rotation: less is rounding
 _GAP = 1000  # groups of added files start at a multiple of this where a bank makes groups too
 
 
@@ -123,6 +127,8 @@ def append(
     digest: str,
     labels: IntArray | None = None,
     names: Mapping[int, str] | None = None,
+    *,
+    up: DoubleArray | None = None,
 ) -> Edit | None:
     """Add the splats of the file ``path`` to the scene, selected, each of a group of its own.
 
@@ -130,7 +136,9 @@ def append(
     ``names`` of these, else named after the file; splats without one become a group of the file's
     name. They stand on one placement row, so that they move as a whole, and are drawn, sorted,
     picked and selected together with all others. ``digest`` "": they are kept themselves, as no
-    file has them as they are.
+    file has them as they are. ``up`` (3,) of the scene: a file that says which way is up in it is
+    turned there by the smallest rotation about the origin, which is the way back where it was
+    exported of this scene with another axis up.
     """
     path = Path(path).absolute()
     title, stem = f"Add {path.name}", path.name.split(".")[0] or path.stem
@@ -144,9 +152,28 @@ def append(
     if not digest:
         return together(title, (unselect, append_made(scene, splats, labels, title), named))
     place = _at_end(scene, labels, State.SELECTED)
-    edit = AppendFile(title, *place, str(path), digest, OURS, scene.frame.rows)
+    turn = np.eye(4)
+    if up is not None and splats.up is not None:
+        turn[:3, :3] = turn_between(splats.up, up / np.linalg.norm(up))
+    if np.allclose(turn, np.eye(4), atol=_UPRIGHT):
+        turn = np.eye(4)
+    # As if the scene had been turned since then, so that a reset placement stands, too.
+    frame = Frame(np.linalg.inv(turn) @ scene.frame.world)
+    edit = AppendFile(title, *place, str(path), digest, OURS, frame.rows)
     edit.__dict__["splats"] = splats  # read already
-    return together(title, (unselect, edit, named))
+    n_rows, none = len(scene.placements), np.zeros(0, np.int32)
+    stands = SetPlacement(
+        title=title,
+        n_rows=n_rows + 1,
+        rows=np.array([n_rows], np.int32),
+        before=Placements.identity(1),
+        after=replace(Placements.identity(1), matrix=turn[None, :3]),
+        moved=IndexSet.of(none, len(scene) + len(splats)),
+        rows_from=none,
+        rows_to=none,
+    )
+    is_turned = not np.array_equal(turn, np.eye(4))
+    return together(title, (unselect, edit, stands if is_turned else None, named))
 
 
 def append_made(

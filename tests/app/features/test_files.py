@@ -8,14 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from gaga_core.export.export import objects_losses
 from gaga_core.export.options import ExportOptions
 from gaga_core.io.splats.splat_files import SplatFormat, read_splats, write_splats
 from gaga_core.progress import run_stage
+from gaga_core.scene import edits
 from gaga_core.scene.export_manifest import listed_files
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.orientation import degrees_of
 from gaga_core.scene.project import open_path_stage
+from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import camera, export, selection
 from gaga_studio.features import files as files_actions
 from gaga_studio.features.export import ExportPlan
@@ -80,6 +84,34 @@ def test_groups_are_found_next_to_added_splats(session: Session, tmp_path: Path)
     assert (scene.labels[n:] == group).all()
     assert group not in scene.labels[:n]
     assert session.need().name_of(group) == "chair"
+
+
+@pytest.mark.parametrize("form", [SplatFormat.GLB, SplatFormat.USD, SplatFormat.PLY])
+def test_what_was_exported_comes_back_to_its_place(
+    session: Session, tmp_path: Path, form: SplatFormat
+) -> None:
+    """Up is y in a .glb: added to the scene that it is of, it lay on its side under the floor."""
+    document = session.need()
+    scene, n = document.scene, len(document.scene)
+    plan = ExportPlan(tmp_path / f"out.{form.value}", form=form)
+    assert export.start(session, plan)
+    assert session.jobs.wait()
+    files_actions.add_splats(session, plan.path)
+    assert session.jobs.wait()
+    added = np.arange(n, 2 * n)
+    where = world_means(scene, np.arange(n))
+    assert cKDTree(where).query(world_means(scene, added))[0].max() < 1e-3
+    pose = document.selected_pose()
+    assert pose is not None
+    np.testing.assert_allclose(degrees_of(pose, local=False), 0, atol=1e-4)
+    moved = np.eye(4)[:3]
+    moved[:, 3] = 1.0
+    document.do(edits.transform(scene, added, moved))
+    document.do(edits.reset_placement(scene, added, "Reset"))
+    assert cKDTree(where).query(world_means(scene, added))[0].max() < 1e-3
+    for _ in range(3):
+        document.undo()
+    assert len(scene) == n
 
 
 def test_an_export_says_before_what_it_loses(session: Session, tmp_path: Path) -> None:
