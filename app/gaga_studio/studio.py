@@ -344,6 +344,7 @@ class Studio:
         self._pacing = Pacing()
         self._autosave = autosave.Autosave()
         self._steps = first_steps.FirstSteps()
+        self._title = status.WindowTitle()
         self._guard = Guard(self._failed)
         self._shortcuts = preferences.Shortcuts(
             lambda: self.picture.follow(self.session, self.ui.area)
@@ -484,8 +485,7 @@ class Studio:
         self._shows_left = False  # it is away while the camera goes from photo to photo
         if split_view.left_drawn(self.session, self.session.view) is None:
             self._release_left()
-        title = self.session.title
-        self.window.set_title(f"{title} - gaga-studio" if title else "gaga-studio")
+        self.window.set_title(self._title.text(self.session, time.monotonic()))
         if self.session.should_quit:
             self.window.close()
 
