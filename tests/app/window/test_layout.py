@@ -1733,9 +1733,22 @@ def _the_list_shows_what_is_chosen(d: Driver, folder: Path) -> None:
 def _the_search_keeps_the_keys(d: Driver) -> None:
     """Enter selects what was found; the next word is typed at once."""
     box = "Objects/##Find"
-    d.type_into(box, "object")
-    assert d.engine.item_info(f"//{box}").id_ == imgui.internal.get_active_id()
-    d.keys(KEY.escape)
+    search, session = d.session.need().feature(SearchState), d.session
+    for tool in (ToolName.PICK, ToolName.RECT):
+        for n_frames in (1, 2, 40):  # a quick hand, and a slow one
+            session.tool = tool
+            d.click(box)
+            d.engine.key_chars_replace_enter("object")
+            d.frames(n_frames)
+            chosen = session.selected_groups()
+            assert chosen
+            d.keys(KEY.escape)
+            assert search.text == "", "the first Escape clears"
+            assert d.engine.item_info(f"//{box}").id_ == imgui.internal.get_active_id()
+            assert (session.selected_groups(), session.tool) == (chosen, tool)
+            d.keys(KEY.escape)
+            assert imgui.internal.get_active_id() == 0, "the second leaves"
+            assert (session.selected_groups(), session.tool) == (chosen, tool)
 
 
 def _no_specks_where_panels_end(d: Driver, folder: Path) -> None:
