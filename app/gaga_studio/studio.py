@@ -612,8 +612,10 @@ class Studio:
         self.viewport.use_tree(level_of_detail.tree_of(session))
         n_splats = self.viewport.n_in_picture(session.shown, session.view)
         view = self._pacing.view_for(session.view, self._motion(camera), n_splats)
-        if cleanup.shown(session) is not None:
+        if cleanup.shown(session) is not None or add_scene.shown(session) is not None:
             view = replace(view, mode=Mode.COLOR)  # the preview has colors of its own
+        if session.document is not None and session.document.waiting:
+            view = replace(view, show_outline=False)  # which would cover what the preview shows
         view = replace(view, background=background_of(session))
         self._view = view
         view = split_view.right_view(session, view)
