@@ -354,6 +354,7 @@ class Studio:
         self._pacing = Pacing()
         self._autosave = autosave.Autosave()
         self._steps = first_steps.FirstSteps()
+        self._title = status.WindowTitle()
         self._guard = Guard(self._failed)
         self._shortcuts = preferences.Shortcuts(
             lambda: self.picture.follow(self.session, self.ui.area)
@@ -496,8 +497,7 @@ class Studio:
         self._shows_left = False  # it is away while the camera goes from photo to photo
         if split_view.left_drawn(self.session, self.session.view) is None:
             self._release_left()
-        title = self.session.title
-        self.window.set_title(f"{title} - gaga-studio" if title else "gaga-studio")
+        self.window.set_title(self._title.text(self.session, time.monotonic()))
         if self.session.should_quit:
             self.window.close()
 
@@ -628,8 +628,10 @@ class Studio:
         self.viewport.use_tree(level_of_detail.tree_of(session))
         n_splats = self.viewport.n_in_picture(session.shown, session.view)
         view = self._pacing.view_for(session.view, self._motion(camera), n_splats)
-        if cleanup.shown(session) is not None:
+        if cleanup.shown(session) is not None or add_scene.shown(session) is not None:
             view = replace(view, mode=Mode.COLOR)  # the preview has colors of its own
+        if session.document is not None and session.document.waiting:
+            view = replace(view, show_outline=False)  # which would cover what the preview shows
         view = replace(view, background=background_of(session))
         self._view = view
         view = split_view.right_view(session, view)

@@ -112,6 +112,22 @@ def reading(session: Session) -> Reading:
     return Reading(tuple(lengths.tolist()), angle, tuple(heights.tolist()))
 
 
+def way_texts(session: Session) -> tuple[str, ...]:
+    """Return of each way which points it joins and how long it is: "1 to 2: 0.42 m"."""
+    found = reading(session).lengths
+    return tuple(f"{i} to {i + 1}: {length(session, value)}" for i, value in enumerate(found, 1))
+
+
+HEIGHTS = "Heights above the origin"
+HEIGHTS_HINT = "Along up. Align to ground, in the menu Tools, makes them heights above the ground."
+
+
+def height_texts(session: Session) -> tuple[str, ...]:
+    """Return the height of each point, under `HEIGHTS`."""
+    found = reading(session).heights
+    return tuple(f"Point {i}: {length(session, value)}" for i, value in enumerate(found, 1))
+
+
 def length(session: Session, value: float) -> str:
     """A length in words, in the unit of the open scene."""
     return length_text(value, is_metric=_is_metric(session))

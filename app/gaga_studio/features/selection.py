@@ -40,6 +40,14 @@ if TYPE_CHECKING:
 # --- objects
 
 NO_OBJECT = "This belongs to no object. Make it one with the tool Object (O)."
+NO_OBJECTS = (
+    "These splats belong to no object. Make them one with the tool Object (O), or switch on "
+    "Select single splats, not objects."
+)
+LESS_THAN_HALF = (
+    "No object is at least half inside. Draw around more of it, or switch on Select single "
+    "splats, not objects."
+)
 
 
 def locked_hint(name: str) -> str:
@@ -320,11 +328,12 @@ class Region:
         """Select what ``mask`` (H, W) covers, as one edit."""
         self._document.history.preview(None)
         chosen, title = self.chosen(mask)
-        self.say_locked(mask)
+        self.say_why_nothing(mask)
         return self._document.select(chosen, self.how, title)
 
-    def say_locked(self, mask: BoolArray, middle: BoolArray | None = None) -> None:
-        """Hint at what keeps ``mask`` from anything: all that it would choose is locked."""
+    def say_why_nothing(self, mask: BoolArray, middle: BoolArray | None = None) -> None:
+        """Hint at what keeps ``mask`` from anything: all that it would choose is locked, belongs to
+        no object, or is less than half of one."""
         self._session.hint = ""
         if self.how == "remove" or len(self.chosen(mask, middle)[0]):
             return
@@ -338,6 +347,9 @@ class Region:
             self._session.hint = locked_hint(self._document.names_of(groups.tolist()))
         elif len(rows):
             self._session.hint = locked_hint(f"{len(rows):,} splats")
+        elif len(covered := free.splats(mask)):
+            is_of_some = bool(self._scene.labels[covered].any())
+            self._session.hint = LESS_THAN_HALF if is_of_some else NO_OBJECTS
 
     def splats(self, mask: BoolArray) -> IntArray:
         """Splats (K,) that ``mask`` (H, W) covers."""

@@ -121,11 +121,11 @@ class _SurfaceBrush(_Brush):
         self._middle: BoolArray | None = None  # of the stroke, where that counts
 
     def release(self, session: Session, place: ViewportPoint) -> None:
-        """Do it, as one edit; where all that is there is locked, say so."""
+        """Do it, as one edit; where that is nothing, say why."""
         is_stroke = self._document is not None
         super().release(session, place)
         if is_stroke and self._region is not None:
-            self._region.say_locked(self._mask, self._middle)
+            self._region.say_why_nothing(self._mask, self._middle)
 
     def _begin(self, session: Session, place: ViewportPoint) -> bool:
         self._region = Region(session, place, surface_only=True)

@@ -38,6 +38,12 @@ def test_lengths_angle_and_heights_are_those_of_the_points(associated: Session) 
     assert found.angle == pytest.approx(90.0)
     np.testing.assert_allclose(found.heights, np.array(_CORNERS) @ session.rig.up, atol=1e-9)
     assert measure.length(session, 0.3) == "0.3 units"
+    # Each number says which it is, and heights above what.
+    assert measure.way_texts(session) == ("1 to 2: 0.3 units", "2 to 3: 0.4 units")
+    assert [text.split(":")[0] for text in measure.height_texts(session)] == [
+        f"Point {i}" for i in (1, 2, 3)
+    ]
+    assert "above the origin" in measure.HEIGHTS
     assert run("tool.remove_corner", session)
     assert len(measure.clicked(session).points) == 2
     measure.add(session, None)

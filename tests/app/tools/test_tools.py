@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
@@ -87,22 +88,62 @@ def test_a_region_of_locked_things_says_so(
     for group in associated.objects().ids.tolist():
         if group > 0:
             objects.set_locked(associated, group, True)
-    associated.tool, hand = tool, Hand(associated)
+    associated.tool = tool
+    assert "ocked" in _swept(associated)
+    assert associated.selected_groups() == ()
+    assert run("object.unlock_all", associated)
+    before = associated.need().history.cursor
+    assert "ocked" not in _swept(associated)
+    assert associated.need().history.cursor == before + 1
 
-    def sweep() -> str:
-        corners = ((2.0, 2.0), (W - 3.0, 2.0), (W - 3.0, H - 3.0), (2.0, H - 3.0), (W / 2, H / 2))
+
+@pytest.mark.parametrize("tool", [ToolName.RECT, ToolName.LASSO, ToolName.POLYGON, ToolName.BRUSH])
+def test_a_region_of_splats_of_no_object_says_so(associated: Session, tool: ToolName) -> None:
+    """It selected nothing and said nothing; a click on the same said what to do."""
+    scene = associated.need().scene
+    chosen = group_indices(scene, [int(_objects(associated)[0])])
+    rest = np.setdiff1d(np.arange(len(scene)), chosen)
+    associated.edit(lambda scene: edits.set_labels(scene, rest, 0, "Ungroup"))
+    associated.edit(lambda scene: edits.hide(scene, chosen))
+    associated.tool = tool
+    assert _swept(associated) == selection.NO_OBJECTS
+    assert len(associated.selected_indices()) == 0
+    associated.view.takes_splats = True
+    assert _swept(associated) != selection.NO_OBJECTS
+    assert len(associated.selected_indices()) > 0
+    associated.rig.zoom(-20)
+    associated.view.takes_splats = False
+    selection.select_none(associated)
+    assert _swept(associated, 4.0) != selection.NO_OBJECTS, "nothing is there"
+
+
+def test_a_rectangle_around_less_than_half_of_an_object_says_so(associated: Session) -> None:
+    scene = associated.need().scene
+    associated.edit(lambda scene: edits.set_labels(scene, np.arange(len(scene)), 1, "Group"))
+    associated.tool, hand = ToolName.RECT, Hand(associated)
+    u, v = np.floor(_pixels(associated, 1).mean(axis=0))
+    hand.press(u - 12, v - 12)
+    hand.move(u + 12, v + 12)
+    hand.release()
+    assert len(associated.selected_indices()) == 0 < len(scene)
+    assert status_text(associated, hand.controller.tool(associated)) == selection.LESS_THAN_HALF
+
+
+def _swept(session: Session, side: float = np.inf) -> str:
+    """Go over the picture, or a corner of it, with the tool; what is said then."""
+    hand, tool = Hand(session), session.tool
+    u1, v1 = min(W - 3.0, side), min(H - 3.0, side)
+    corners = ((2.0, 2.0), (u1, 2.0), (u1, v1), (2.0, v1), (min(W / 2, side), min(H / 2, side)))
+    if tool is ToolName.POLYGON:
+        for corner in corners[:4]:
+            hand.click(*corner)
+        selection.close_outline(session)
+    else:
         hand.press(*corners[0])
         for u, v in corners[1:] if tool is not ToolName.RECT else corners[2:3]:
             hand.move(u, v)
         hand.release()
-        return status_text(associated, hand.controller.tool(associated))
-
-    assert "ocked" in sweep()
-    assert associated.selected_groups() == ()
-    assert run("object.unlock_all", associated)
-    before = associated.need().history.cursor
-    assert "ocked" not in sweep()
-    assert associated.need().history.cursor == before + 1
+    return status_text(session, hand.controller.tool(session))
 
 
 @pytest.mark.parametrize("tool", [ToolName.PICK, ToolName.OBJECT])

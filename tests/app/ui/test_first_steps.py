@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gaga_core.io.folder.scene_folder import find_model
+from gaga_core.scene import edits
 from gaga_studio.features import export, objects, selection, transform
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import association
@@ -60,6 +61,25 @@ def test_what_was_selected_when_it_was_saved_was_not_clicked(associated: Session
     selection.select_groups(associated, (1,))
     progress.follow(associated)
     assert "click" in progress.done
+
+
+def test_a_preview_ticks_nothing_before_it_is_applied(session: Session) -> None:
+    """That of *Add a scene* brought objects, and they were said to be found."""
+    progress, scene = FirstSteps(), session.need().scene
+    progress.follow(session)
+    rows = np.arange(40, dtype=np.int32)
+    changed = edits.set_labels(scene, rows, 1), edits.select(scene, rows), edits.hide(scene, rows)
+    shown = edits.together("Add", changed)
+    assert shown is not None
+    session.need().show(shown, waits_as="Add a scene")
+    progress.follow(session)
+    assert progress.done == {"open"}
+    session.cancel_preview()
+    progress.follow(session)
+    assert progress.done == {"open"}
+    assert session.need().do(shown)
+    progress.follow(session)
+    assert progress.done >= {"open", "find"}
 
 
 def test_only_what_was_done_is_ticked_and_photos_count(session: Session, tmp_path: Path) -> None:

@@ -1,5 +1,8 @@
 """Colors of both themes: none is left to the toolkit, words stand out from what is behind them."""
 
+import itertools
+import re
+import threading
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -11,7 +14,7 @@ from imgui_bundle import ImVec4, imgui
 
 from gaga_core import kernels
 from gaga_core.errors import plain_text
-from gaga_core.progress import Progress, run_stage
+from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import backend_report
 from gaga_core.scene.folders import Folders
 from gaga_core.scene.objects import folder_colors, group_colors
@@ -192,6 +195,43 @@ def test_opening_a_scene_prepares_the_kernels_beside(
     assert session.scene is not None
     assert started == ["Prepare kernels"]
     assert session.jobs.running is None
+
+
+def test_the_title_says_what_runs_once_a_second_and_goes_back(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("GAGA_HOME", str(tmp_path))
+    session, title = new_session(Settings()), status.WindowTitle()
+    done, heard, stop = 0, threading.Event(), threading.Event()
+
+    def stage() -> Stage[None]:
+        nonlocal done
+        while not stop.is_set():
+            done += 1
+            yield Progress("Train", done, done + 50)
+            heard.set()
+            stop.wait(0.001)
+
+    def walk(begin: float, seconds: int) -> list[str]:
+        """The title of each frame, sixty a second."""
+        found = []
+        for k in range(60 * seconds):
+            heard.clear()
+            assert heard.wait(10)
+            found.append(title.text(session, begin + k / 60))
+        return found
+
+    assert title.text(session, 10.0) == "gaga-studio"
+    assert session.jobs.start("Make splats", stage())
+    first, rest = walk(10.0, 1), walk(11.0, 5)
+    assert set(first) == {"gaga-studio"}, "not yet of one that may end at once"
+    changes = [k for k, (one, two) in enumerate(itertools.pairwise(rest)) if one != two]
+    assert len(changes) > 2
+    assert all(two - one >= 59 for one, two in itertools.pairwise(changes))
+    assert all(re.fullmatch(r"\d+ % Make splats - gaga-studio", text) for text in rest)
+    stop.set()
+    assert session.jobs.wait()
+    assert title.text(session, 99.0) == "gaga-studio"
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,38 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.scene import edits
+from gaga_core.scene.objects import group_indices
 from gaga_studio.features import add_scene
 from tests.app.window.driver import Driver, drive
 from tests.core.scene.captures.scenes import any_similarity, write_furnished
 
 pytestmark = pytest.mark.window
+
+
+def test_no_outline_covers_a_preview_that_waits(display: str, grouped_copy: Path) -> None:
+    """Those of a selection, and of what is under the mouse."""
+
+    def walk(d: Driver) -> None:
+        document, view = d.session.need(), d.session.view
+
+        def outlined() -> bool:
+            pictures = []
+            for view.show_outline in (True, False):
+                d.settle()
+                pictures.append(d.pixels())
+            return bool((pictures[0] != pictures[1]).any())
+
+        d.select(1)
+        assert outlined()
+        tint = edits.recolor(d.scene, group_indices(d.scene, [2]), np.eye(3, 4) * 0.5)
+        assert tint is not None
+        d.on_main(lambda: document.show(tint, waits_as=add_scene.TITLE))
+        assert not outlined()
+        d.on_main(d.session.cancel_preview)
+        assert outlined()
+
+    drive(walk, path=grouped_copy)
 
 
 @pytest.mark.slow

@@ -27,13 +27,14 @@ from gaga_studio.features.find import memory_bank
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
-from gaga_studio.session.view import Mode, ToolName, TrainingPreview
+from gaga_studio.session.view import Mode, PhotoCompareMode, Side, ToolName, TrainingPreview
 from gaga_studio.studio import _panel
 from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.chrome.status import status_text
 from gaga_studio.ui.dialogs.files import FileDialog, PathKind
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import visual
+from gaga_studio.ui.viewport import photo_compare
 from tests.app.window.driver import KEY, Driver, drive
 from tests.app.window.layout_check import TextWatch, findings
 from tests.core.io.splat_parts import write_without_up
@@ -1758,12 +1759,62 @@ def _the_list_shows_what_is_chosen(d: Driver, folder: Path) -> None:
     assert blue[0] >= blue[1] > 20, blue
 
 
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+@pytest.mark.parametrize("size", [(1600, 900), (800, 500)], ids=str)
+def test_names_of_the_sides_of_a_split_view_are_read(
+    display: str, grouped_copy: Path, size: tuple[int, int], scale: float
+) -> None:
+    """Whole where there is room, else in short words that are whole; no name is cut."""
+
+    def walk(d: Driver) -> None:
+        objects.rename(d.session, 1, "ball")
+        d.session.view.compare = PhotoCompareMode.SWIPE
+        said: dict[str, tuple[str, float, float]] = {}
+        begin = imgui.begin_combo
+
+        def noting(label: str, text: str, *rest: Any) -> bool:
+            opened = begin(label, text, *rest)
+            low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+            arrow = imgui.get_frame_height() + imgui.get_style().frame_padding.x
+            said[label] = text, imgui.calc_text_size(text).x, high.x - low.x - arrow
+            return opened
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(imgui, "begin_combo", noting)
+            for left in (Side.BEFORE, Side.PHOTO, Side.PRESET):
+                for right in (Side.PICTURE, Side.GROUPS):
+                    d.session.view.sides = left, right
+                    said.clear()
+                    d.frames(3)
+                    for text, wide, room in (said["##Left side"], said["##Right side"]):
+                        assert wide <= room
+                        assert "…" not in text
+                    if scale == 1.0:
+                        assert said["##Left side"][0] == photo_compare._NAMES[left]
+
+    settings = Settings(first_steps_done=True, ui_scale=scale)
+    drive(walk, path=grouped_copy, size=size, settings=settings)
+
+
 def _the_search_keeps_the_keys(d: Driver) -> None:
     """Enter selects what was found; the next word is typed at once."""
     box = "Objects/##Find"
-    d.type_into(box, "object")
-    assert d.engine.item_info(f"//{box}").id_ == imgui.internal.get_active_id()
-    d.keys(KEY.escape)
+    search, session = d.session.need().feature(SearchState), d.session
+    for tool in (ToolName.PICK, ToolName.RECT):
+        for n_frames in (1, 2, 40):  # a quick hand, and a slow one
+            session.tool = tool
+            d.click(box)
+            d.engine.key_chars_replace_enter("object")
+            d.frames(n_frames)
+            chosen = session.selected_groups()
+            assert chosen
+            d.keys(KEY.escape)
+            assert search.text == "", "the first Escape clears"
+            assert d.engine.item_info(f"//{box}").id_ == imgui.internal.get_active_id()
+            assert (session.selected_groups(), session.tool) == (chosen, tool)
+            d.keys(KEY.escape)
+            assert imgui.internal.get_active_id() == 0, "the second leaves"
+            assert (session.selected_groups(), session.tool) == (chosen, tool)
 
 
 def _no_specks_where_panels_end(d: Driver, folder: Path) -> None:

@@ -174,6 +174,30 @@ def time_left(seconds: float) -> str:
     return f"about {round(seconds / 3600)} h left"
 
 
+_TITLE_S = 1.0  # seconds: the window's title changes no more often while a task runs
+
+
+class WindowTitle:
+    """The title of the window: what runs and how far it is, then what is open.
+
+    A task that ends within a second leaves it as it is.
+    """
+
+    def __init__(self) -> None:
+        self._said_at, self._task = 0.0, ""
+
+    def text(self, session: Session, now: float) -> str:
+        """ "42 % Make splats - table - gaga-studio" at the time ``now``, seconds."""
+        job = session.jobs.running
+        if job is None:
+            self._said_at, self._task = now, ""
+        elif now - self._said_at >= _TITLE_S:
+            self._said_at = now
+            share = f"{100 * job.fraction:.0f} % " if job.fraction >= 0 else ""
+            self._task = f"{share}{job.title}"
+        return " - ".join(filter(None, (self._task, session.title, "gaga-studio")))
+
+
 def _figures_text(session: Session, figures: FrameFigures | None) -> str:
     if figures is None or session.document is None or not session.view.show_info:
         return ""

@@ -61,6 +61,8 @@ class FirstSteps:
             self._document, self._state, self._look = id(document), -1, look_of(document.scene)
             self._selected = session.selected_groups()
         self.done |= {"open", "train"} if self.has_photos else {"open"}
+        if document.history.is_previewing:  # what is shown then is not done yet
+            return
         if document.read.has_groups():
             self.done.add("find")
         self.is_alone = document.project.folder is None and "find" not in self.done

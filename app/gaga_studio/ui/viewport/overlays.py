@@ -1,5 +1,6 @@
 """Drawn over the picture: points of tools, the box of the selection, outlines, the brush."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -38,19 +39,30 @@ def waiting_clicks(session: Session, camera: Camera, corner: ImVec2) -> None:
 
 
 def draw_points(
-    points: DoubleArray, camera: Camera, corner: ImVec2, *, follows: bool, fills: bool = False
-) -> bool:
-    """Points (K, 3), world, as numbered marks joined by lines; False where one is not in front.
+    points: DoubleArray,
+    camera: Camera,
+    corner: ImVec2,
+    *,
+    follows: bool,
+    fills: bool = False,
+    texts: Sequence[str] = (),
+) -> None:
+    """Points (K, 3), world, as numbered marks joined by lines; nothing where one is not in front.
 
-    ``fills``: with two points and the mouse they are the corners of a plane.
+    ``fills``: with two points and the mouse they are the corners of a plane. ``texts`` (K - 1) are
+    said at the middle of the lines.
     """
     if len(points) == 0 or (camera.project(points)[1] < _NEAREST).any():
-        return False  # behind the camera: a line there would go astray
+        return  # behind the camera: a line there would go astray
     marks = on_screen(points, camera, corner)
     _lines(marks, imgui.get_io().mouse_pos if follows else None, fills=fills)
+    for (one, two), (a, b), text in zip(pairwise(points), pairwise(marks), texts, strict=False):
+        at = on_screen((one + two)[None] / 2, camera, corner)[0]
+        if abs(b.x - a.x) < imgui.calc_text_size(text).x + em(2):  # no room between the marks
+            at.y = max(a.y, b.y) + em(1.5)
+        _label(text, at)
     for number, mark in enumerate(marks, 1):
         _mark(mark, str(number))
-    return True
 
 
 def on_screen(points: DoubleArray, camera: Camera, corner: ImVec2) -> list[ImVec2]:
@@ -139,17 +151,12 @@ class MeasureState:
 
 
 def draw_marks(session: Session, camera: Camera, corner: ImVec2, *, follows: bool) -> None:
-    """The points as ``camera`` sees them, and the length of each way at its middle."""
+    """The points as ``camera`` sees them, and at the middle of each way what it is."""
     if session.tool is not ToolName.MEASURE:
         return
     places = measure.points(session)
     goes_on = follows and len(places) < 3
-    if not draw_points(places, camera, corner, follows=goes_on):
-        return
-    lengths = measure.reading(session).lengths
-    for one, two, length in zip(places, places[1:], lengths, strict=False):
-        (at,) = on_screen((one + two)[None] / 2, camera, corner)
-        _label(measure.length(session, length), at)
+    draw_points(places, camera, corner, follows=goes_on, texts=measure.way_texts(session))
 
 
 def draw_card(session: Session, state: MeasureState, corner: ImVec2, size: ImVec2) -> None:
@@ -177,15 +184,16 @@ def draw_card(session: Session, state: MeasureState, corner: ImVec2, size: ImVec
 
 
 def _numbers(session: Session) -> None:
-    found = measure.reading(session)
-    for i, length in enumerate(found.lengths, 1):
-        widgets.line(f"{i} to {i + 1}: {measure.length(session, length)}")
-    if found.angle is not None:
-        widgets.line(_angle_text(found.angle))
-    for i, height in enumerate(found.heights, 1):
-        widgets.dim(f"Height of {i}: {measure.length(session, height)}")
-    if not found.heights:
-        widgets.dim(measure.HELP, wrap=True)
+    for text in measure.way_texts(session):
+        widgets.line(text)
+    if (angle := measure.reading(session).angle) is not None:
+        widgets.line(_angle_text(angle))
+    heights = measure.height_texts(session)
+    widgets.dim(measure.HEIGHTS if heights else measure.HELP, wrap=True)
+    if heights:
+        widgets.tooltip(measure.HEIGHTS_HINT)
+    for text in heights:
+        widgets.dim(text)
 
 
 def _angle_text(angle: float) -> str:

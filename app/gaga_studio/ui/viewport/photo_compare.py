@@ -30,6 +30,8 @@ _NAMES = {
     Side.VERSION: "Chosen version",
     Side.PRESET: "Other preset",
 }
+_SHORT = {Side.BEFORE: "Before", Side.PRESET: "Preset"}  # where there is no room
+_FIELD = 9.0  # em: width of a field whose name is short
 _NO_MAP = "There is no true map of this photo that can be read"
 _HELP = "Split view: click a photo to view the scene from its camera"
 
@@ -204,8 +206,8 @@ def _choices(session: Session, corner: ImVec2, size: ImVec2, text: str) -> bool:
     view = session.view
     high, gap, pad = imgui.get_frame_height(), imgui.get_style().item_spacing.x, em(0.4)
     free = size.x - gizmo.height(session, size)  # the view cube, as wide, stands at the right
-    wide = min(em(9), max((free - 1.12 * high - 2 * gap - 4 * pad) / 2, em(3)))
-    total = 2 * wide + 1.12 * high + 2 * gap
+    widths = _widths(session, free - 1.12 * high - 2 * gap - 4 * pad)
+    total = sum(widths) + 1.12 * high + 2 * gap
     middle = min((size.x - total) / 2, free - total - pad)
     low = ImVec2(corner.x + max(middle, pad), corner.y + em(0.7))
     drawing = imgui.get_window_draw_list()
@@ -214,9 +216,9 @@ def _choices(session: Session, corner: ImVec2, size: ImVec2, text: str) -> bool:
     drawing.add_rect_filled(ImVec2(low.x - pad, low.y - pad), end, back, em(0.3))
     imgui.set_cursor_screen_pos(low)
     left, right = view.sides
-    left = _side("Left side", session, left, split_view.LEFT, wide)
+    left = _side("Left side", session, left, split_view.LEFT, widths[0])
     imgui.same_line(0, gap)
-    right = _side("Right side", session, right, split_view.RIGHT, wide)
+    right = _side("Right side", session, right, split_view.RIGHT, widths[1])
     if (left, right) != view.sides:
         split_view.show(session, left, right)
     imgui.same_line(0, gap)
@@ -227,16 +229,43 @@ def _choices(session: Session, corner: ImVec2, size: ImVec2, text: str) -> bool:
     return imgui.is_mouse_hovering_rect(ImVec2(low.x - pad, low.y - pad), end)
 
 
+def _widths(session: Session, room: float) -> tuple[float, float]:
+    """Widths of both fields within ``room``: each holds its name, in short where it must."""
+    left, right = (
+        max(imgui.calc_text_size(_name(session, side)).x + _frame(), em(_FIELD))
+        for side in session.view.sides
+    )
+    if left + right <= room:
+        return left, right
+    left, right = (
+        imgui.calc_text_size(_SHORT.get(side, _name(session, side))).x + _frame()
+        for side in session.view.sides
+    )
+    spare = (room - left - right) / 2
+    return max(left + spare, em(3)), max(right + spare, em(3))
+
+
+def _frame() -> float:
+    """What a field has next to its text: padding and its arrow."""
+    return 2 * imgui.get_style().frame_padding.x + imgui.get_frame_height()
+
+
+def _name(session: Session, side: Side) -> str:
+    named = split_view.name_of_version(session) if side is Side.VERSION else ""
+    return named or _NAMES[side]
+
+
 def _side(
     name: str, session: Session, current: Side, choices: tuple[Side, ...], width: float
 ) -> Side:
     """A drop-down of what a side can show; what cannot be shown says why."""
     imgui.set_next_item_width(width)
     why_not = {side: split_view.why_not(session, side) for side in choices}
-    shown = {side: _NAMES[side] for side in (*choices, current)}
-    if Side.VERSION in shown:
-        shown[Side.VERSION] = split_view.name_of_version(session) or _NAMES[Side.VERSION]
-    return widgets.combo(name, shown, current, why_not)
+    shown = {side: _name(session, side) for side in (*choices, current)}
+    whole, room = shown[current], width - _frame()
+    if imgui.calc_text_size(whole).x > room:
+        shown[current] = widgets.elided(_SHORT.get(current, whole), room)
+    return widgets.combo(name, shown, current, why_not, whole if shown[current] != whole else "")
 
 
 def _difference(
