@@ -199,10 +199,9 @@ class Autosave:
                 self._pending = self._writer.submit(self._clear)
             self._next = time.monotonic() + every
             return
-        is_dragging = session.is_previewing and not document.waiting
         now = (document, document.save_state.content(document.history.state_id))
         # A drag is not an edit yet; only a state of the history is written.
-        if time.monotonic() < self._next or is_dragging or now == self._written:
+        if time.monotonic() < self._next or session.is_dragging or now == self._written:
             return
         self._next = time.monotonic() + every
         self._written = now

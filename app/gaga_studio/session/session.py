@@ -710,6 +710,11 @@ class Session:
         return self.hovering.group
 
     @property
+    def is_dragging(self) -> bool:
+        """Whether a preview is shown that no one has to answer: that of a drag."""
+        return self.is_previewing and not self.need().waiting
+
+    @property
     def is_previewing(self) -> bool:
         """Whether a drag shows an edit that has no entry yet."""
         return self.history is not None and self.history.is_previewing

@@ -114,7 +114,10 @@ class _Walk:
         d.engine.mouse_down(0)
         d.engine.mouse_move_to_pos(imgui.get_io().mouse_pos + ImVec2(60, 0))
         d.frames()
-        assert d.history.is_previewing
+        for keys in ((KEY.h,), (KEY.delete,), (KEY.mod_ctrl, KEY.d), (KEY.mod_ctrl, KEY.z)):
+            d.keys(*keys)
+            assert d.history.is_previewing, "what is held is neither hidden nor undone"
+        assert d.history.cursor == n_entries
         d.keys(KEY.escape)
         assert not d.history.is_previewing
         d.engine.mouse_up(0)

@@ -204,8 +204,9 @@ class Shortcuts:
 
         ``on_escape`` may end something of the window's own instead (a gesture, a card).
 
-        Nothing while a popup is open. While a text is being typed, Ctrl combinations of text fields
-        (undo, copy) and keys without Ctrl stay with the field; others enter the text first.
+        Nothing while a popup is open, and Escape alone while the mouse drags a handle or a number.
+        While a text is being typed, Ctrl combinations of text fields (undo, copy) and keys without
+        Ctrl stay with the field; others enter the text first.
         """
         io = imgui.get_io()
         before, self._n_popups = self._n_popups, len(imgui.get_current_context().open_popup_stack)
@@ -234,6 +235,8 @@ class Shortcuts:
                 continue
             if name == "Escape" and (before or on_escape()):
                 continue
+            if session.is_dragging and imgui.is_mouse_down(imgui.MouseButton_.left):
+                continue  # what is dragged is let go first
             command = commands.for_shortcut(modifiers + name, session)
             is_new = imgui.is_key_pressed(key, False)
             if command is not None and (command.id in _REPEATING or is_new):
