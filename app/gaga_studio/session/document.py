@@ -1,6 +1,6 @@
 """The open scene: its history, previews, its selection, what is unsaved, state of features."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar, cast, runtime_checkable
@@ -114,6 +114,13 @@ class ViewSteps:
     def forget_undone(self) -> None:
         """Something else was done: nothing is done again."""
         self._undone.clear()
+
+    def go_along(self, passed: Container[int], state: int) -> None:
+        """A selection led to ``state``: what was undone in the states that it ``passed`` is done
+        again after it, as edits are."""
+        self._undone = [
+            replace(step, state=state) if step.state in passed else step for step in self._undone
+        ]
 
     def undo_title(self, state: int) -> str:
         """Title of the step that undo takes back in this state of the history; "" if none."""
@@ -270,13 +277,20 @@ class Document:
     def do(self, edit: Edit | None, *, is_content: bool = True) -> bool:
         """Apply an edit; False when it is None. ``is_content``: something that a save keeps."""
         self._need_no_preview()
-        before = self.history.state_id
+        before, ahead = self.history.state_id, self._ahead()
         done = self.history.do(edit)
         self.save_state.note(before, self.history.state_id, is_content)
-        if edit is not None and not is_selection(edit):
+        if edit is not None and is_selection(edit):
+            passed = {before} | (ahead - self._ahead())
+            self._views.go_along(passed, self.history.state_id)
+        elif edit is not None:
             self._views.forget_undone()
         self._keep_focus()
         return done
+
+    def _ahead(self) -> set[int]:
+        """States of the history that redo leads to."""
+        return set(self.history.state_ids[self.history.cursor + 1 :])
 
     def undo(self) -> str | None:
         """Undo the newest edit; return its title, None if there is none."""

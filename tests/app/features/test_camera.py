@@ -488,6 +488,41 @@ def test_undo_of_views_and_edits_goes_back_and_forth(session: Session, seed: int
     assert not document.undo_title
 
 
+@pytest.mark.parametrize("n_selections", [1, 3])
+@pytest.mark.parametrize("selected_before", [False, True])
+@pytest.mark.parametrize("edited_after", [False, True])
+def test_what_was_undone_of_the_views_is_redone_after_a_selection(
+    session: Session, n_selections: int, selected_before: bool, edited_after: bool
+) -> None:
+    """As edits are; it was hidden until the selection was undone."""
+    document = session.need()
+    session.edit(partial(edits.rename, group=1, name="ball"))
+    if selected_before:
+        session.need().select(np.arange(5, dtype=np.int32), "set", "Select")
+    camera_path.add_keyframe(session)
+    if edited_after:
+        session.edit(partial(edits.rename, group=1, name="cup"))
+        session.undo()
+    session.undo()
+    if selected_before:
+        session.undo()
+    assert not camera_path.path_of(session).keyframes
+    for n in range(n_selections):
+        document.select(np.arange(10 + n, dtype=np.int32), "set", "Select more")
+    assert document.redo_title == "Add keyframe"
+    session.redo()
+    assert len(camera_path.path_of(session).keyframes) == 1
+    assert len(session.selected_indices()) == 9 + n_selections
+    if edited_after:
+        session.redo()
+        assert session.need().scene.names == {1: "cup"}
+        session.undo()
+    assert document.undo_title == "Add keyframe"
+    session.undo()
+    assert not camera_path.path_of(session).keyframes
+    assert document.undo_title.startswith("Select"), "the newest first"
+
+
 def test_a_dragged_time_is_one_step(session: Session) -> None:
     for _ in range(2):
         camera_path.add_keyframe(session)
