@@ -319,21 +319,29 @@ class PhotoFind:
         return self.scene.name if self.photos is None else _told_name(self.photos)
 
     def seconds(
-        self, config: ReconstructConfig, rates: Rates | None = None, kernels_s: float = 0.0
+        self,
+        config: ReconstructConfig,
+        rates: Rates | None = None,
+        kernels_s: float = 0.0,
+        slowdown: float = 1.0,
     ) -> float:
         """Time that making splats takes here, on the processor; see `expected`."""
-        return sum(self.expected(config, rates or {}, kernels_s).values())
+        return sum(self.expected(config, rates or {}, kernels_s, slowdown).values())
 
     def expected(
-        self, config: ReconstructConfig, rates: Rates, kernels_s: float = 0.0
+        self,
+        config: ReconstructConfig,
+        rates: Rates,
+        kernels_s: float = 0.0,
+        slowdown: float = 1.0,
     ) -> dict[str, float]:
         """Seconds of each of `STEPS` that is to be done.
 
         ``rates``: what they took here before; ``kernels_s``: seconds that kernels usually still
-        take to compile.
+        take to compile; ``slowdown``: times as long as on a free machine.
         """
         work = {KERNELS: kernels_s} if kernels_s else {}
-        rate = {step: rates.get(step, 1.0) for step in STEPS}
+        rate = {step: slowdown * rates.get(step, 1.0) for step in STEPS}
         return {step: n * rate[step] for step, n in {**work, **self._work(config)}.items()}
 
     def _work(self, config: ReconstructConfig) -> dict[str, float]:
@@ -392,8 +400,9 @@ class Estimate:
         rates: Rates,
         clock: Callable[[], float] = time.monotonic,
         kernels_s: float = 0.0,
+        slowdown: float = 1.0,
     ) -> None:
-        self._expected = found.expected(config, rates, kernels_s)
+        self._expected = found.expected(config, rates, kernels_s, slowdown)
         self._known, self._clock = dict(rates), clock
         settings, n_pixels = config.train(), found.n_pixels(config)
         self._spent = partial(settings.spent, n_pixels)

@@ -175,7 +175,8 @@ def make(
         training.take(former)
     known, aside = session.rates, place_aside(plan.scene)
     kernels_s = stages.kernels_seconds(*_PARTS)
-    estimate = Estimate(found, plan.config, known.rates, kernels_s=kernels_s)
+    slowdown = known.load.slowdown
+    estimate = Estimate(found, plan.config, known.rates, kernels_s=kernels_s, slowdown=slowdown)
 
     def progress(payload: object) -> None:
         if isinstance(payload, TrainingUpdate) and training.take(payload):
@@ -464,8 +465,9 @@ def _in_steps(estimate: "Estimate") -> Callable[[Progress], Progress]:
 
 def seconds_of(session: Session, found: "PhotoFind", plan: ReconstructionPlan) -> float:
     """Seconds that making splats takes on this machine."""
-    rates, kernels_s = session.rates.rates, stages.kernels_seconds(*_PARTS)
-    return max(found.seconds(plan.config, rates, kernels_s), 1.0)
+    known, kernels_s = session.rates, stages.kernels_seconds(*_PARTS)
+    slowdown = known.load.slowdown
+    return max(found.seconds(plan.config, known.rates, kernels_s, slowdown), 1.0)
 
 
 def _gathered(seen: TrainingUpdate) -> Callable[[Progress], Progress]:

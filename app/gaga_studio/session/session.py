@@ -679,6 +679,7 @@ class Session:
     def tick(self, dt: float) -> None:
         """Take what jobs have produced, move the camera, look up the hovered object."""
         self.jobs.poll()
+        self.rates.load.look()
         self._ask_again()
         if self.document is not None:
             self.rig.follow(self.document.world, self.document.kept_poses)
