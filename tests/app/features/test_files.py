@@ -98,9 +98,9 @@ def test_what_was_exported_comes_back_to_its_place(
     assert session.jobs.wait()
     files_actions.add_splats(session, plan.path)
     assert session.jobs.wait()
-    added = np.arange(n, 2 * n)
-    where = world_means(scene, np.arange(n))
-    assert cKDTree(where).query(world_means(scene, added))[0].max() < 1e-3
+    added = np.arange(n, 2 * n, dtype=np.int32)
+    where = world_means(scene, np.arange(n, dtype=np.int32))
+    assert np.max(cKDTree(where).query(world_means(scene, added))[0]) < 1e-3
     pose = document.selected_pose()
     assert pose is not None
     np.testing.assert_allclose(degrees_of(pose, local=False), 0, atol=1e-4)
@@ -108,7 +108,7 @@ def test_what_was_exported_comes_back_to_its_place(
     moved[:, 3] = 1.0
     document.do(edits.transform(scene, added, moved))
     document.do(edits.reset_placement(scene, added, "Reset"))
-    assert cKDTree(where).query(world_means(scene, added))[0].max() < 1e-3
+    assert np.max(cKDTree(where).query(world_means(scene, added))[0]) < 1e-3
     for _ in range(3):
         document.undo()
     assert len(scene) == n
