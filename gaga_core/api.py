@@ -227,7 +227,7 @@ class Scene:
 
     def __repr__(self) -> str:
         n = len(self.project.scene)
-        return f"<Scene {self.project.model_path.name}: {n:,} splats, {len(self.objects)} objects>"
+        return f"<Scene {self.project.name}: {n:,} splats, {len(self.objects)} objects>"
 
     def __len__(self) -> int:
         return len(self.project.scene)

@@ -510,7 +510,7 @@ class Studio:
         if not self.is_settled or not viewport.texture or document is not self._document:
             return
         self._has_picture, project = True, document.project
-        if str(project.opened_again_by(project.model_path).resolve()) != recent[0]:
+        if str(project.opened_again_by(project.source).resolve()) != recent[0]:
             return  # the demo is not in the list
         file, pixels = paths.picture_of(recent[0]), viewport.read_pixels()
         step = max(max(pixels.shape[:2]) // _PICTURE_SIDE, 1)

@@ -46,7 +46,7 @@ def content_of(project: Project) -> PageContent:
     """Content of a page of a project in addition to its splats."""
     folder = project.placed_folder
     return PageContent(
-        title=folder.root.resolve().name if folder is not None else project.model_path.stem,
+        title=project.stem,
         bookmarks=carried_bookmarks(project.bookmarks, project.scene.frame.world),
         path=project.placed_film,
         cameras=folder.cameras if folder is not None else (),

@@ -5,10 +5,10 @@ from itertools import groupby
 
 import numpy as np
 
-from gaga_core.arrays import BoolArray, IntArray, check_shape
+from gaga_core.arrays import AnyArray, BoolArray, IntArray, LongArray, check_shape
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
-from gaga_core.grouping.gate import gaussians_of_masks, open_bounds
+from gaga_core.grouping.gate import ViewMasks, gaussians_of_masks, open_bounds
 from gaga_core.grouping.gate_kernels import take_free
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.grouping.views import GatedViews
@@ -131,6 +131,26 @@ def shares_of_groups(
     """
     check_shape("chosen", chosen, labels.shape, np.bool_)
     counts = np.bincount(labels[chosen], minlength=1)
+    return _shares(np.arange(len(counts)), counts)
+
+
+def shares_of_pixels(
+    masks: ViewMasks,
+    seen: IntArray,  # (H, W) group that each pixel shows, 0 = none
+) -> dict[int, dict[int, float]]:
+    """By id of each mask, the share of its pixels that show each group, as `shares_of_groups`."""
+    check_shape("seen", seen, masks.labels.shape, np.int32)
+    groups, columns = np.unique(seen, return_inverse=True)
+    cells = masks.labels.ravel().astype(np.int64) * len(groups) + columns.ravel()
+    counts = np.bincount(cells, minlength=(len(masks) + 1) * len(groups)).reshape(-1, len(groups))
+    ids = masks.ids.tolist()
+    return {ids[m]: _shares(groups, counts[m]) for m in range(1, len(ids))}
+
+
+def _shares(
+    groups: AnyArray,  # (G,) ascending
+    counts: LongArray,  # (G,)
+) -> dict[int, float]:
     total = max(int(counts.sum()), 1)
     order = np.argsort(-counts, kind="stable")
-    return {int(group): int(counts[group]) / total for group in order if counts[group] > 0}
+    return {int(groups[at]): int(counts[at]) / total for at in order if counts[at] > 0}

@@ -124,7 +124,7 @@ def capture_of(project: Project) -> Capture:
     behind = frozenset[int]()
     if project.scene.labels.any():
         behind = describe_project(project).background
-    folder, name, scene = project.placed_folder, _name_of(project), replace(project.scene)
+    folder, name, scene = project.placed_folder, project.name, replace(project.scene)
     if folder is None:
         return Capture(name, scene=scene, behind=behind)
     return Capture(name, folder.cameras, folder.image_paths, scene, behind)
@@ -249,18 +249,18 @@ def addition_of(scene: Scene, second: Project, world: DoubleArray) -> Addition:
 
     The project names the file of an unedited scene, and keeps edited splats itself.
     """
-    other, title = second.scene, f"Add {_name_of(second)}"
+    other, title = second.scene, f"Add {second.name}"
     is_edited = bool(other.added or other.placement.any() or not other.visible.all())
     is_filed = not is_edited and second.model_axes == OURS
     digest = model_fingerprint(second.model_path) if is_filed else ""
     splats, labels = bake(other), other.labels[other.visible]
     ids, first = np.unique(labels, return_index=True)
     names = {group: group_name(other, group) for group in ids.tolist() if group}
-    names[0] = second.model_path.stem if second.folder is None else _name_of(second)
-    path = second.model_path if second.folder is None or digest else second.folder.root
+    names[0] = second.stem
+    path = second.model_path if digest else second.source
     edit = append(scene, splats, path, digest, labels, names)
     if edit is None or len(splats) == 0:
-        raise GagaError(f"{_name_of(second)} shows no splats, so there is nothing to add.")
+        raise GagaError(f"{second.name} shows no splats, so there is nothing to add.")
     after = replace(scene, revision=Revision())
     edit.apply(after)
     own = np.arange(len(scene), len(after))
@@ -285,11 +285,6 @@ def middle_of_first(first: Scene, second: Scene) -> DoubleArray:
     world = np.diag([*[sizes[0] / max(sizes[1], 1e-12)] * 3, 1.0])
     world[:3, 3] = middles[0] - world[:3, :3] @ middles[1]
     return world
-
-
-def _name_of(project: Project) -> str:
-    folder = project.folder
-    return project.model_path.name if folder is None else folder.root.absolute().name
 
 
 def workspace_of(first: Path) -> Path:

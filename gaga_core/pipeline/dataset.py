@@ -243,9 +243,7 @@ def scene_names(out: Path, paths: Sequence[Path]) -> tuple[str, ...]:
 
 
 def _path_of(scene: Path | Project) -> Path:
-    if isinstance(scene, Path):
-        return scene.absolute()
-    return scene.folder.root if scene.folder is not None else scene.model_path
+    return scene.absolute() if isinstance(scene, Path) else scene.source
 
 
 @contextmanager

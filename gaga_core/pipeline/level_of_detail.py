@@ -20,9 +20,7 @@ WITH_ADDED = "lod-added"  # folder of the tree of the model and the files that w
 
 def lod_folder(project: Project, name: str = FOLDER) -> Path:
     """Folder of the tree: ``gaga/lod`` of a scene folder, ``NAME.gaga/lod`` next to a file."""
-    if project.folder is not None:
-        return project.folder.work / name
-    return project.model_path.with_suffix(".gaga") / name
+    return project.first_path / name
 
 
 def open_project_lod(project: Project) -> LodTree | None:

@@ -1,6 +1,7 @@
 """One document: a scene that was opened, its edits, and where they are saved.
 
-A project is a folder (``SCENE/gaga``, or ``NAME.gaga`` next to a single NAME.ply) with
+A project is a folder (``SCENE/gaga``; or ``NAME.gaga``: next to a single NAME.ply, or in the folder
+NAME of exported objects) with
 
     project.json      which model (with a fingerprint), names of groups, folders, which scene file
     scene-<id>.npz    the columns and tables of the scene, and the memory bank with its log
@@ -114,6 +115,7 @@ class ProjectFile(msgspec.Struct, frozen=True):
     gaga_studio: str = ""
     added: list[FileEntry] = []
     folder: PathText | None = ".."
+    manifest: PathText = ""  # groups.json whose files are all open; "": one file, or a folder
     colors: object = None
     weights: dict[Group, Weight] = {}
     folders: list[str] = []  # of the object list
@@ -504,10 +506,11 @@ class Project:
 
     scene: Scene
     model_path: Path
-    folder: SceneFolder | None = None  # None: a single .ply
+    folder: SceneFolder | None = None  # None: a single .ply, or all files of a manifest
     path: Path | None = None  # folder of the saved project; None: never saved
     model_fingerprint: str = ""  # of the model as it was opened
     model_axes: SilentAxes = OURS  # of an .spz that does not say its own
+    manifest: Path | None = None  # groups.json: all objects that it names were opened as one scene
     # Both in the frame in which the scene was opened, see `gaga_core.scene.frame`.
     bookmarks: tuple[Bookmark, ...] = ()
     film: CameraPath = field(default_factory=CameraPath)  # the camera's path
@@ -553,6 +556,25 @@ class Project:
         return carried_path(self.film, self.scene.frame.world)
 
     @property
+    def source(self) -> Path:
+        """What was opened: the scene folder, the manifest of exported objects, or the file."""
+        return self.folder.root if self.folder is not None else self.manifest or self.model_path
+
+    @property
+    def name(self) -> str:
+        """Name of what was opened: of the folder, or of the file."""
+        path = self.source.absolute()
+        if path.name == META or (path == self.manifest and path.name == MANIFEST):
+            return path.parent.name  # the one of these in a folder is what the folder is
+        return path.name
+
+    @property
+    def stem(self) -> str:
+        """`name` without the ending of a file."""
+        is_file_name = self.folder is None and self.name == self.source.name
+        return Path(self.name).stem if is_file_name else self.name
+
+    @property
     def saves_to(self) -> Path:
         """Path that a save writes: where it was, else `default_path`."""
         return self.path or self.default_path
@@ -561,12 +583,28 @@ class Project:
     def default_path(self) -> Path:
         """Path of the first save."""
         # A single .ply opens without edits: keep a former save.
-        return self._of_a_file()[0] if self.folder is None else self.folder.work
+        return self._free_path()[0] if self.folder is None else self.folder.work
+
+    @property
+    def first_path(self) -> Path:
+        """Path of the first project that is saved of the files that are open."""
+        if self.folder is not None:
+            return self.folder.work
+        if self.manifest is None:
+            return self.model_path.with_suffix(SUFFIX)
+        return self.manifest.with_name(self.stem + SUFFIX)
 
     @property
     def saved_of_file(self) -> Path | None:
-        """The project that was saved last of the single file that is open; None without one."""
-        return None if self.folder is not None or self.path is not None else self._of_a_file()[1]
+        """The project that was saved last of the file, or of the manifest, that is open.
+
+        None without one, and of a scene folder. Files of the same name in two formats, and a
+        manifest and a file that it names, have projects of their own.
+        """
+        if self.folder is not None or self.path is not None:
+            return None
+        former = reversed(self._free_path()[1])
+        return next((path for path in former if self._is_source_of(path)), None)
 
     def opened_again_by(self, path: Path) -> Path:
         """The one path, of all that open this as ``path`` did, that a list of scenes names.
@@ -578,16 +616,34 @@ class Project:
             return folder.root
         if saved is not None:
             return saved
-        is_inside = path.suffix == ".json" and meant_in(path.parent) == path
-        return path.parent if is_inside else path
+        return listed_path(path)
 
-    def _of_a_file(self) -> tuple[Path, Path | None]:
-        """Path of the next save of a single file, and that of the last one."""
-        last, path, n = None, self.model_path.with_suffix(SUFFIX), 1
+    def _free_path(self) -> tuple[Path, list[Path]]:
+        """Path of the next save of what is open, and those of former ones of this name."""
+        former: list[Path] = []
+        path = first = self.first_path
         while (path / PROJECT_FILE).exists():
-            n += 1
-            last, path = path, self.model_path.with_suffix(f".{n}{SUFFIX}")
-        return path, last
+            former.append(path)
+            path = first.with_suffix(f".{len(former) + 1}{SUFFIX}")
+        return path, former
+
+    def _is_source_of(self, saved: Path) -> bool:
+        """Whether the project in ``saved`` was made of what is open; False if it cannot be read."""
+        try:
+            document = _document(saved / PROJECT_FILE)
+        except GagaError:
+            return False
+        if self.manifest is not None or document.manifest:
+            of = _resolve(saved, document.manifest) if document.manifest else None
+            return self.manifest is not None and of == self.manifest.resolve()
+        model = _resolve(saved, document.model.path)
+        return model.parent == saved.resolve() or model == self.model_path.resolve()
+
+
+def listed_path(path: Path) -> Path:
+    """``path`` as a list of scenes names it: the folder, if the file is what the folder means."""
+    is_inside = path.suffix == ".json" and meant_in(path.parent) == path
+    return path.parent if is_inside else path
 
 
 def meant_in(path: Path) -> Path | None:
@@ -619,8 +675,7 @@ def open_path_stage(path: Path) -> Stage[Project]:
     if path.name == PROJECT_FILE:
         return (yield from _open_saved(path))
     if is_manifest(path):
-        scene, first, digest = yield from open_objects_stage(path)
-        return Project(scene, first, model_fingerprint=digest)
+        return (yield from _open_objects(path))
     if path.is_dir():
         return (yield from _open_folder(path))
     if path.suffix.lower() == ".json" and not (is_sog_meta(path) or is_streamed_sog(path)):
@@ -628,6 +683,11 @@ def open_path_stage(path: Path) -> Stage[Project]:
             f"{path.name} is not a saved project. Choose a project.json of gaga-studio."
         )
     return (yield from _open_model(path))
+
+
+def _open_objects(manifest: Path) -> Stage[Project]:
+    scene, first, digest = yield from open_objects_stage(manifest)
+    return Project(scene, first, model_fingerprint=digest, manifest=manifest.absolute())
 
 
 def _opened_groups(gaussians: Gaussians, path: Path, folder: SceneFolder | None) -> OpenedGroups:
@@ -671,9 +731,11 @@ def _open_model(path: Path, folder: SceneFolder | None = None) -> Stage[Project]
 
 
 def reopen_stage(project: Project) -> Stage[Project]:
-    """Open the model of ``project`` as it is on disk now, without saved edits."""
+    """Open what ``project`` was made of as it is on disk now, without saved edits."""
     if project.folder is not None:
         return (yield from _open_folder(project.folder.root))
+    if project.manifest is not None:
+        return (yield from _open_objects(project.manifest))
     return (yield from _open_model(project.model_path))
 
 
@@ -719,6 +781,7 @@ def _write_project(project: Project, target: Path, entries: list[FileEntry]) -> 
         model=entries[0],
         added=entries[1:],
         folder=_shown(project.folder.root, target) if project.folder else None,
+        manifest=_shown(project.manifest, target) if project.manifest else "",
         scene=name,
         names={str(group): text for group, text in sorted(scene.names.items())},
         called={str(group): text for group, text in sorted(scene.described.items())},
@@ -815,6 +878,7 @@ def _open_saved(file: Path) -> Stage[Project]:
         path=file.parent,
         model_fingerprint=model_fingerprint(model_path),
         model_axes=entry.axes,
+        manifest=_resolve(file.parent, document.manifest) if document.manifest else None,
         bookmarks=bookmarks_of(document.bookmarks),
         film=film,
         known_saves={document.scene},

@@ -11,7 +11,6 @@ from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.io.folder.lock import FolderLock, InUseError, lock_folder
-from gaga_core.io.splats.sog import META
 from gaga_core.io.splats.splat_files import files_of_model
 from gaga_core.pipeline.level_of_detail import is_of, rows_of_files
 from gaga_core.scene import edits
@@ -193,11 +192,7 @@ class Document:
     @property
     def name(self) -> str:
         """Name of the folder or file."""
-        folder = self.project.folder
-        path = self.project.model_path
-        if folder is not None:
-            return folder.root.name
-        return path.parent.name if path.name == META else path.name  # that of a SOG folder
+        return self.project.name
 
     @property
     def saved_name(self) -> str:

@@ -27,6 +27,7 @@ from gaga_core.scene.project import (
     ModelChangedError,
     Project,
     SavedElsewhereError,
+    listed_path,
     reopen_stage,
 )
 from gaga_core.scene.scene import RGB, Scene
@@ -426,7 +427,7 @@ class Session:
             document.save_state.saved(content)
             self.notify(Level.INFO, f"Saved to {where}.")
             if document.project.folder is None:  # a scene folder opens with what was saved
-                former = document.project.model_path
+                former = listed_path(document.project.source)
                 self.change_settings(self.settings.opened(where, former))
             if self.document is document:
                 self._claim(document)
@@ -569,9 +570,8 @@ class Session:
             if isinstance(project, Project):
                 self.take(project)
                 if (saved := project.saved_of_file) is not None:
-                    text = (
-                        f"{saved.name} was saved of this file: open it for your objects and edits."
-                    )
+                    what = "this file" if project.manifest is None else "these objects"
+                    text = f"{saved.name} was saved of {what}: open it for your objects and edits."
                     self.notify(Level.INFO, text, shows=saved)
                 for follow in self._when_opened:
                     follow(self)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gaga_core.grouping.memory_bank import Decision
+from gaga_core.raster import choose
 from gaga_studio.features import objects, selection, transform
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import masks, memory_bank
@@ -321,6 +322,37 @@ def test_overlaps_of_a_mask_are_looked_up_in_a_quiet_job(associated: Session) ->
     assert behind is not None
     assert len(behind) >= len(found)
     assert behind[3] < found[3]  # the floor is behind every ball
+
+
+def test_masks_decided_by_points_tell_what_they_show(associated: Session) -> None:
+    """Splats behind the mask said 99 % where the points said 56 %, and its pixels 85 %."""
+    session, document = associated, associated.need()
+    assert not memory_bank.shows_pixels(document)
+    assert document.scene.bank is not None
+    document.scene.bank = replace(document.scene.bank, preset="robust")
+    decision = _mask(session)
+    evidence = memory_bank.evidence_of(session, document)
+    camera = evidence.camera(decision.view)
+    seen = choose().label_splat(evidence.gaussians, camera, _labels(session)).labels
+    masks_of_view = evidence.masks_of(camera)
+    inside = seen[masks_of_view.ids[masks_of_view.labels] == decision.mask]
+    found = memory_bank.mask_overlaps(session, decision)
+    assert found == {g: (inside == g).mean() for g in np.unique(inside).tolist()}
+    free = memory_bank.mask_overlaps(session, decision, has_gate=False)
+    splats = memory_bank.mask_splats_of(session, decision)
+    assert splats is not None
+    assert free is not None
+    assert free[3] == (_labels(session)[splats.behind] == 3).mean()
+    selection.select_groups(session, (3,))
+    assert objects.assign(session, 4)  # its masks go along
+    moved = next(
+        d for d in session.decisions(4) if d.view == decision.view and d.mask == decision.mask
+    )
+    while (now := memory_bank.mask_overlaps(session, moved)) is None:
+        session.jobs.poll()
+    assert now[4] == pytest.approx(found[3] + found.get(4, 0))
+    session.undo()
+    assert memory_bank.mask_overlaps(session, decision) is found, "it is known"
 
 
 def test_lit_splats_are_those_of_the_mask_and_the_gate_is_a_switch(associated: Session) -> None:

@@ -9,6 +9,7 @@ from threading import Event
 import numpy as np
 import pytest
 
+from gaga_core.export.export import export_objects_stage
 from gaga_core.io.files import assets
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.io.splats.splat_files import SplatFormat, write_splats
@@ -16,11 +17,12 @@ from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
-from gaga_core.scene.project import open_path_stage
+from gaga_core.scene.project import open_path_stage, reopen_stage
+from gaga_core.scene.scene import Scene
 from gaga_studio.features import files, objects, selection, transform
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
-from gaga_studio.session.notices import HINT_SECONDS, Level, UserQuestion
+from gaga_studio.session.notices import HINT_SECONDS, Level, Notice, UserQuestion
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 from tests.app.looks import finish, objects_of, scene_of, snapshot, true_labels
@@ -164,6 +166,50 @@ def test_a_lone_file_says_that_a_project_was_saved_of_it(session: Session, tmp_p
     assert session.jobs.wait()
     session.tick(0.1)
     assert (session.need().scene.labels > 0).sum() == 5
+
+
+def test_exported_objects_are_one_scene_of_their_folder(session: Session, tmp_path: Path) -> None:
+    """Title, project and Recent name the folder; its project and those of its files are told apart,
+    also where an object has the folder's name, or a file of another format an object's."""
+    made = objects_scene(3, 30, n_cameras=1)
+    scene = Scene.of(made.gaussians, made.labels)
+    scene.names = {1: "room", 2: "cup", 3: "jug"}
+    folder = tmp_path / "room"
+    run_stage(export_objects_stage(scene, folder))
+    write_splats(folder / "cup.spz", random_gaussians(50, seed=2), SplatFormat.SPZ)
+
+    def offered_by(path: Path) -> list[str]:
+        session.notices = ()
+        session.open(path)
+        finish(session)
+        session.tick(0.1)
+        said: tuple[Notice, ...] = session.notices
+        return [notice.text.split()[0] for notice in said if "was saved of" in notice.text]
+
+    sources = (folder, folder / "room.ply", folder / "cup.ply", folder / "cup.spz")
+    saved: dict[Path, str] = {}
+    for source in sources:
+        assert offered_by(source) == [], source
+        assert session.title == source.name
+        session.save()
+        finish(session)
+        session.tick(0.1)
+        project = session.need().project.path
+        assert project is not None
+        assert project.parent == folder
+        saved[source] = project.name
+        assert session.settings.recent[0] == str(project)
+        assert str(source) not in session.settings.recent
+    assert saved[folder] == "room.gaga"
+    assert len(set(saved.values())) == len(sources)
+    for source in sources:
+        assert offered_by(source) == [saved[source]], source
+        assert session.settings.recent[0] == str(source)
+    session.open(folder / "room.gaga")
+    finish(session)
+    assert session.need().project.manifest == folder / "groups.json"
+    reloaded = run_stage(reopen_stage(session.need().project)).scene
+    assert reloaded.labels.tolist() == session.need().scene.labels.tolist()
 
 
 def test_recent_files_are_remembered(session: Session, scene_folder: Path) -> None:

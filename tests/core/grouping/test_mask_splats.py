@@ -5,7 +5,8 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.grouping.associate import AssociateConfig
-from gaga_core.grouping.figures import mask_splats, shares_of_groups
+from gaga_core.grouping.figures import mask_splats, shares_of_groups, shares_of_pixels
+from gaga_core.grouping.gate import ViewMasks
 from gaga_core.grouping.views import GatedViews, load_labels
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from tests.core.grouping.true_masks import masks_of
@@ -59,3 +60,16 @@ def test_shares_are_those_of_the_chosen_and_add_up_to_one() -> None:
         if chosen.any():
             assert sum(shares.values()) == pytest.approx(1)
     assert shares_of_groups(labels, np.zeros(200, bool)) == {}
+
+
+def test_shares_of_pixels_are_counted_for_every_mask_of_a_view() -> None:
+    rng = np.random.default_rng(3)
+    ids = np.array([0, 2, 7, 900], np.int32)
+    labels = ids[rng.integers(0, 4, (20, 30))]
+    seen = rng.choice(np.array([0, 4, 5, 60], np.int32), (20, 30), p=[0.1, 0.2, 0.3, 0.4])
+    found = shares_of_pixels(ViewMasks.of(labels), seen)
+    assert list(found) == [2, 7, 900]
+    for mask, shares in found.items():
+        inside = seen[labels == mask]
+        assert shares == {g: (inside == g).mean() for g in np.unique(inside).tolist()}
+        assert list(shares.values()) == sorted(shares.values(), reverse=True)

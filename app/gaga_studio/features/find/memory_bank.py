@@ -72,12 +72,16 @@ class Timeline:
             view.mode = self.former_mode
 
 
+_Looked = tuple[str, "Evidence", str]  # a view, and the groups that it shows; "": not wanted
+
+
 class KnownViews:
     """Findings in the masks of the views of a document."""
 
     def __init__(self) -> None:
         self.evidence: dict[tuple[str, str], Evidence] = {}  # by masks and preset
-        self.looked_at: set[tuple[str, Evidence]] = set()  # views
+        self.looked_at: set[_Looked] = set()  # views
+        self.seen: dict[_Looked, dict[int, dict[int, float]]] = {}  # see `shares_of_pixels`
         self.lit: tuple[object, MaskSplats | None] | None = None  # of one mask
 
     def forget(self) -> None:
@@ -593,14 +597,13 @@ def mask_splats_of(session: Session, decision: Decision) -> "MaskSplats | None":
     if view is None:
         return None
     document, evidence, camera = view
-    known = document.feature(KnownViews)
+    known, looked = document.feature(KnownViews), _looked(document, evidence, camera)
+    if session.jobs.quiet is None and looked not in known.looked_at:
+        known.looked_at.add(looked)  # once: a view that cannot be read fails every time
+        labels = file_columns(document.scene)[0] if shows_pixels(document) else None
+        stage = _look_stage(evidence, camera, session.rates, labels, known.seen, looked)
+        session.jobs.start_quiet("Look at the view", stage)
     if decision.view not in evidence.bounds:
-        asked = (decision.view, evidence)
-        if session.jobs.quiet is None and asked not in known.looked_at:
-            known.looked_at.add(asked)  # once: a view that cannot be read fails every time
-            session.jobs.start_quiet(
-                "Look at the view", _look_stage(evidence, camera, session.rates)
-            )
         return None
     key = (decision.view, decision.mask, evidence)
     if known.lit is None or known.lit[0] != key:
@@ -620,15 +623,23 @@ def _splats(evidence: "Evidence", camera: Camera, mask: int) -> "MaskSplats | No
 def mask_overlaps(
     session: Session, decision: Decision, *, has_gate: bool = True
 ) -> dict[int, float] | None:
-    """Return the share of the splats behind a mask that each group holds, descending.
+    """Return the share of a mask that each group holds, descending: of the splats behind it, or of
+    its pixels where `shows_pixels`.
 
-    0 are the splats of no group. None until a quiet job has read its view: ask again in a later
-    frame. Empty when the masks are gone. The same dict as long as nothing changed.
+    0 is no group. None until a quiet job has read its view: ask again in a later frame. Empty when
+    the masks are gone. The same dict as long as nothing changed.
     """
-    splats, document = mask_splats_of(session, decision), session.document
-    if splats is None or document is None:
-        is_pending = session.jobs.quiet is not None and _view_of(session, decision) is not None
-        return None if is_pending else {}
+    view, splats = _view_of(session, decision), mask_splats_of(session, decision)
+    if view is None:
+        return {}
+    document = view[0]
+    if splats is not None and shows_pixels(document, has_gate=has_gate):
+        by_mask = document.feature(KnownViews).seen.get(_looked(*view))
+        if by_mask is not None:
+            return by_mask.get(decision.mask, {})
+        splats = None
+    if splats is None:
+        return None if session.jobs.quiet is not None else {}
     from gaga_core.grouping.figures import shares_of_groups  # numba
 
     chosen, scene = splats.of(has_gate), document.scene
@@ -636,6 +647,20 @@ def mask_overlaps(
     return document.read.once(
         "shares", key, lambda: shares_of_groups(scene.labels[: len(chosen)], chosen)
     )
+
+
+def shows_pixels(document: Document, *, has_gate: bool = True) -> bool:
+    """Whether `mask_overlaps` tells what a mask shows, by pixels, for the masks were decided so.
+
+    They were by points on the surfaces that they show. Splats behind a mask say otherwise: large
+    ones are few, and those of a thing in front of another may all lie nearer than the gate accepts.
+    """
+    return has_gate and document.read.overlap_is_of_points()
+
+
+def _looked(document: Document, evidence: "Evidence", camera: Camera) -> _Looked:
+    groups = document.read.labels_digest() if shows_pixels(document) else ""
+    return camera.name, evidence, groups
 
 
 def mask_tint(session: Session, decision: Decision | None) -> UInt8Array | None:
@@ -677,13 +702,24 @@ def _view_of(session: Session, decision: Decision) -> "tuple[Document, Evidence,
         return None
 
 
-def _look_stage(evidence: "Evidence", camera: Camera, rates: KnownRates) -> Stage[object]:
-    """Find the accepted depths of the masks of one view."""
+def _look_stage(
+    evidence: "Evidence",
+    camera: Camera,
+    rates: KnownRates,
+    labels: IntArray | None,  # (N,) of the rows of the file
+    seen: dict[_Looked, dict[int, dict[int, float]]],
+    looked: _Looked,
+) -> Stage[object]:
+    """Find the accepted depths of the masks of one view, and what they show of ``labels``."""
 
     def gather() -> Stage[object]:
+        from gaga_core.grouping.figures import shares_of_pixels
         from gaga_core.grouping.repair.view_evidence import gather_stage
 
         yield from gather_stage(evidence.only([camera]), choose(), only_bounds=True)
+        if labels is not None:
+            frame = choose().label_splat(evidence.gaussians, camera, labels)
+            seen[looked] = shares_of_pixels(evidence.masks_of(camera), frame.labels)
         return None
 
     return stages.prepared(rates, "Look at the view", gather)

@@ -32,7 +32,8 @@ _TABLE_FLAGS = (
 )
 _OVERLAPS = {  # what the shares are of
     False: "share of the splats behind the mask that the object held when the mask was decided",
-    True: "share of the points on the surface that the mask shows, which belong to the object",
+    True: "share of the points on the surface that the mask shows, which belong to the object: "
+    "a sample of what it shows",
 }
 _BARS_SHARE = 0.4  # of the panel's height
 _MOST_BARS = 6
@@ -110,12 +111,16 @@ def _chosen(session: Session, document: Document, state: EvidenceState) -> None:
     widgets.next_to(n_splats)
     imgui.align_text_to_frame_padding()
     widgets.dim(n_splats)
+    what = mask_evidence.what_is_shared(document, has_gate=view.has_mask_gate)
+    widgets.line(what, theme.DIM)
     height = imgui.get_text_line_height_with_spacing()
     n_bars = int(imgui.get_content_region_avail().y * _BARS_SHARE / height)
-    _shares(session, document, shares, min(max(n_bars, 1), _MOST_BARS))
+    _shares(session, document, what, shares, min(max(n_bars, 1), _MOST_BARS))
 
 
-def _shares(session: Session, document: Document, shares: dict[int, float], n: int) -> None:
+def _shares(
+    session: Session, document: Document, what: str, shares: dict[int, float], n: int
+) -> None:
     """The largest shares as bars; all of them in the tooltip."""
     table = session.objects()
     first = imgui.get_cursor_screen_pos()
@@ -134,7 +139,7 @@ def _shares(session: Session, document: Document, shares: dict[int, float], n: i
     if imgui.is_mouse_hovering_rect(first, ImVec2(first.x + wide, end.y)):
         names = ((document.name_of(g) if g else "no object", s) for g, s in shares.items())
         listed = "\n".join(f"{100 * share:.1f} %  {name}" for name, share in names)
-        imgui.set_tooltip(f"Overlap of the mask with each group\n{listed}")
+        imgui.set_tooltip(f"{what}\n{listed}")
 
 
 def _growing(

@@ -106,7 +106,7 @@ def why_not_moved(session: Session) -> str:
 def _objects(
     session: Session, document: Document, state: MaskMenuState, decision: Decision
 ) -> None:
-    """The other objects: those that hold splats behind the mask first, with their share."""
+    """The other objects: those that hold a share of the mask first, with that."""
     key = f"{decision.view} {decision.mask} {document.read.labels_digest()}"
     if state.overlaps[0] != key:
         found = memory_bank.mask_overlaps(session, decision)
@@ -114,16 +114,21 @@ def _objects(
             state.overlaps = (key, {group: share for group, share in found.items() if group})
     is_known = state.overlaps[0] == key
     shares = dict(state.overlaps[1]) if is_known else {}
-    if not is_known and decision.runner_up:
-        shares = {decision.runner_up: decision.runner_up_overlap}
     first = list(shares)
     first += [decision.runner_up] if decision.runner_up not in (0, *first) else []
-    widgets.dim("Share of the splats behind the mask" if is_known else "Looking at the view …")
+    widgets.dim(what_is_shared(document) if is_known else "Looking at the view …")
     to = object_menu.objects(
         state.objects, session.objects(), first=first, without=(decision.group,), shares=shares
     )
     if to is not None:
         memory_bank.move_mask(session, decision, to)
+
+
+def what_is_shared(document: Document, *, has_gate: bool = True) -> str:
+    """What the shares of `memory_bank.mask_overlaps` are of."""
+    if memory_bank.shows_pixels(document, has_gate=has_gate):
+        return "What the mask shows"
+    return "Share of the splats behind the mask"
 
 
 _MOST_HIGH, _HEAD = 0.45, 4.6  # share of the picture's height; em above the pictures of a card
@@ -297,7 +302,7 @@ def explanation(document: Document, decision: Decision) -> str:
         return f"This mask opened {name} with {decision.n_gaussians:,} splats."
     text = f"Joined {name}, which held {share} of its {decision.n_gaussians:,} splats"
     if document.read.overlap_is_of_points():
-        text = f"Joined {name}, to which {share} of the points on its surface belong"
+        text = f"Joined {name} by {share} of its surface points"
     if decision.runner_up:
         rival = document.name_of(decision.runner_up)
         text += f"; next came {rival} with {100 * decision.runner_up_overlap:.0f} %"
