@@ -13,7 +13,7 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
@@ -366,7 +366,7 @@ class Region:
         if len(groups):
             self._session.hint = locked_hint(self._document.names_of(groups.tolist()))
         elif len(rows):
-            self._session.hint = locked_hint(f"{len(rows):,} splats")
+            self._session.hint = locked_hint(counted(len(rows), "splat"))
 
     def splats(self, mask: BoolArray) -> IntArray:
         """Splats (K,) that ``mask`` (H, W) covers."""
@@ -387,12 +387,12 @@ class Region:
         else:
             splats = self._screen().inside(mask)
             if not self._whole:
-                return splats, f"{verb} {len(splats):,} splats"
+                return splats, f"{verb} {counted(len(splats), 'splat')}"
             groups = algebra.groups_inside(self._scene, splats)
         rows = group_indices(self._scene, groups)
         if len(groups) == 1:
             return rows, f"{verb} {self._document.name_of(int(groups[0]))}"
-        return rows, f"{verb} {len(groups)} objects"
+        return rows, f"{verb} {counted(len(groups), 'object')}"
 
     def _screen(self) -> "Screen":
         # Imported when first asked for: numba is a good part of the launch time.
