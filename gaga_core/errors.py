@@ -57,6 +57,11 @@ def plain_text(text: str, longest: int = LONGEST_SENTENCE) -> str:
     return text
 
 
+def counted(n: int, noun: str) -> str:
+    """How many of what, in a sentence for the user: "1 splat", "5,999 loose splats"."""
+    return f"{n:,} {noun}{'' if n == 1 else 's'}"
+
+
 class PlainFormatter(logging.Formatter):
     """Writes records of the log as `plain_text`: they quote files, too."""
 

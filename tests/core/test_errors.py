@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaga_core.errors import LONGEST_SENTENCE, GagaError, cure_without, plain_text
+from gaga_core.errors import LONGEST_SENTENCE, GagaError, counted, cure_without, plain_text
 from gaga_core.export.simulation.bodies import library
 from gaga_core.io.splats.usd import usd
 
@@ -76,3 +76,8 @@ def test_packages_for_simulators_are_missed_in_one_sentence_that_is_true(
         with pytest.raises(GagaError) as said:
             usd() if name == "pxr" else library(name)
         assert str(said.value).endswith(f"Install it: {cure_without(extra)}.")
+
+
+def test_one_of_a_thing_is_no_things() -> None:
+    counts = [counted(n, "loose splat") for n in (0, 1, 2, 5999)]
+    assert counts == ["0 loose splats", "1 loose splat", "2 loose splats", "5,999 loose splats"]

@@ -74,16 +74,24 @@ def ask(
 
 
 def switch(
-    id_: str, title: str, name: ViewSwitch, shortcut: str = "", enabled: Reason = lambda _: ""
+    id_: str,
+    title: str,
+    name: ViewSwitch,
+    shortcut: str = "",
+    enabled: Reason = lambda _: "",
+    is_on: Callable[["Session"], bool] | None = None,
 ) -> Command:
-    """Build a command that switches a field of the view on and off."""
+    """Build a command that switches a field of the view on and off.
+
+    ``is_on``: what holds, where that may be another thing than is chosen; it is not ``enabled``
+    there.
+    """
 
     def run(session: Session) -> None:
         setattr(session.view, name, not getattr(session.view, name))
 
-    return Command(
-        id_, title, run, shortcut, enabled=enabled, is_on=lambda s: getattr(s.view, name)
-    )
+    holds = is_on or (lambda s: getattr(s.view, name))
+    return Command(id_, title, run, shortcut, enabled=enabled, is_on=holds)
 
 
 def setting(id_: str, title: str, name: SettingSwitch) -> Command:

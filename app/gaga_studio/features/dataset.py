@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.export.dataset.settings import FORMS, DatasetConfig, Form
 from gaga_core.progress import Stage
 from gaga_core.settings import setting_of
@@ -41,9 +41,10 @@ class DatasetPlan:
         config = self.config
         n = -(-config.views // config.views_each)
         placements = "one placement" if n == 1 else f"about {n:,} placements"
+        pictures = counted(config.views, "picture")
         return (
-            f"{config.views:,} pictures of {placements} of the objects. In a folder that has a "
-            "data set, only what is missing or stale is made."
+            f"{pictures} of {placements} of the objects. In a folder that has a data set, only "
+            "what is missing or stale is made."
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.evaluate.photo_film import PhotoFilmConfig, photo_film_stage
 from gaga_core.export.cameras import CameraForm, estimated_camera_bytes, export_cameras
 from gaga_core.export.export import (
@@ -338,7 +338,7 @@ def export_stage(
         kind: Literal["selected", "visible"] = "selected" if what == "selected" else "visible"
         made = yield from export_scene_stage(scene, path, what=kind, options=options)
         where = paths.shown(path.parent)
-        said = f"Exported {path.name}: {made.n_splats:,} splats, in {where}."
+        said = f"Exported {path.name}: {counted(made.n_splats, 'splat')}, in {where}."
         psnr, of = made.psnr, "the export"
     if psnr is None:
         return said

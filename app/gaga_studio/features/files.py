@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from gaga_core.errors import counted
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
 from gaga_core.io.images import IMAGE_SUFFIXES
@@ -93,7 +94,7 @@ def add_splats(session: Session, path: Path, *more: Path) -> None:
         up = session.rig.up
         document.do(edits.append(document.settled().scene, splats, path, digest, up=up))
         session.notify(
-            Level.INFO, f"Added {len(splats):,} splats of {path.name}; they are selected."
+            Level.INFO, f"Added {counted(len(splats), 'splat')} of {path.name}; they are selected."
         )
         if splats.is_antialiased != document.scene.gaussians.is_antialiased:
             session.notify(

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.fill import inpaint
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.edits import Edit
@@ -67,13 +67,13 @@ def _why(found: "Filling") -> str:
 
 def summary(found: "Filling") -> tuple[str, ...]:
     """Return sentences on what the preview changes, and on what it leaves as it is."""
-    lines = [f"{len(found.removed):,} splats removed, {len(found.splats):,} new"]
+    lines = [f"{counted(len(found.removed), 'splat')} removed, {len(found.splats):,} new"]
     if len(found.splats) == 0:
         lines.append(f"No new splats: {_why(found)} What is open now stays open.")
     if len(found.unseen):
         lines.append(f"{len(found.unseen):,} removed that no photo had seen")
     if len(found.stained):
-        lines.append(f"{len(found.stained):,} splats in its shadow lightened")
+        lines.append(f"{counted(len(found.stained), 'splat')} in its shadow lightened")
     elif found.lighten:
         lines.append("No shadow was found")
     return tuple(lines)

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.pipeline.level_of_detail import (
     build_project_lod_stage,
     open_project_lod,
@@ -37,7 +37,7 @@ def offer(session: Session) -> None:
     n, tree = len(document.scene), document.tree
     if n <= LARGE or (tree is not None and len(tree) == document.n_file_rows):
         return
-    text = f"This scene has {n:,} splats. With a level of detail it is drawn much faster."
+    text = f"This scene has {counted(n, 'splat')}. With a level of detail it is drawn much faster."
     if tree is not None:
         left = n - len(tree)
         text = f"{left:,} splats of added files have no level of detail: build it again for all."
@@ -90,7 +90,7 @@ def build(session: Session) -> bool:
             # The tree of fewer files stays: undo takes files away.
             document.lods = (*(former for former in document.lods if len(former) < len(tree)), tree)
             session.view.uses_lod = True
-        text = f"Built {len(tree.sizes) - 1} coarser levels of {len(tree):,} splats."
+        text = f"Built {len(tree.sizes) - 1} coarser levels of {counted(len(tree), 'splat')}."
         session.notify(Level.INFO, text, shows=tree.folder)
 
     stage = build_project_lod_stage(document.settled())

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.io.folder.scene_folder import place_aside
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.camera_path import CameraPath, turntable
@@ -73,7 +73,7 @@ def too_few(found: "PhotoFind") -> str:
 
     if found.is_video or found.is_placed or found.n_photos >= FEWEST:
         return ""
-    there = "There is 1 photo" if found.n_photos == 1 else f"There are {found.n_photos} photos"
+    there = f"There {'is' if found.n_photos == 1 else 'are'} {counted(found.n_photos, 'photo')}"
     return f"{there}; it takes at least {FEWEST} that overlap, and 30 or more for a whole scene."
 
 
@@ -146,8 +146,8 @@ def found_text(found: "PhotoFind") -> str:
     if found.is_video:
         return f"{found.name} is a video of about {found.n_photos} useful frames."
     if found.is_placed:
-        return f"{found.n_photos:,} photos with known cameras, no splats yet."
-    return f"{found.n_photos:,} photos, and no splats yet. {found.poses}".strip()
+        return f"{counted(found.n_photos, 'photo')} with known cameras, no splats yet."
+    return f"{counted(found.n_photos, 'photo')}, and no splats yet. {found.poses}".strip()
 
 
 def make(

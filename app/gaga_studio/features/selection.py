@@ -13,7 +13,7 @@ import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
@@ -32,7 +32,7 @@ from gaga_studio.features.base import (
 )
 from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.view import ViewportPoint
+from gaga_studio.session.view import ToolName, ViewportPoint
 
 if TYPE_CHECKING:
     from gaga_core.scene.selection.by_screen import Screen
@@ -283,6 +283,36 @@ _LEAST_SEEN = 0.02
 _LONGEST = 480  # longest side, pixels, of the depth picture
 
 _worker = ThreadPoolExecutor(1, thread_name_prefix="surface")
+_WHOLE = "An object is always selected whole, including its hidden parts."
+_PAINTS = "The brush takes the objects whose visible surface it goes over."
+
+
+def why_splats(session: Session) -> str:
+    """Why tools that select regions take single splats, whatever is chosen; "" where they can take
+    whole objects."""
+    document = session.document
+    has_groups = document is not None and document.read.has_groups()
+    return "" if has_groups else session.no_groups_text
+
+
+def takes_splats(session: Session) -> bool:
+    """Whether they take single splats, not whole objects."""
+    return session.view.takes_splats or bool(why_splats(session))
+
+
+def why_so_deep(session: Session) -> str:
+    """Why they take the visible surface alone, or all behind it, whatever is chosen; "" where
+    either can be had."""
+    if takes_splats(session):
+        return ""
+    return _PAINTS if session.tool is ToolName.BRUSH else _WHOLE
+
+
+def takes_surface(session: Session) -> bool:
+    """Whether they take what the visible surface shows alone."""
+    if takes_splats(session):
+        return session.view.visible_only
+    return session.tool is ToolName.BRUSH
 
 
 class Region:
@@ -304,8 +334,7 @@ class Region:
         self._session, self._document = session, document
         self._camera = session.rig.camera(place.width, place.height)
         self._scene = document.settled().scene
-        takes_splats = surface_only or session.view.takes_splats
-        self._whole = not takes_splats and document.read.has_groups()
+        self._whole = not surface_only and not takes_splats(session)
         self._depth: Future[FloatArray] | None = None
         self._through: Screen | None = None
         self._surface: Screen | None = None
@@ -346,7 +375,7 @@ class Region:
         if len(groups):
             self._session.hint = locked_hint(self._document.names_of(groups.tolist()))
         elif len(rows):
-            self._session.hint = locked_hint(f"{len(rows):,} splats")
+            self._session.hint = locked_hint(counted(len(rows), "splat"))
         elif len(covered := free.splats(mask)):
             is_of_some = bool(self._scene.labels[covered].any())
             self._session.hint = LESS_THAN_HALF if is_of_some else NO_OBJECTS
@@ -370,12 +399,12 @@ class Region:
         else:
             splats = self._screen().inside(mask)
             if not self._whole:
-                return splats, f"{verb} {len(splats):,} splats"
+                return splats, f"{verb} {counted(len(splats), 'splat')}"
             groups = algebra.groups_inside(self._scene, splats)
         rows = group_indices(self._scene, groups)
         if len(groups) == 1:
             return rows, f"{verb} {self._document.name_of(int(groups[0]))}"
-        return rows, f"{verb} {len(groups)} objects"
+        return rows, f"{verb} {counted(len(groups), 'object')}"
 
     def _screen(self) -> "Screen":
         # Imported when first asked for: numba is a good part of the launch time.

@@ -10,11 +10,12 @@ from gaga_core.color import luminance
 from gaga_core.scene.edits.objects import NO_IDENTITIES
 from gaga_core.scene.scene import State
 from gaga_core.scene.tint import mean_color
-from gaga_studio.features import level_of_detail, objects, upright
+from gaga_studio.features import level_of_detail, objects, selection, upright
 from gaga_studio.features.base import (
     Command,
     Reason,
     ask,
+    first_of,
     needs,
     no_confidence,
     no_groups,
@@ -233,8 +234,20 @@ COMMANDS: tuple[Command, ...] = (
     Command("tool.set_pivot", "Set the pivot at the camera's focus", set_pivot, enabled=no_scene),
     Command("tool.pivot_here", "Set the pivot here", set_pivot_here, enabled=nothing_pointed),
     Command("tool.reset_pivot", "Pivot in the middle of the selection", reset_pivot),
-    switch("tool.splats", "Select single splats, not objects", "takes_splats"),
-    switch("tool.visible_only", "Select the visible surface only", "visible_only"),
+    switch(
+        "tool.splats",
+        "Select single splats, not objects",
+        "takes_splats",
+        enabled=first_of(no_scene, selection.why_splats),
+        is_on=selection.takes_splats,
+    ),
+    switch(
+        "tool.visible_only",
+        "Select the visible surface only",
+        "visible_only",
+        enabled=selection.why_so_deep,
+        is_on=selection.takes_surface,
+    ),
     Command("tool.smaller_brush", "Smaller brush", _brush(1 / 1.25), "["),
     Command("tool.larger_brush", "Larger brush", _brush(1.25), "]"),
     Command(

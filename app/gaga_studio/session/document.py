@@ -9,7 +9,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.io.folder.lock import FolderLock, InUseError, lock_folder
 from gaga_core.io.splats.splat_files import files_of_model
 from gaga_core.pipeline.level_of_detail import is_of, rows_of_files
@@ -147,11 +147,6 @@ class Closes(Protocol):
     def on_close(self, view: ViewState) -> None:
         """End it, in the view that it was shown in."""
         ...
-
-
-def splats_text(n: int, kind: str = "") -> str:
-    """How many splats: "1 splat", "5,999 loose splats"."""
-    return f"{n:,} {kind}splat{'' if n == 1 else 's'}"
 
 
 class Document:
@@ -511,8 +506,8 @@ class Document:
             return f"{verb} splats"
         of = ""
         if self.read.selects_parts():
-            of = f"{splats_text(len(self.read.selected_indices()) - n_loose)} of "
-        loose = f" and {splats_text(n_loose, 'loose ')}" if n_loose else ""
+            of = f"{counted(len(self.read.selected_indices()) - n_loose, 'splat')} of "
+        loose = f" and {counted(n_loose, 'loose splat')}" if n_loose else ""
         return f"{verb} {of}{self.names_of(groups)}{loose}"
 
     def selected_box(self) -> tuple[DoubleArray, DoubleArray] | None:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from gaga_core.scene.edits import How
+from gaga_studio.features import selection
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.session.view import ViewportPoint as ViewportPoint
@@ -118,7 +119,7 @@ class BoxDrag:
 
 def region_hint(session: Session, act: str) -> str:
     """Return what a gesture that selects a region does, in words."""
-    document, view = session.document, session.view
-    whole = not view.takes_splats and document is not None and document.read.has_groups()
-    what = "objects" if whole else "visible splats" if view.visible_only else "splats"
+    what = "visible splats" if session.view.visible_only else "splats"
+    if not selection.takes_splats(session):
+        what = "objects"
     return f"{act} to select {what}; Shift adds, Ctrl removes. Middle drag orbits."

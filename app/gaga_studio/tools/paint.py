@@ -5,6 +5,7 @@ from time import perf_counter
 import numpy as np
 
 from gaga_core.arrays import BoolArray, DoubleArray
+from gaga_core.errors import counted
 from gaga_core.scene import edits
 from gaga_core.scene.edits import Edit, How
 from gaga_core.scene.edits.placement import clone
@@ -186,7 +187,7 @@ class EraseTool(_SurfaceBrush):
         return "Drag over splats to erase them; those behind them stay. [ and ] change the size."
 
     def _on(self, scene: Scene, splats: np.ndarray) -> Edit | None:
-        return edits.delete(scene, splats, f"Erase {len(splats):,} splats")
+        return edits.delete(scene, splats, f"Erase {counted(len(splats), 'splat')}")
 
 
 class ColorTool(_SurfaceBrush):
@@ -218,7 +219,7 @@ class ColorTool(_SurfaceBrush):
 
     def _on(self, scene: Scene, splats: np.ndarray) -> Edit | None:
         affine = tint_affine(mean_color(scene, splats), self._color, self._strength)
-        return edits.recolor(scene, splats, affine, title=f"Color {len(splats):,} splats")
+        return edits.recolor(scene, splats, affine, title=f"Color {counted(len(splats), 'splat')}")
 
 
 class CloneTool(_Brush):
@@ -284,7 +285,7 @@ class CloneTool(_Brush):
             return None
         source, target = self._source[1], self._target
         splats = in_stroke(scene, self._points, self._reach, map_between(target, source))
-        title = f"Clone {len(splats):,} splats"
+        title = f"Clone {counted(len(splats), 'splat')}"
         return clone(scene, splats, map_between(source, target), target.group, title)
 
     def _surface(self, session: Session, place: ViewportPoint) -> SurfacePoint | None:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.errors import counted
 from gaga_core.scene import edits
 from gaga_core.scene.selection import by_volume
 from gaga_studio.features import selection
@@ -47,7 +48,7 @@ class SphereTool:
         self._radius = float(np.hypot(place.u - self._first.u, place.v - self._first.v))
         how, chosen = self._first.how, self._inside()
         self._document.preview_with(
-            lambda base: edits.select(base, chosen, how, f"Select {len(chosen):,} splats")
+            lambda base: edits.select(base, chosen, how, f"Select {counted(len(chosen), 'splat')}")
         )
 
     def release(self, session: Session, place: ViewportPoint) -> None:
@@ -57,7 +58,7 @@ class SphereTool:
             self.drag(session, place)
             chosen = self._inside()
             verb = "Deselect" if first.how == "remove" else "Select"
-            document.select(chosen, first.how, f"{verb} {len(chosen):,} splats")
+            document.select(chosen, first.how, f"{verb} {counted(len(chosen), 'splat')}")
         self._first = self._document = None
 
     def cancel(self, session: Session) -> None:

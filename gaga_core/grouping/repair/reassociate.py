@@ -15,7 +15,7 @@ from scipy.sparse import csr_matrix
 
 from gaga_core.arrays import BoolArray, FloatArray, IntArray, UInt16Array, UInt32Array
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.gate import ViewMasks
 from gaga_core.grouping.memory_bank import (
@@ -246,7 +246,8 @@ class Repair:
         """Summary of the move."""
         others = self.n_masks - 1
         masks = "no other mask" if others < 1 else f"{others} more mask{'s' * (others > 1)}"
-        return f"{masks.capitalize()} followed, {self.n_splats:,} splats changed their object."
+        splats = counted(self.n_splats, "splat")
+        return f"{masks.capitalize()} followed, {splats} changed their object."
 
 
 def reassociate_stage(

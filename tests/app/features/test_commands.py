@@ -24,7 +24,7 @@ from gaga_studio.features.commands import (
 from gaga_studio.features.find import association, masks
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, hex_color, load_settings
-from gaga_studio.session.view import Mode, SplatLook, ToolName, ViewState
+from gaga_studio.session.view import REGION_TOOLS, Mode, SplatLook, ToolName, ViewState
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.dialogs.preferences import all_keys
 from gaga_studio.ui.kit import icons
@@ -49,7 +49,6 @@ _ALWAYS = {
     "object.fill_continue",
     "object.fill_model",
     "object.children_go_along",
-    "tool.splats",
     "tool.visible_only",
     "tool.smaller_brush",
     "tool.larger_brush",
@@ -159,6 +158,7 @@ _NEEDS_MORE = {
     "file.go_on_training",
     "tool.leave_upright",
     "tool.turn_upright",  # no photos, which say which way is up
+    "tool.visible_only",  # single splats are taken
     "camera.clear_path",
     "camera.save_path",
     "camera.film",
@@ -313,7 +313,9 @@ def test_render_modes(associated: Session) -> None:
         ("tool.local_axes", "local_axes"),
     ],
 )
-def test_a_switch_flips_one_field_and_back(session: Session, id_: str, field: str) -> None:
+def test_a_switch_flips_one_field_and_back(associated: Session, id_: str, field: str) -> None:
+    session = associated
+    session.view.takes_splats = field == "visible_only"  # objects are taken whole
     switch, before = command(id_), replace(session.view)
     assert switch.is_on is not None
     for _ in range(2):
@@ -322,6 +324,31 @@ def test_a_switch_flips_one_field_and_back(session: Session, id_: str, field: st
         assert switch.is_on(session) is not was_on
         assert getattr(session.view, field) is not was_on
         assert replace(session.view, **{field: getattr(before, field)}) == before
+
+
+@pytest.mark.parametrize("state", ["session", "associated"])
+@pytest.mark.parametrize("takes_splats", [False, True])
+@pytest.mark.parametrize("visible_only", [False, True])
+def test_ticks_say_what_tools_take(
+    state: str, takes_splats: bool, visible_only: bool, request: pytest.FixtureRequest
+) -> None:
+    """The tool bar had "Visible surface" lit for the brush, and the menu had no tick there."""
+    now: Session = request.getfixturevalue(state)
+    now.view.takes_splats, now.view.visible_only = takes_splats, visible_only
+    splats, surface = command("tool.splats"), command("tool.visible_only")
+    for tool in REGION_TOOLS:
+        now.tool = tool
+        for switch in (splats, surface):
+            assert switch.is_on is not None
+            before = switch.is_on(now)
+            assert run(switch.id, now) is (switch.is_on(now) is not before), switch.id
+            if switch.is_on(now) is not before:
+                run(switch.id, now)
+        of_splats = takes_splats or state == "session"
+        assert splats.is_on is not None
+        assert surface.is_on is not None
+        assert splats.is_on(now) is of_splats
+        assert surface.is_on(now) is (visible_only if of_splats else tool is ToolName.BRUSH)
 
 
 @pytest.mark.parametrize("profile", PROFILES)

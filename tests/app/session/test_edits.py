@@ -221,6 +221,21 @@ def test_an_edit_of_parts_is_called_so(associated: Session) -> None:
     assert document.title_for("Delete") == f"Delete 1 splat of {document.name_of(int(ids[1]))}"
 
 
+def test_one_view_is_no_views(associated: Session) -> None:
+    """An object of one photo was "seen in 1 views"."""
+    document, group = associated.need(), objects_of(associated)[0]
+    assert document.scene.bank is not None
+    log = document.scene.bank.log
+    own = [one for one in log if one.group == group]
+    for n in (1, 2):
+        kept = tuple(one for one in log if one.group != group) + tuple(own[:n])
+        document.scene.bank = replace(document.scene.bank, log=kept)
+        document.scene.revision.labels += 1  # as any change of the bank is
+        document.select(group_indices(document.scene, group), "set", "Select")
+        _, facts = inspector.title(associated, document)
+        assert facts[-1] == ("seen in 1 view" if n == 1 else "seen in 2 views")
+
+
 def test_loose_splats_next_to_those_of_objects_are_told_apart(associated: Session) -> None:
     """A rectangle over the tip of a robot and the ground was "robot, 6,049 splats"."""
     document, (group, other) = associated.need(), objects_of(associated)[:2]

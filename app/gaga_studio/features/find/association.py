@@ -8,7 +8,7 @@ import numpy as np
 
 from gaga_core.arrays import FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot, associate_stage
 from gaga_core.grouping.memory_bank import MemoryBank, Preset
 from gaga_core.identity.field import FILE as IDENTITY_FILE
@@ -205,7 +205,7 @@ def take_groups(document: Document, found: Association) -> str:
             ),
         )
     )
-    text = f"Found {int((document.read.objects(None, False).ids > 0).sum())} objects."
+    text = f"Found {counted(int((document.read.objects(None, False).ids > 0).sum()), 'object')}."
     text += f" {n_kept} of them stay as you changed them." if n_kept else ""
     return text
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from gaga_core.arrays import IntArray
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot
 from gaga_core.io.folder.scene_folder import SceneFolder, find_mask_folders
 from gaga_core.io.masks.label_maps import mask_folder, read_labels, view_key
@@ -285,7 +285,7 @@ def take_report(session: Session, document: Document, report: SegmentReport) -> 
     if session.document is document:
         choose(session, report.folder.name)
     n = len(report.made) + len(report.kept)
-    session.notify(Level.INFO, f"{report.n_masks:,} masks in {_photos(n)}.")
+    session.notify(Level.INFO, f"{counted(report.n_masks, 'mask')} in {counted(n, 'photo')}.")
     for note in report.notes:
         session.notify(Level.WARNING, note)
 
@@ -344,9 +344,8 @@ def keep_partial(session: Session, provider: str) -> None:
         return
     choose(session, chosen if chosen in folders else provider)
     _, made = stages.masks_of(session.need().project, provider)
-    session.notify(
-        Level.INFO, f"{_photos(len(made))} of {provider} are done. Make masks continues there."
-    )
+    photos = counted(len(made), "photo")
+    session.notify(Level.INFO, f"{photos} of {provider} done. Make masks continues there.")
 
 
 # --- choosing
@@ -447,7 +446,9 @@ def _import(
         if session.document is document:
             choose(session, report.name)
         n = len(report.views)
-        session.notify(Level.INFO, f"Imported {report.n_masks:,} masks in {_photos(n)}.")
+        session.notify(
+            Level.INFO, f"Imported {counted(report.n_masks, 'mask')} in {counted(n, 'photo')}."
+        )
         for note in report.notes()[1:]:
             session.notify(Level.WARNING, note)
 
@@ -471,9 +472,10 @@ def export(session: Session, form: MaskForm, out: Path) -> None:
         yield Progress("Export masks", 0, 0)
         if form == "png":
             maps = yield from export_masks(frozen, out)
-            return f"Exported label maps of {len(maps)} views to {out}."
+            return f"Exported label maps of {counted(len(maps), 'view')} to {out}."
         made = yield from export_mask_dataset(frozen, out, form)
-        text = f"Exported {made.n_masks:,} masks of {made.n_groups:,} objects to {out}."
+        masks, objects = counted(made.n_masks, "mask"), counted(made.n_groups, "object")
+        text = f"Exported {masks} of {objects} to {out}."
         if made.without_photo:
             text += f" {len(made.without_photo)} views are left out: their photos are gone."
         return text
@@ -489,10 +491,6 @@ def _folder(document: Document) -> SceneFolder:
     if folder is None:
         raise GagaError("A single splat file has no photos. Open its scene folder for masks.")
     return folder
-
-
-def _photos(n: int) -> str:
-    return "1 photo" if n == 1 else f"{n:,} photos"
 
 
 # --- objects while masks are made
@@ -589,7 +587,7 @@ def _objects(
     assert isinstance(done, ViewDone)
     assert folder is not None  # `_stage` looked
     known = [camera.name for camera in folder.cameras]
-    text = f"objects in {len(views)} photos"
+    text = f"objects in {counted(len(views), 'photo')}"
     masks = mask_folder(done.folder, views, known)
     stage = association.associate_project_stage(project, masks, *how)
     newest = yield from mapped(stage, lambda _: replace(step, payload=None, message=text))

@@ -8,7 +8,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray, UInt8Array
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.grouping.associate import AssociateConfig, Association
 from gaga_core.grouping.figures import BankGrowth
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
@@ -205,7 +205,7 @@ def split_by_masks(session: Session) -> bool:
         new_bank = split_bank(bank, split, group, into)
         title = f"Split {name} by its masks"
         document.do(edits.split_off(now, group, split.rows, new_bank, into, title))
-        text = f"{name} is two now: {len(split.masks)} of its {len(log)} masks and "
+        text = f"{name} is two now: {len(split.masks)} of its {counted(len(log), 'mask')} and "
         session.notify(Level.INFO, f"{text}{len(split.rows):,} splats left it.")
 
     return session.jobs.start(
@@ -388,7 +388,7 @@ def add_views(session: Session) -> bool:
             return
         now = document.settled().scene
         after = repaired_labels(now, labels, found.labels)
-        title = f"Add the masks of {n_new} photos"
+        title = f"Add the masks of {counted(n_new, 'photo')}"
         document.do(
             edits.set_grouping(
                 now, after, found.bank, now.names, title, found.confidence, now.folders
@@ -396,7 +396,9 @@ def add_views(session: Session) -> bool:
         )
         n = len(set(document.scene.labels.tolist()) - {0}) - n_before
         opened = f"{n} new objects" if n > 1 else "one new object" if n == 1 else "no new object"
-        session.notify(Level.INFO, f"The masks of {n_new} photos joined the objects: {opened}.")
+        session.notify(
+            Level.INFO, f"The masks of {counted(n_new, 'photo')} joined the objects: {opened}."
+        )
         association.lift_after_finding(session, config.preset)
 
     stage = stages.prepared(
@@ -522,7 +524,7 @@ def views_text(session: Session, views: Sequence[str]) -> str:
     train = folder.train if folder is not None else ()
     kind = "training photos" if len(train) < len(session.cameras) else "photos"
     if not set(views) <= set(train):
-        return f"All {len(views)} views"
+        return f"All {counted(len(views), 'view')}"
     of = f"All {len(train)}" if len(views) == len(train) else f"{len(views)} of {len(train)}"
     return f"{of} {kind}"
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaga_core.arrays import IntArray, LongArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.pipeline.search import (
     INDEX_FILE,
     Description,
@@ -500,7 +500,7 @@ def index_state(session: Session) -> str:
         return "There is an index of this scene."
     n, n_unknown = len(found.looks.groups), found.n_unknown
     if n_unknown == 0:
-        return f"The index knows all {n:,} objects as they are now."
+        return f"The index knows all {counted(n, 'object')} as they are now."
     changed = "1 has" if n_unknown == 1 else f"{n_unknown:,} have"
     return (
         f"{changed} changed since the index of {n:,} objects was made. Index again to include them."
@@ -539,7 +539,9 @@ def index(session: Session) -> None:
 
     def done(made: GroupIndex) -> None:
         document.feature(SearchState).forget_index()
-        session.notify(Level.INFO, f"Indexed {len(made):,} objects: ask for anything by its name.")
+        session.notify(
+            Level.INFO, f"Indexed {counted(len(made), 'object')}: ask for anything by its name."
+        )
 
     session.jobs.start("Index this scene", stage, on_done=done)
 
@@ -586,7 +588,9 @@ def name_all(session: Session) -> None:
         if session.document is not document or document.history.state_id != before:
             session.notify(Level.WARNING, "The scene changed meanwhile, so nothing was named.")
         elif document.do(name_groups(document.scene, names)):
-            session.notify(Level.INFO, f"Named {len(names):,} objects. Undo takes it back.")
+            session.notify(
+                Level.INFO, f"Named {counted(len(names), 'object')}. Undo takes it back."
+            )
         else:
             session.notify(Level.HINT, "The index has no further name with enough confidence.")
 

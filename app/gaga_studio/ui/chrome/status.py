@@ -6,6 +6,7 @@ from functools import lru_cache
 
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.errors import counted
 from gaga_core.raster import backend_report
 from gaga_studio.features import add_scene, cleanup, fill
 from gaga_studio.session.jobs import Job
@@ -201,7 +202,7 @@ class WindowTitle:
 def _figures_text(session: Session, figures: FrameFigures | None) -> str:
     if figures is None or session.document is None or not session.view.show_info:
         return ""
-    parts = [f"{figures.n_splats:,} splats"]
+    parts = [counted(figures.n_splats, "splat")]
     width = imgui.get_main_viewport().size.x
     if width > em(60):
         parts += [f"{figures.frame_ms:.0f} ms", figures.backend]

@@ -5,7 +5,7 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from gaga_studio.features import add_scene, cleanup, commands, fill
+from gaga_studio.features import add_scene, cleanup, commands, fill, selection
 from gaga_studio.features.find import click_object
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
@@ -26,8 +26,6 @@ _DEPTHS = (
     (False, icons.DEPTH, "Through", "Everything in the region, including what is hidden behind it"),
     (True, icons.EYE, "Visible surface", "Only what is seen from here"),
 )
-_WHOLE = "An object is always selected whole, including its hidden parts."
-_PAINTS = "The brush takes the objects whose visible surface it goes over."
 _MODEL_HINT = (
     "A Segment Anything model segments the clicked object in several views, in the background; "
     "its answer replaces the first one"
@@ -111,8 +109,7 @@ def _what_regions_take(session: Session, *, is_narrow: bool) -> None:
     In signs where it ``is_narrow``: two lines of words cover a third of a small picture.
     """
     view = session.view
-    document = session.document
-    no_objects = "" if document and document.read.has_groups() else session.no_groups_text
+    no_objects = selection.why_splats(session)
     what, deep = (
         [(value, icon * is_narrow, label, hint) for value, icon, label, hint in named]
         for named in (_TAKES, _DEPTHS)
@@ -120,20 +117,18 @@ def _what_regions_take(session: Session, *, is_narrow: bool) -> None:
     takes = widgets.segmented(
         "What is selected",
         what,
-        view.takes_splats or bool(no_objects),
+        selection.takes_splats(session),
         why_not={False: no_objects},
         with_text=not is_narrow,
     )
     imgui.same_line(0, em(_GAP))
-    paints = session.tool is ToolName.BRUSH and not takes
-    why_not = _PAINTS if paints else "" if takes else _WHOLE
-    shown = paints or (view.visible_only and takes)
-    depth = widgets.segmented(
-        "How deep", deep, shown, why_not={not paints: why_not}, with_text=not is_narrow
-    )
     if not no_objects:
         view.takes_splats = takes
-    if takes:
+    shown, why_not = selection.takes_surface(session), selection.why_so_deep(session)
+    depth = widgets.segmented(
+        "How deep", deep, shown, why_not={not shown: why_not}, with_text=not is_narrow
+    )
+    if not why_not:
         view.visible_only = depth
 
 

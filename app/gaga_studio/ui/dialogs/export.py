@@ -6,6 +6,7 @@ from pathlib import Path
 
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.errors import counted
 from gaga_core.export.cameras import CameraForm, camera_form_of
 from gaga_core.export.export import MeshExport, MeshForm
 from gaga_core.export.options import ExportOptions, Point
@@ -454,7 +455,7 @@ def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
     imgui.dummy(ImVec2(0, em(0.2)))
     s = "" if summary.n_files == 1 else "s"
     n_files = f" in {summary.n_files:,} file{s}" if sheet.what == "objects" else ""
-    n_things = f"{summary.n_splats:,} splats"
+    n_things = counted(summary.n_splats, "splat")
     if sheet.what == "cameras":
         n_things = "1 camera" if summary.n_cameras == 1 else f"{summary.n_cameras:,} cameras"
     said = " ".join(summary.lost) or "Nothing is lost."

@@ -7,6 +7,7 @@ from typing import Literal
 
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.errors import counted
 from gaga_core.evaluate.photo_film import PhotoFilmConfig, PhotoSide
 from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline import film as pipeline_video
@@ -125,7 +126,7 @@ def _film(session: Session, choices: FilmChoices) -> bool:
         _, choices.quality = widgets.slider("##Quality", choices.quality, 1, 100, "%d")
         seconds, n = _length(session, choices)
         kinds = ".mp4 (H.264) or .webm (VP9)"
-        widgets.dim(f"{seconds:.1f} seconds, {n:,} pictures; {kinds}", wrap=True)
+        widgets.dim(f"{seconds:.1f} seconds, {counted(n, 'picture')}; {kinds}", wrap=True)
     return _ends(FILM)
 
 

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
 from gaga_core.segmentation.choose import ProviderEntry
@@ -317,7 +317,7 @@ def _picture(session: Session, dialog: MaskDialog) -> None:
         texture = session.images.texture(f"preview {dialog.n_previews}", load)
     seconds = f" in {preview.seconds:.1f} s" if preview.seconds else ""
     stale = ", with other settings" if preview.request != dialog.request else ""
-    widgets.dim(f"{preview.n_masks} masks{seconds}{stale}")
+    widgets.dim(f"{counted(preview.n_masks, 'mask')}{seconds}{stale}")
     textures.place(texture, width, aspect)
     if dialog.n_seen != dialog.n_previews:  # what was asked for is seen
         dialog.n_seen = dialog.n_previews
@@ -331,7 +331,7 @@ def _make_row(session: Session, dialog: MaskDialog, entry: ProviderEntry | None)
     imgui.dummy(ImVec2(0, em(0.3)))
     why_not = masks.why_not(session, entry)
     n = len(masks.photos_of(session, dialog.request.views))
-    photos = "1 photo" if n == 1 else f"{n:,} photos"
+    photos = counted(n, "photo")
     text = f"Make masks of {photos}{_duration(session, dialog, n)}"
     if widgets.button("Make", Face(text, icons.RUN, primary=True), why_not=why_not):
         imgui.close_current_popup()

@@ -7,6 +7,7 @@ from itertools import accumulate
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.camera import Camera
+from gaga_core.errors import counted
 from gaga_studio.features import camera as navigation
 from gaga_studio.features import reconstruction, split_view
 from gaga_studio.session.document import Document
@@ -76,7 +77,7 @@ def _head(session: Session, state: FilmStripState) -> None:
     """Left of the photos: how many there are, and whether masks are shown over them."""
     folder = session.project.folder if session.project is not None else None
     n_test = len(folder.test) if folder is not None else 0
-    imgui.text_unformatted(f"{len(session.cameras)} photos")
+    imgui.text_unformatted(counted(len(session.cameras), "photo"))
     widgets.dim(f"{n_test} for testing" if n_test else "all for training")
     why_not = "" if len(session.masks) else "There are no masks here."
     hint = "Show the masks over the photos"

@@ -9,6 +9,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray
+from gaga_core.errors import counted
 from gaga_core.scene.cleanup import DROPPED, TAKEN_IN
 from gaga_core.scene.orientation import Pose, degrees_of, motion_between, with_degrees
 from gaga_core.scene.scene import Weight, WeightKind
@@ -25,7 +26,7 @@ from gaga_studio.features import (
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.selection import Uncertain
 from gaga_studio.features.transform import GradeSliders
-from gaga_studio.session.document import Document, splats_text
+from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -231,7 +232,7 @@ def _cleaning(session: Session, document: Document) -> bool:
         _title(session, document)
         _line(
             DROPPED,
-            f"{splats_text(len(found.remove))} to drop",
+            f"{counted(len(found.remove), 'splat')} to drop",
             (
                 (counts["stray"], "floater" if counts["stray"] == 1 else "floaters"),
                 (counts["neighbours_out"], "of its neighbours"),
@@ -239,7 +240,7 @@ def _cleaning(session: Session, document: Document) -> bool:
         )
         _line(
             TAKEN_IN,
-            f"{splats_text(len(found.add))} to add",
+            f"{counted(len(found.add), 'splat')} to add",
             ((counts["inside"], "hidden inside"), (counts["neighbours_in"], "at its edge")),
         )
         _confidence(session, document)
@@ -478,19 +479,19 @@ def title(session: Session, document: Document) -> tuple[str, list[str]]:
     groups, n_loose = session.selected_groups(), document.read.n_loose()
     n_selected = len(session.selected_indices())
     if not groups:
-        return "Loose splats", [splats_text(n_selected)]
+        return "Loose splats", [counted(n_selected, "splat")]
     name = document.name_of(groups[0])
     if len(groups) > 1:
-        name = f"{'Parts of ' * document.read.selects_parts()}{len(groups)} objects"
-    facts = [splats_text(n_selected - n_loose)]
+        name = f"{'Parts of ' * document.read.selects_parts()}{counted(len(groups), 'object')}"
+    facts = [counted(n_selected - n_loose, "splat")]
     table = session.objects()
     row = table.row(groups[0]) if len(groups) == 1 else None
     if row is not None and n_selected - n_loose < table.counts[row]:
         facts.append(f"of {int(table.counts[row]):,}")
     if n_loose:
-        facts.append(splats_text(n_loose, "loose "))
+        facts.append(counted(n_loose, "loose splat"))
     if row is not None and table.n_views[row]:
-        facts.append(f"seen in {int(table.n_views[row])} views")
+        facts.append(f"seen in {counted(int(table.n_views[row]), 'view')}")
     return f"{name} and loose splats" if n_loose else name, facts
 
 

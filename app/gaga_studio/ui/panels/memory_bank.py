@@ -9,6 +9,7 @@ from pathlib import PurePath
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.errors import counted
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.figures import BankGrowth
 from gaga_core.grouping.memory_bank import Decision
@@ -75,10 +76,10 @@ def _head(document: Document, group: int, whole: int, decisions: Sequence[Decisi
     with theme.face(strong=True):
         widgets.line(document.name_of(group))
     n_views = len({decision.view for decision in decisions})
-    masks = "1 mask" if len(decisions) == 1 else f"{len(decisions)} masks"
+    masks = counted(len(decisions), "mask")
     n_by_hand = sum(decision.by_hand for decision in decisions)
     by_hand = f", {n_by_hand} put here by hand" if n_by_hand else ""
-    text = f"{masks} from {n_views} view{'' if n_views == 1 else 's'}{by_hand}"
+    text = f"{masks} from {counted(n_views, 'view')}{by_hand}"
     widgets.dim(widgets.elided(text, imgui.get_content_region_avail().x))
     widgets.tooltip(
         f"Overlap: {_OVERLAPS[document.read.overlap_is_of_points()]}. Right-click a mask that "
@@ -107,7 +108,7 @@ def _chosen(session: Session, document: Document, state: EvidenceState) -> None:
     if splats is None or shares is None:
         widgets.dim("Looking at the view …" if shares is None else "Its masks are gone.")
         return
-    n_splats = f"{np.count_nonzero(splats.of(view.has_mask_gate)):,} splats"
+    n_splats = counted(int(np.count_nonzero(splats.of(view.has_mask_gate))), "splat")
     widgets.next_to(n_splats)
     imgui.align_text_to_frame_padding()
     widgets.dim(n_splats)
@@ -149,8 +150,8 @@ def _growing(
     decisions = [d for d in live.bank.log if d.view == live.view]
     n_new = sum(decision.is_new for decision in decisions)
     with theme.face(strong=True):
-        widgets.line(f"{live.n_groups} groups")
-    joined = f"{len(decisions) - n_new} masks joined, {n_new} opened a group"
+        widgets.line(counted(live.n_groups, "group"))
+    joined = f"{counted(len(decisions) - n_new, 'mask')} joined, {n_new} opened a group"
     widgets.dim(widgets.elided(f"{live.view}: {joined}", imgui.get_content_region_avail().x))
     _table(session, document, state, decisions, by_view=False)
 
@@ -356,10 +357,8 @@ def _sentence(session: Session, timeline: Timeline, growth: BankGrowth) -> None:
     n_joined = sum(decision.group > 0 for decision in decisions) - n_new
     with theme.face(strong=True):
         widgets.line(growth.views[step - 1])
-    widgets.line(
-        f"{int(growth.n_groups[step])} groups: {n_new} new, {n_joined} masks joined older ones",
-        theme.DIM,
-    )
+    groups, masks = counted(int(growth.n_groups[step]), "group"), counted(n_joined, "mask")
+    widgets.line(f"{groups}: {n_new} new, {masks} joined older ones", theme.DIM)
 
 
 def _curve(session: Session, timeline: Timeline, growth: BankGrowth) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray, IntArray
+from gaga_core.errors import counted
 from gaga_core.scene.folders import SEPARATOR, name_of
 from gaga_core.scene.objects import UNASSIGNED, ObjectTable
 from gaga_core.scene.scene import State
@@ -456,7 +457,7 @@ class ObjectRow:
         if self.group and imgui.begin_drag_drop_source():
             imgui.set_drag_drop_payload_py_id(OBJECT_DRAG, self.group)
             n = len(self.session.selected_groups()) if self.is_selected else 1
-            what = self.name if n <= 1 else f"{n} objects"
+            what = self.name if n <= 1 else counted(n, "object")
             onto = " or folder" if self.document.scene.folders.paths else ""
             widgets.dim(f"{what}: drop it on the object{onto} to put it under")
             widgets.dim("Ctrl: make it a part of that object")
@@ -711,7 +712,7 @@ class FolderRow:
         row.text(left, top, theme.u32(theme.DIM), sign)
         row.text(begin, top, theme.u32(theme.FAINT if is_off else theme.TEXT), name)
         if is_high:
-            inside = f"{n:,} object{'' if n == 1 else 's'}, {compact(sums.n_splats)} splats"
+            inside = f"{counted(n, 'object')}, {compact(sums.n_splats)} splats"
             inside = widgets.elided(inside if n else "empty", room)
             row.text(begin, top + line, theme.u32(theme.DIM), inside)
             return
@@ -799,7 +800,7 @@ class PartRow:
             top = imgui.get_item_rect_max().y
             imgui.set_cursor_pos_x(left)
             imgui.set_cursor_screen_pos(imgui.ImVec2(imgui.get_cursor_screen_pos().x, top))
-            widgets.text(f"{len(part.rows):,} splats", theme.FAINT)
+            widgets.text(counted(len(part.rows), "splat"), theme.FAINT)
         if columns.goes_to(columns.splats):
             n = len(part.rows)
             widgets.number(f"{n:,}" if columns.is_roomy else compact(n), theme.DIM)

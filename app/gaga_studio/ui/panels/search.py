@@ -6,6 +6,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray
+from gaga_core.errors import counted
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio.features import commands, object_list, selection
 from gaga_studio.features.find import search as search_actions
@@ -50,7 +51,7 @@ def foot(session: Session, table: ObjectTable) -> bool:
     if kept is None:
         return False
     n_kept, n = int(np.count_nonzero(kept)), int(np.count_nonzero(table.ids > 0))
-    text, search = f"{n_kept:,} of {n:,} objects", session.need().feature(SearchState)
+    text, search = f"{n_kept:,} of {counted(n, 'object')}", session.need().feature(SearchState)
     if search.text.strip():
         n_kept = len(search.meant)
         text = f"{n_kept:,} of {n_kept + search.n_left_out:,} that fit"
@@ -77,7 +78,7 @@ def _ranges(session: Session) -> None:
     command_buttons.command_button(session, "object.list_unsure", "Unsure only", Face())
     imgui.same_line()
     kept = int(np.count_nonzero(listing.filter.keeps(table, measures)))
-    widgets.dim(f"{kept:,} of {int((table.ids > 0).sum()):,} objects")
+    widgets.dim(f"{kept:,} of {counted(int((table.ids > 0).sum()), 'object')}")
 
 
 def _range(

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.errors import counted
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene.objects import group_indices
@@ -221,7 +222,7 @@ def _growing(session: Session, state: EvidenceState, live: BankSnapshot) -> None
     shown = textures.photo_with_masks(session, state.live_view, state.live_bank)
     width = imgui.get_content_region_avail().x
     textures.place(shown, width, textures.aspect(session, state.live_view))
-    widgets.line(f"{live.view}  ·  {live.n_groups} groups", theme.DIM)
+    widgets.line(f"{live.view}  ·  {counted(live.n_groups, 'group')}", theme.DIM)
 
 
 def _head(session: Session, document: Document, state: EvidenceState, decision: Decision) -> None:
@@ -299,8 +300,8 @@ def explanation(document: Document, decision: Decision) -> str:
         return f"Put into {name} by hand; what follows from that was redone from this view on."
     share = f"{100 * decision.overlap:.0f} %"
     if decision.is_new:
-        return f"This mask opened {name} with {decision.n_gaussians:,} splats."
-    text = f"Joined {name}, which held {share} of its {decision.n_gaussians:,} splats"
+        return f"This mask opened {name} with {counted(decision.n_gaussians, 'splat')}."
+    text = f"Joined {name}, which held {share} of its {counted(decision.n_gaussians, 'splat')}"
     if document.read.overlap_is_of_points():
         text = f"Joined {name} by {share} of its surface points"
     if decision.runner_up:

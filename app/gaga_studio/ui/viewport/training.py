@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.settings import setting_of
 from gaga_studio.features import commands, reconstruction
 from gaga_studio.features.find import association
@@ -118,7 +118,7 @@ def draw_placement(session: Session, placement: "PlacementReport") -> None:
     example of what is left out of the photos."""
     widgets.dim("Placed")
     imgui.same_line()
-    widgets.number(f"{placement.n_placed} of {len(placement.names)} photos")
+    widgets.number(f"{placement.n_placed} of {counted(len(placement.names), 'photo')}")
     _ring(placement)
     if placement.cut_out is not None:
         texture = textures.cut_out(session, *placement.cut_out)
@@ -258,7 +258,9 @@ def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
         if training.is_stopped:
             _what_now(session)
         return
-    text = f"{update.iteration:,} of {training.iterations:,}  ·  {update.n_splats:,} splats"
+    text = (
+        f"{update.iteration:,} of {training.iterations:,}  ·  {counted(update.n_splats, 'splat')}"
+    )
     if not small:
         widgets.dim(text, wrap=True)
     elif not training.is_stopped:  # else the buttons need the room

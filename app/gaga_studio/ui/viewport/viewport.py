@@ -7,6 +7,7 @@ from pathlib import Path
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_core.camera import Camera
+from gaga_core.errors import counted
 from gaga_studio.features import add_scene, cleanup, commands, fill, objects
 from gaga_studio.features import measure as align_ground
 from gaga_studio.features.find import association
@@ -537,7 +538,7 @@ def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) ->
     if row is None or table.n_hidden[row] == table.counts[row]:
         return
     pad, gap = imgui.get_style().window_padding, imgui.get_style().item_spacing.x
-    dot, count = "●", f"{int(table.counts[row]):,} splats"
+    dot, count = "●", counted(int(table.counts[row]), "splat")
     around = imgui.calc_text_size(dot).x + em(0.4) + gap + imgui.calc_text_size(count).x + 2 * pad.x
     name = widgets.elided(table.names[row], area.width - around)
     size = ImVec2(around + imgui.calc_text_size(name).x, imgui.get_text_line_height() + 2 * pad.y)
