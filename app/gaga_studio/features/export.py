@@ -83,9 +83,10 @@ class ExportSummary:
 
     n_splats: int  # of cameras: 0
     n_files: int
-    n_bytes: int  # an estimate
+    n_bytes: int  # an estimate, or the most
     lost: tuple[str, ...]  # what the form does not keep, a sentence each
     n_cameras: int = 0
+    is_most: bool = False  # whether it may be far less: of meshes that stay under their limit
 
 
 @notifies
@@ -220,11 +221,12 @@ def _mesh_summary(
     splats = objects_indices(scene, groups, options)
     n_files = len(np.unique(scene.labels[splats]))
     lost = objects_losses(scene, how, groups, options)
-    return ExportSummary(len(splats), n_files, n_files * _mesh_bytes(how), lost)
+    n_bytes, is_most = n_files * _mesh_bytes(how), how.form is MeshForm.MESH
+    return ExportSummary(len(splats), n_files, n_bytes, lost, is_most=is_most)
 
 
 def _mesh_bytes(how: MeshExport) -> int:
-    """About how large the file of an object is: nearly all meshes reach their limit."""
+    """About how large the file of an object is; of a mesh with as many triangles as it may have."""
     is_glb = how.file is MeshFile.GLB
     if how.form is MeshForm.BOX:
         return 1_000 if is_glb else 370  # 12 triangles, measured

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from gaga_core.export.export import objects_losses
+from gaga_core.export.export import MeshExport, MeshForm, objects_losses
 from gaga_core.export.options import ExportOptions
+from gaga_core.export.solids import MeshConfig
 from gaga_core.io.splats.splat_files import SplatFormat, read_splats, write_splats
 from gaga_core.progress import run_stage
 from gaga_core.scene import edits
@@ -253,3 +254,21 @@ def test_a_page_begins_with_the_present_view(associated: Session, tmp_path: Path
     assert all(names[g] == associated.need().name_of(g) for g in listed)
     assert page["splats"]["count"] == told.n_splats
     assert 0.6 < told.n_bytes / plan.path.stat().st_size < 1.5
+
+
+@pytest.mark.parametrize("form", MeshForm)
+def test_files_of_solids_are_as_large_as_was_told(
+    associated: Session, tmp_path: Path, form: MeshForm
+) -> None:
+    """A mesh that has few triangles by itself is smaller than its limit, which was told as its
+    size."""
+    solid = MeshExport(form, config=MeshConfig(voxels=24, triangles=2000))
+    plan = ExportPlan(tmp_path / "solids", what="objects", form=solid)
+    told = export.summary(associated, plan)
+    assert export.start(associated, plan)
+    assert associated.jobs.wait()
+    written = sum(path.stat().st_size for path in (tmp_path / "solids").glob(f"*{solid.suffix}"))
+    assert told.is_most == (form is MeshForm.MESH)
+    assert written < 1.2 * told.n_bytes
+    if not told.is_most:
+        assert written > 0.8 * told.n_bytes

@@ -462,7 +462,8 @@ def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
     if sheet.what == "simulation":
         said = " ".join(summary.lost)
     else:
-        imgui.text_unformatted(f"{n_things}{n_files}, about {size_text(summary.n_bytes)}")
+        about = "at most about" if summary.is_most else "about"
+        imgui.text_unformatted(f"{n_things}{n_files}, {about} {size_text(summary.n_bytes)}")
     widgets.dim(said, wrap=True)
     if _replaces(sheet):
         widgets.paragraph("The file that is there is replaced.")
