@@ -64,7 +64,7 @@ def draw(session: Session, state: EvidenceState) -> None:
     whole = memory_bank.made_from(session, group)
     decisions = session.decisions(whole)
     if not decisions:
-        hint = "It was made by hand. Only objects that Find objects made have masks."
+        hint = "Only objects that Find objects made have masks."
         widgets.empty_state(icons.MEMORY, f"{document.name_of(group)} has no masks", hint)
         return
     _head(document, group, whole, decisions)
