@@ -12,11 +12,18 @@ from gaga_core.progress import run_stage
 from gaga_studio.features import commands
 from gaga_studio.features.find import association
 from gaga_studio.features.find.association import FindState
+from gaga_studio.session import rates
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from tests.app.folders import write_scene
 from tests.core.placing.photo_scenes import write_photos
 from tests.made import made_once
+
+
+@pytest.fixture(autouse=True)
+def alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """What else runs on the machine changes no time that is told."""
+    monkeypatch.setattr(rates, "_STAT", tmp_path / "no stat")
 
 
 @pytest.fixture(scope="session")

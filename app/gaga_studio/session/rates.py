@@ -5,12 +5,14 @@ import logging
 import os
 import time
 from collections import deque
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
 from gaga_core.io.json_file import read_json
+from gaga_core.kernels import STAGE
 from gaga_core.progress import RECENT_S, Stage
 from gaga_core.threads import n_threads
 from gaga_studio.system import paths
@@ -18,49 +20,70 @@ from gaga_studio.system import paths
 T = TypeVar("T")
 _FILE = "rates.json"  # in the home of gaga-studio
 _STAT = Path("/proc/stat")  # of Linux
+_TELLING_S = 5.0  # of usual time that kernels were compiled until their rate is known
+# Between this machine and the one that was measured, at most: a rate that is farther off was of
+# kernels that came from a cache, or of a machine that slept.
+_MOST_OFF = 4.0
 _LOOK_S = 2.0  # from one look at the load to the next
 _LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class _Used:
+    """Processor seconds that were used until a time."""
+
+    at: float  # seconds
+    of_all: float
+    own: float  # with programs that this one ran, once they have ended
 
 
 class Load:
     """How busy other programs keep the processors. Only Linux says so; elsewhere they are free."""
 
     def __init__(self) -> None:
-        # Times, and processor seconds of the whole system and of this process until then.
-        self._looks: deque[tuple[float, float, float]] = deque()
+        self._looks: deque[_Used] = deque()
+        self.look()
 
     def look(self) -> None:
         """Take note of what is used now; as often as one likes."""
         now = time.monotonic()
-        if self._looks and now - self._looks[-1][0] < _LOOK_S:
+        if self._looks and now - self._looks[-1].at < _LOOK_S:
             return
-        used = _used_seconds()
+        used = _used()
         if used is not None:
-            own = sum(os.times()[:4])  # with programs that it ran, once they have ended
-            self._looks.append((now, used, own))
-        while len(self._looks) > 2 and self._looks[1][0] < now - RECENT_S:
+            self._looks.append(used)
+        while len(self._looks) > 2 and self._looks[1].at < now - RECENT_S:
             self._looks.popleft()
 
     @property
     def slowdown(self) -> float:
         """Times as long as on a free machine that work of all threads takes beside the other
-        programs, by the last `RECENT_S`; each of them gets as much of a processor as each of
-        ours."""
-        if len(self._looks) < 2:
-            return 1.0
-        (since, of_all, own), (now, of_all_now, own_now) = self._looks[0], self._looks[-1]
-        others = max(of_all_now - of_all - (own_now - own), 0.0) / (now - since)
-        return max((n_threads() + others) / (os.cpu_count() or 1), 1.0)
+        programs, by the last `RECENT_S`."""
+        return _slowdown(self._looks[0], self._looks[-1], n_threads()) if self._looks else 1.0
+
+    def since(self, then: _Used | None, threads: int) -> float:
+        """Times as long as that work of so many ``threads`` took since ``then``, see `used`."""
+        now = _used()
+        return 1.0 if then is None or now is None else _slowdown(then, now, threads)
 
 
-def _used_seconds() -> float | None:
-    """Processor seconds that the system has used since it was started; None: it does not say."""
+def _slowdown(then: _Used, now: _Used, threads: int) -> float:
+    """Each thread of another program gets as much of a processor as each of ours."""
+    if now.at <= then.at:
+        return 1.0
+    others = max(now.of_all - then.of_all - (now.own - then.own), 0.0) / (now.at - then.at)
+    return max((threads + others) / (os.cpu_count() or 1), 1.0)
+
+
+def _used() -> _Used | None:
+    """What is used until now; None: the system does not say. What gives way is left out."""
     try:
         words = _STAT.read_text(encoding="ascii").split("\n", 1)[0].split()
-        user, nice, system = (int(word) for word in words[1:4])
-        return (user + nice + system) / os.sysconf("SC_CLK_TCK")
-    except (OSError, ValueError, AttributeError):  # another system
+        of_all = (int(words[1]) + int(words[3])) / os.sysconf("SC_CLK_TCK")
+        gives_way = os.nice(0) > 0
+    except (OSError, ValueError, AttributeError, IndexError):  # another system
         return None
+    return _Used(time.monotonic(), of_all, 0.0 if gives_way else sum(os.times()[:4]))
 
 
 class KnownRates:
@@ -79,8 +102,6 @@ class KnownRates:
     def of(self, name: str) -> float:
         """The rate of ``name`` now, beside other programs; of what never ran here that of kernels,
         which every installation compiles first."""
-        from gaga_core.kernels import STAGE  # numba is a good part of the launch time
-
         return self.load.slowdown * self.rates.get(name, self.rates.get(STAGE, 1.0))
 
     def keep(self, rates: dict[str, float]) -> None:
@@ -94,22 +115,27 @@ class KnownRates:
 
     def timed(self, stage: Stage[T], name: str, usual_s: float) -> Stage[T]:
         """``stage``, whose time in parts of ``usual_s`` is kept for the next estimate."""
-        start, slowdown = time.monotonic(), self.load.slowdown
+        start, before = time.monotonic(), _used()
         value = yield from stage
         took = time.monotonic() - start
+        slowdown = self.load.since(before, n_threads())
         self.keep(self.rates | {name: took / (usual_s * slowdown)})
         return value
 
     def timed_kernels(self, kernels: Stage[None], usual_s: float) -> Stage[None]:
-        """``kernels``, which usually take ``usual_s``: known after each of their steps, so that
+        """``kernels``, which usually take ``usual_s``: known after some of their steps, so that
         what waits for them is told right; kept at the end, or where it was stopped."""
-        from gaga_core.kernels import STAGE
-
-        start, rate, expected_s = time.monotonic(), 0.0, usual_s * self.load.slowdown
+        spent = usual = rate = 0.0  # of steps that were compiled, seconds
+        heard, before = (0.0, 1.0), _used()  # when, and how far it was
         try:
             for step in kernels:
-                if step.done and step.total > 0:
-                    rate = (time.monotonic() - start) / (expected_s * step.done / step.total)
+                now, share = time.monotonic(), step.done / step.total if step.total > 0 else 0.0
+                if share > heard[1]:
+                    spent, usual = spent + now - heard[0], usual + usual_s * (share - heard[1])
+                heard = now, share
+                if usual >= _TELLING_S:  # one thread compiles
+                    rate = spent / (usual * self.load.since(before, 1))
+                    rate = min(max(rate, 1 / _MOST_OFF), _MOST_OFF)
                     self.rates = self.rates | {STAGE: rate}
                 yield step
         finally:

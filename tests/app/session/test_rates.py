@@ -6,9 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from gaga_core.progress import Progress, Stage
+from gaga_core.progress import Progress, Stage, run_stage
 from gaga_studio.session import rates
 from gaga_studio.session.rates import KnownRates, Load
+
+
+@pytest.fixture(autouse=True)
+def home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("GAGA_HOME", str(tmp_path))
 
 
 class _Machine:
@@ -18,9 +23,10 @@ class _Machine:
         self.now = self.own = self.others = 0.0  # seconds
         patch.setattr(os, "cpu_count", lambda: n)
         patch.setattr(rates, "n_threads", lambda: threads)
-        patch.setattr(rates, "_used_seconds", lambda: self.own + self.others)
+        patch.setattr(
+            rates, "_used", lambda: rates._Used(self.now, self.own + self.others, self.own)
+        )
         patch.setattr(time, "monotonic", lambda: self.now)
-        patch.setattr(os, "times", lambda: (self.own / 2, self.own / 4, self.own / 4, 0, self.now))
 
     def run(self, load: Load, seconds: int, own: float, others: float) -> float:
         """Use so many processors for a while; the slowdown then."""
@@ -44,31 +50,57 @@ class _Machine:
 def test_what_other_programs_use_slows_down(
     monkeypatch: pytest.MonkeyPatch, n: int, threads: int, own: int, others: int, slowdown: float
 ) -> None:
-    load, machine = Load(), _Machine(monkeypatch, n, threads)
+    machine = _Machine(monkeypatch, n, threads)
+    load = Load()
     assert load.slowdown == 1.0, "not known yet"
     assert machine.run(load, 60, own, others) == pytest.approx(slowdown)
     assert machine.run(load, 30, own, 0) == pytest.approx(1.0), "only the last seconds count"
 
 
 def test_a_rate_that_was_measured_beside_other_programs_is_that_of_a_free_machine(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A task of 20 s took 70 next to others, and afterwards 70 were expected of a free machine."""
-    monkeypatch.setenv("GAGA_HOME", str(tmp_path))
-    known, machine = KnownRates(), _Machine(monkeypatch, 2, 2)
-    assert machine.run(known.load, 30, 0, 2) == pytest.approx(2.0)
+    """A task of 20 s took 70 next to others, and afterwards 70 were expected of a free machine.
+    They may begin with the task, or end with it."""
+    machine = _Machine(monkeypatch, 2, 2)
+    known = KnownRates()
 
     def stage() -> Stage[None]:
         yield Progress("Count", 0, 1)
-        machine.now += 40
+        machine.run(known.load, 40, own=0, others=2)
 
-    for _ in known.timed(stage(), "Count", 20):
-        pass
+    run_stage(known.timed(stage(), "Count", 20))
     assert known.rates["Count"] == pytest.approx(1.0)
     assert known.of("Count") == pytest.approx(2.0), "while they run"
     machine.run(known.load, 30, 0, 0)
     assert known.of("Count") == pytest.approx(1.0)
     assert KnownRates().of("Count") == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("loading_s", [0.0, 30.0])
+@pytest.mark.parametrize("stops_after", [1, 2, 9])
+def test_kernels_tell_by_those_that_are_compiled(
+    monkeypatch: pytest.MonkeyPatch, loading_s: float, stops_after: int
+) -> None:
+    """What is compiled already is loaded, in a time that is none of the steps that are missing;
+    where little is, or was done when it was stopped, nothing is known."""
+    machine = _Machine(monkeypatch, 2, 2)
+    known = KnownRates()
+
+    def kernels() -> Stage[None]:
+        yield Progress("Prepare kernels", 0, 40)
+        machine.now += loading_s  # of a step without a share
+        for done in (0, 10, 20, 30, 40):
+            yield Progress("Prepare kernels", done, 40)
+            machine.now += 9.0
+
+    stage = known.timed_kernels(kernels(), 12.0)
+    for n, _ in enumerate(stage):
+        if n > stops_after:
+            stage.close()
+            break
+    wanted = {} if stops_after == 1 else {"Prepare kernels": pytest.approx(3.0)}
+    assert KnownRates().rates == wanted
 
 
 @pytest.mark.parametrize("content", [None, "", "cpu", "cpu a b c"])
@@ -80,6 +112,6 @@ def test_a_system_that_does_not_say_counts_as_free(
         stat.write_text(content)
     monkeypatch.setattr(rates, "_STAT", stat)
     load = Load()
-    assert rates._used_seconds() is None
+    assert rates._used() is None
     load.look()
     assert load.slowdown == 1.0
