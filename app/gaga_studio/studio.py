@@ -592,7 +592,11 @@ class Studio:
         if self.session.view.playback.is_playing:
             camera_path_actions.stop_playing(self.session)
             return True
+        is_dragging = self.session.is_dragging
         if self.picture.cancel(self.session):
+            if is_dragging:
+                self.session.cancel_preview()
+                imgui.internal.clear_active_id()  # a slider, say, is let go
             return True
         if toasts.close_error(self.session, self.ui.toasts):
             return True
@@ -738,7 +742,8 @@ class Studio:
 
     def _frame_rate(self) -> float:
         """Wanted frames a second at rest; 0 while something on the screen moves."""
-        if self.never_idle or self._is_moving() or self._has_new_letters:
+        is_opening = self.ui.in_front is not None
+        if self.never_idle or is_opening or self._is_moving() or self._has_new_letters:
             return 0.0
         passes = self.ui.toasts.are_passing or self.session.hint
         if self.session.jobs.running is not None or passes:

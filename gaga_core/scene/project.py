@@ -563,8 +563,8 @@ class Project:
     @property
     def name(self) -> str:
         """Name of what was opened: of the folder, or of the file."""
-        path = self.source.absolute()
-        if path.name == META or (path == self.manifest and path.name == MANIFEST):
+        path = self.source.resolve()
+        if path.name == META or (self.source == self.manifest and path.name == MANIFEST):
             return path.parent.name  # the one of these in a folder is what the folder is
         return path.name
 

@@ -10,7 +10,17 @@ from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage, joined, portion
 from gaga_core.scene.objects import group_indices
 from gaga_studio.features import camera
-from gaga_studio.features.base import Command, Preview, ask, needs, no_scene, not_saveable, watch
+from gaga_studio.features.base import (
+    Command,
+    Preview,
+    ask,
+    first_of,
+    needs,
+    no_scene,
+    not_saveable,
+    preview_waits,
+    watch,
+)
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, choose_one, notifies
 from gaga_studio.session.session import Session
@@ -175,7 +185,12 @@ _no_changes = needs(
     "No changes are known. Add a scene of the same place first.",
 )
 COMMANDS: tuple[Command, ...] = (
-    ask("file.add_scene", "Add a scene…", Request.ADD_SCENE, enabled=not_saveable),
+    ask(
+        "file.add_scene",
+        "Add a scene…",
+        Request.ADD_SCENE,
+        enabled=first_of(not_saveable, preview_waits),
+    ),
     Command("scene.add_apply", "Apply the added scene", apply, enabled=_no_preview),
     ask("scene.changes", "What changed…", Request.CHANGES, enabled=_no_changes),
 )

@@ -89,12 +89,17 @@ class GradeSliders:
         self.value = Grade()
         self._entry: tuple[object, int] | None = None  # document and state after our entry
         self._shows = False
+        # The grade that what is shown took the place of, with its entry.
+        self._former: tuple[Grade, tuple[object, int]] | None = None
 
     def follow(self, session: Session) -> None:
         """Reset the values when another edit was done."""
         document = session.document
         if self._shows and (document is None or not document.history.is_previewing):
-            self._shows = False
+            self._shows = False  # given up
+            if self._former is not None and document is not None and document.redo():
+                self.value, self._entry = self._former
+            self._former = None
         if self._shows or document is None:
             return
         if self._entry != (document, document.history.state_id):
@@ -105,8 +110,10 @@ class GradeSliders:
         document = session.document
         if document is None or len(session.selected_indices()) == 0:
             return
-        if not self._shows and self._entry == (document, document.history.state_id):
+        entry = (document, document.history.state_id)
+        if not self._shows and self._entry == entry:
             document.undo()  # what is shown now replaces it
+            self._former = self.value, entry
         self.value, self._shows, self._entry = wanted, True, None
         preview_grade(session, wanted)
 
@@ -115,14 +122,14 @@ class GradeSliders:
         document = session.document
         if document is None or not self._shows:
             return
-        self._shows = False
+        self._shows, self._former = False, None
         if session.commit_preview():
             self._entry = (document, document.history.state_id)
 
     def reset(self, session: Session) -> None:
         """Undo the grade."""
         document = session.document
-        self._shows = False
+        self._shows, self._former = False, None
         if document is None:
             return
         session.cancel_preview()

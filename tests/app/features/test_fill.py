@@ -56,7 +56,7 @@ def test_preview_switch_and_cancel(at_table: Session) -> None:
     assert preview_badge(session) == "Preview of Delete and fill"
     assert scene.has(State.DELETED)[found.removed].all(), "the preview is in the picture"
     assert command("object.fill_apply").enabled(session) == ""
-    for other in ("object.associate", "file.add_splats"):  # they end in an edit
+    for other in ("object.associate", "file.add_splats", "file.add_scene"):  # they end in an edit
         assert command(other).enabled(session) == (
             "Apply or cancel (Esc) the preview of Delete and fill first."
         )

@@ -122,6 +122,26 @@ def test_many_drags_of_a_grade_are_one_entry(selected: Session) -> None:
     assert np.array_equal(shown_colors(_scene(selected)), before)
 
 
+def test_a_drag_of_a_grade_that_is_given_up_leaves_the_one_before(selected: Session) -> None:
+    grading = GradeSliders()
+    grading.show(selected, Grade(saturation=0.5))
+    grading.keep(selected)
+    before, document = shown_colors(_scene(selected)), selected.need()
+    state = document.history.state_id
+    for step in (0.4, 0.2):
+        grading.show(selected, Grade(saturation=step))
+        assert selected.is_dragging
+    selected.cancel_preview()
+    grading.follow(selected)
+    assert grading.value == Grade(saturation=0.5)
+    assert document.history.state_id == state
+    assert np.array_equal(shown_colors(_scene(selected)), before)
+    n = len(document.history.entries())
+    grading.show(selected, Grade(saturation=0.1))
+    grading.keep(selected)
+    assert len(document.history.entries()) == n, "it replaces the same entry"
+
+
 def test_a_grade_starts_again_after_another_edit(selected: Session) -> None:
     grading = GradeSliders()
     grading.show(selected, Grade(saturation=0.5))

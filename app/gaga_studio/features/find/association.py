@@ -417,6 +417,11 @@ def duration_text(seconds: float) -> str:
         return ""
     if seconds < 90:
         return f"about {max(5 * round(seconds / 5), 5)} s"
+    return in_minutes(seconds)
+
+
+def in_minutes(seconds: float) -> str:
+    """ "about 3 min", "about 2 h"."""
     if seconds < 5400:
         return f"about {round(seconds / 60)} min"
     return f"about {round(seconds / 3600)} h"

@@ -29,7 +29,16 @@ from gaga_core.segmentation.models.weights import family_of, models_folder, weig
 from gaga_core.segmentation.regions import NAME as REGIONS
 from gaga_core.segmentation.settings import GeneratorConfig
 from gaga_core.settings import setting_of
-from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_scene, no_views
+from gaga_studio.features.base import (
+    Command,
+    ask,
+    busy,
+    first_of,
+    no_groups,
+    no_scene,
+    no_views,
+    preview_waits,
+)
 from gaga_studio.features.find import association
 from gaga_studio.features.find.association import FindState, duration_text
 from gaga_studio.features.find.memory_bank import KnownViews
@@ -507,7 +516,7 @@ def make_live(session: Session, request: MaskRequest) -> None:
     if document.read.has_groups():
         make(session, request)
         return
-    reason = no_photos(session)
+    reason = no_photos(session) or preview_waits(session)
     if reason:
         session.notify(Level.WARNING, reason)
         return
@@ -746,7 +755,7 @@ def model_title(session: Session) -> str:
 
 def why_no_model_masks(session: Session) -> str:
     """Return why no masks can be made with a model; "" when they can, perhaps after a download."""
-    reason = no_photos(session)
+    reason = no_photos(session) or preview_waits(session)
     return reason or ("" if model_here(session) is not None else why_no_download(session))
 
 

@@ -24,6 +24,7 @@ from gaga_studio.features import camera
 from gaga_studio.features.base import (
     Command,
     ask,
+    busy,
     first_of,
     need_bank,
     no_bank,
@@ -833,7 +834,7 @@ COMMANDS: tuple[Command, ...] = (
         "view.timeline",
         "Replay the memory bank",
         toggle_timeline,
-        enabled=lambda s: "" if timeline_of(s).is_open else no_bank(s),
+        enabled=lambda s: "" if timeline_of(s).is_open else first_of(no_shown_bank, busy)(s),
         is_on=lambda s: timeline_of(s).is_open,
     ),
 )

@@ -9,6 +9,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.errors import counted
 from gaga_core.raster import backend_report
 from gaga_studio.features import add_scene, cleanup, fill
+from gaga_studio.features.find.association import in_minutes
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
 from gaga_studio.tools.base import Tool
@@ -167,12 +168,7 @@ def job_text(job: Job) -> str:
 def time_left(seconds: float) -> str:
     """ "under a minute left" or "about 3 min left": no finer than it is known, as other programs
     may take the machine at any time."""
-    if seconds < 60:
-        return "under a minute left"
-    minutes = round(seconds / 60)
-    if minutes < 90:
-        return f"about {minutes} min left"
-    return f"about {round(seconds / 3600)} h left"
+    return f"{'under a minute' if seconds < 60 else in_minutes(seconds)} left"
 
 
 _TITLE_S = 1.0  # seconds: the window's title changes no more often while a task runs

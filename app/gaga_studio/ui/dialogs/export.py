@@ -462,7 +462,7 @@ def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
     if sheet.what == "simulation":
         said = " ".join(summary.lost)
     else:
-        about = "at most about" if summary.is_most else "about"
+        about = "at most" if summary.is_most else "about"
         imgui.text_unformatted(f"{n_things}{n_files}, {about} {size_text(summary.n_bytes)}")
     widgets.dim(said, wrap=True)
     if _replaces(sheet):
