@@ -331,6 +331,12 @@ def test_left_and_right_go_from_menu_to_menu_and_do_nothing_else(display: str, b
 
         pose, shown = d.session.rig.pose, d.session.active_view
         d.menu(titles[0])
+        for key in (KEY.right_arrow, KEY.right_arrow, KEY.left_arrow, KEY.left_arrow):
+            d.keys(key)  # the mouse rests on the title
+        assert opened() == (titles[0], 1)
+        d.keys(KEY.right_arrow)
+        assert opened() == (titles[1], 1)
+        d.keys(KEY.left_arrow)
         d.keys(KEY.down_arrow)
         for key, listed in (
             (KEY.right_arrow, (*titles[1:], titles[0])),

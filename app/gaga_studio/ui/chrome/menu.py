@@ -114,11 +114,22 @@ def draw(session: Session, state: MenuState) -> None:
 def _arrows(state: MenuState) -> None:
     """Left and Right go to the menu next to the open one, where no submenu took them.
 
-    The toolkit would close the open menu and only mark the title of the next.
+    The toolkit would close the open menu and only mark the title of the next; where the mouse
+    opened the menu and rests on its title, it would do nothing.
     """
-    step = {imgui.Dir.left: -1, imgui.Dir.right: 1}.get(imgui.get_current_context().nav_move_dir, 0)
-    if state.opened and step and imgui.internal.nav_move_request_but_no_result_yet():
+    context = imgui.get_current_context()
+    step = {imgui.Dir.left: -1, imgui.Dir.right: 1}.get(context.nav_move_dir, 0)
+    is_left_to_us = step and imgui.internal.nav_move_request_but_no_result_yet()
+    within = context.nav_window
+    if within is None or not within.flags & imgui.WindowFlags_.popup:  # no entry has the keys
+        pressed = {
+            key: imgui.is_key_pressed(key) for key in (imgui.Key.left_arrow, imgui.Key.right_arrow)
+        }
+        step = pressed[imgui.Key.right_arrow] - pressed[imgui.Key.left_arrow]
+        is_left_to_us = bool(step)
+    if state.opened and is_left_to_us:
         imgui.internal.nav_move_request_cancel()
+        context.nav_highlight_item_under_nav = True  # not what the mouse rests on, till it moves
         titles = tuple(MENUS)
         imgui.open_popup(titles[(titles.index(state.opened) + step) % len(titles)])
 
