@@ -131,6 +131,7 @@ def resume_history(document: Document, copied: HistoryCopy) -> None:
 # --- the autosaved project
 
 EVERY_S = 60.0  # at most this much work is lost in a crash
+_CLOCK_S = 60.0  # a clock that is put right meanwhile is, most often, put right by less
 _NOTE, _QUALITY = "recovery.json", "quality.json"
 
 
@@ -272,7 +273,7 @@ def left_over() -> tuple[tuple[Recovery, ...], tuple[str, ...]]:
                 f"edits may be whole: open {file.parent} with Open scene folder."
             )
             continue
-        if not _is_running(note.pid):
+        if not _is_running(note.pid, file.stat().st_mtime):
             project = Path(note.project) if note.project else None
             found.append(Recovery(file.parent, note.name, project, note.saved_at))
     return tuple(sorted(found, key=lambda r: -r.saved_at)), tuple(problems)
@@ -366,7 +367,10 @@ def _remover(folder: Path) -> Callable[[], None]:
     return lambda: shutil.rmtree(folder, ignore_errors=True)
 
 
-def _is_running(pid: int) -> bool:
+def _is_running(pid: int, noted_at: float) -> bool:
+    """Whether the program runs that wrote its number ``pid`` at ``noted_at`` (seconds since the
+    epoch). On Linux one that has ended and waits for its parent, or that began later and was given
+    the same number, after a restart of the machine say, does not count."""
     if pid == os.getpid():
         return True
     if sys.platform == "win32":
@@ -376,6 +380,12 @@ def _is_running(pid: int) -> bool:
         if handle:
             ctypes.windll.kernel32.CloseHandle(handle)
         return bool(handle)
+    with suppress(OSError, ValueError, IndexError):  # another system
+        words = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
+        state, *_, ticks = words.rpartition(")")[2].split()[:20]
+        began_at = _booted_at() + int(ticks) / os.sysconf("SC_CLK_TCK")
+        if state in "ZX" or began_at > noted_at + _CLOCK_S:
+            return False
     with suppress(ProcessLookupError):
         try:
             os.kill(pid, 0)
@@ -383,3 +393,9 @@ def _is_running(pid: int) -> bool:
             return True
         return True
     return False
+
+
+def _booted_at() -> float:
+    """When a Linux machine was started, seconds since the epoch."""
+    lines = Path("/proc/stat").read_text(encoding="ascii").splitlines()
+    return float(next(line for line in lines if line.startswith("btime")).split()[1])

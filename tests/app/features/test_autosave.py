@@ -1,8 +1,10 @@
 """Autosave and what comes back after a crash."""
 
 import json
+import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -66,6 +68,27 @@ def test_without_edits_nothing_is_written(associated: Session) -> None:
     selection.select_all(associated)
     autosave.tick(associated)
     assert not autosave_actions.root().exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="others tell no more than the number")
+@pytest.mark.parametrize("how", ["runs", "was killed", "is another"])
+def test_a_program_that_was_killed_or_has_the_number_of_another_does_not_run(
+    associated: Session, how: str
+) -> None:
+    """One started right after the kill was offered nothing, nor was one after a restart whose
+    machine had given the number to another program."""
+    _edit_and_wait(associated)
+    _saved(associated)
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as program:
+        (note,) = autosave_actions.root().glob("*/recovery.json")
+        note.write_text(json.dumps(json.loads(note.read_text()) | {"pid": program.pid}))
+        if how == "was killed":
+            program.kill()
+            os.waitid(os.P_PID, program.pid, os.WEXITED | os.WNOWAIT)  # nobody takes its end
+        if how == "is another":
+            os.utime(note, (time.time() - 3600,) * 2)
+        assert len(left_over()[0]) == (how != "runs")
+        program.kill()
 
 
 def test_edits_of_a_crashed_program_come_back_unsaved(
