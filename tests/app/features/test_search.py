@@ -118,6 +118,17 @@ def test_words_find_objects_without_any_model(associated: Session) -> None:
     assert _ask(associated, "") == ()
 
 
+@pytest.mark.parametrize("typed", ["ange", "rang", "range", "orange"])
+def test_as_many_are_said_to_be_called_so_as_are_listed(associated: Session, typed: str) -> None:
+    """A part of several names was near enough to one of them: one was said, four were listed."""
+    ids = [int(group) for group in associated.objects().ids if group > 0]
+    names = ("orange thing", "orange round thing", "orange thing on the right", "orange bowl")
+    document = associated.need()
+    document.do(name_groups(document.scene, dict(zip(ids, names, strict=False))))
+    assert set(_ask(associated, typed)) == set(ids[:4])
+    assert document.feature(SearchState).sentence.startswith("4 ")
+
+
 def test_the_filter_of_the_list_leaves_out_answers_and_says_how_many(associated: Session) -> None:
     table, document = associated.objects(), associated.need()
     ids = [int(group) for group in table.ids if group > 0]

@@ -277,12 +277,13 @@ class SearchState:
         ]
         self.sentence, self.unknown = answer.sentence, answer.unknown
         if not self.in_view:
-            shown = {hit.group for hit in hits}
-            called = [g for g in _called(table, self.text) if g not in shown]
-            if called and not any(hit.fits for hit in hits):
-                word = "is" if len(called) == 1 else "are"
-                self.sentence = f"{len(called)} {word} called “{self.text.strip()}”."
-                hits = []
+            shown, named = {hit.group for hit in hits}, _called(table, self.text)
+            called = [g for g in named if g not in shown]
+            if called and {hit.group for hit in hits if hit.fits} <= set(named):
+                # Nothing but names was meant: a word that begins one is part of others.
+                word = "is" if len(named) == 1 else "are"
+                self.sentence = f"{len(named)} {word} called “{self.text.strip()}”."
+                called, hits = named, []
             hits = [SearchHit(group, 1.0, True) for group in called] + hits
         self._take_hits(tuple(hits))
 
