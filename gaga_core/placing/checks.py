@@ -63,7 +63,7 @@ class BridgeConfig:
 _BRIDGE = BridgeConfig()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Bridge:
     """The weakest joint of a model."""
 

@@ -50,7 +50,7 @@ class GivenReport(msgspec.Struct, frozen=True):
     turned_most: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Posed:
     """Prepared photos that have a given pose."""
 

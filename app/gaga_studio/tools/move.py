@@ -77,7 +77,7 @@ class MoveTool(ClickTool):
 # --- G, R and S of Blender: the selection follows the mouse until Enter or a click; Escape cancels.
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FollowTransform:
     """A move, rotation or scaling that follows the mouse, or a typed amount."""
 

@@ -238,6 +238,7 @@ _CLICK: list[Stroke] = [("Button1", True), ("Button1", False)]
         (strokes("g x 2 Return"), (2.0, 0.0, 0.0)),
         ([*strokes("g x x y minus 1 period 5"), ("Rest", True), *strokes("Return")], (0, -1.5, 0)),
         (strokes("g x Escape"), None),
+        (strokes("g x 9 Escape g x 2 Return"), (2.0, 0.0, 0.0)),  # the mouse has not moved
         (strokes("r z 9 0 Escape"), None),
         ([*strokes("g z"), ("Mouse", (0.6, 0.3)), ("Rest", True), *_CLICK], "up"),
     ],

@@ -439,8 +439,9 @@ class ViewportPanel:
         camera = session.rig.camera(pointer.width, pointer.height)
         shown = self._follow, pointer.u, pointer.v, session.rig.pose
         if shown != self._shown:  # else the picture would never be at rest
-            self._shown = shown
-            self._follow.show(session, camera, (pointer.u, pointer.v))
+            self._shown, follow, self._follow = shown, self._follow, None
+            follow.show(session, camera, (pointer.u, pointer.v))
+            self._follow = follow  # unless that failed: nothing would end it
         is_cancelled = imgui.is_key_pressed(imgui.Key.escape, False) or pointer.right
         if is_cancelled or pointer.left or widgets.enter_pressed():
             session.cancel_preview() if is_cancelled else session.commit_preview()
