@@ -1,4 +1,4 @@
-"""Who may import whom, where no import contract says it."""
+"""Who may import whom, where no import contract says it, and other rules of the source."""
 
 import ast
 import subprocess
@@ -58,3 +58,25 @@ def _imported(tree: ast.Module) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom):
             yield str(node.module)
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def test_values_that_hold_arrays_are_compared_by_identity() -> None:
+    """Two of them are otherwise compared element by element, which fails, or is slow."""
+    failing = list[str]()
+    root = Path(__file__).parent.parent
+    for path in (*root.glob("app/**/*.py"), *root.glob("gaga_core/**/*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.ClassDef):
+                continue
+            how = [ast.unparse(one) for one in node.decorator_list]
+            fields = [one for one in node.body if isinstance(one, ast.AnnAssign)]
+            holds = any(
+                "Array" in (held := ast.unparse(one.annotation))
+                and "Callable" not in held
+                and "compare=False" not in ast.unparse(one.value or ast.Constant(None))
+                for one in fields
+            )
+            frozen = [one for one in how if one.startswith("dataclass(") and "frozen=True" in one]
+            if holds and frozen and "eq=False" not in frozen[0]:
+                failing.append(f"{path.name}: {node.name}")
+    assert failing == []
