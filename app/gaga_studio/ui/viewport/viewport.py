@@ -289,7 +289,7 @@ def _tile(session: Session, name: str, position: int, at: ImVec2) -> None:
         drawing.add_text(middle, theme.u32(theme.DIM), icon)
     edge = theme.ACCENT if is_hot else theme.LINE_STRONG
     drawing.add_rect(at, high, theme.u32(edge), em(0.3), theme.scaled(1))
-    shown = widgets.elided(path.name, size.x)
+    shown = widgets.elided_name(path.name, size.x)
     drawing.add_text(ImVec2(at.x, high.y + em(0.2)), theme.u32(theme.TEXT), shown)
 
 
