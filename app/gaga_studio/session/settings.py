@@ -59,6 +59,7 @@ class Settings:
     undo_megabytes: float = DEFAULT_BUDGET / 1e6  # what undo may hold
     lod_millions: float = 2.0  # splats in the picture of a scene with level of detail
     first_steps_done: bool = False  # the card of five steps is hidden
+    steps_done: tuple[str, ...] = ()  # of these five, in any run of the program
     hub_mirror: _Address = (
         ""  # address of a mirror of the hub of models; "" = HF_ENDPOINT or the hub
     )
