@@ -587,7 +587,7 @@ class Studio:
         status.draw(self.session, hint, figures)
 
     def _escape(self) -> bool:
-        """End a preview or a gesture, or close an error or a card; whether there was one."""
+        """End a preview or a gesture, or close a notice or a card; whether there was one."""
         if any(one.cancel(self.session) for one in (cleanup, fill, add_scene)):
             return True
         if self.session.view.playback.is_playing:
@@ -595,7 +595,7 @@ class Studio:
             return True
         if self.picture.cancel(self.session):
             return True
-        if toasts.close_error(self.session, self.ui.toasts):
+        if toasts.close_newest(self.session, self.ui.toasts):
             return True
         if bank.timeline_of(self.session).is_open:
             bank.close_timeline(self.session)

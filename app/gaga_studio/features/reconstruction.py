@@ -513,7 +513,7 @@ def plan_with(plan: ReconstructionPlan, name: str, value: object) -> Reconstruct
 
 
 COMMANDS: tuple[Command, ...] = (
-    ask("file.open_photos", "Start from photos or a film…", Request.OPEN_PHOTOS),
+    ask("file.open_photos", "Start from photos or a film…", Request.OPEN_PHOTOS, enabled=busy),
     Command("file.make_splats", "Make splats", make, enabled=why_not, describe=title),
     Command(
         "file.go_on_training",

@@ -582,7 +582,8 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea, mo
     overlays.draw_card(session, state.measure, corner, size)
     area.chip_bottom = max(_way_out_of_isolation(session, corner, size), corner.y)
     _draw_next_stage(session, state, area)
-    area.live_bottom = training.draw_live(session, corner, size)
+    end = training.draw_live(session, corner, size)
+    area.live_right, area.live_bottom = end.x, end.y
     mask_evidence.draw(session, state.evidence, area)
 
 
