@@ -65,7 +65,7 @@ class Settings:
     )
     works_offline: bool = False  # no hub is ever asked
     folds_background: bool = True  # in the object list
-    turns_in_training: bool = True  # the picture, slowly, until it is moved by hand
+    turns_in_training: bool = True  # the picture, slowly, until it is moved by hand in one
     inpainting_model: str = ""  # file of the model that colors filled holes; "" = none does
     click_model: str = ""  # that clicks of the tool Object ask; "" = the first here, "none" = none
 

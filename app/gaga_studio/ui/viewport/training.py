@@ -292,8 +292,7 @@ def _while_it_runs(session: Session, *, small: bool) -> None:
         reconstruction.stop_here(session)
     if small:  # the switch is in the menu View, too
         return
-    turns = session.settings.turns_in_training
-    changed, _ = widgets.checkbox("Turn the picture", turns)
+    changed, _ = widgets.checkbox("Turn the picture", reconstruction.turns(session))
     if changed:
         commands.run("view.turn_in_training", session)
 
