@@ -444,7 +444,7 @@ def tick(session: Session, dt: float, is_drawn: bool, picture_s: float) -> None:
     training, rig, state = session.training, session.rig, session.feature(Turning)
     if training is not None and is_drawn:
         training.show()
-    if training is None or training.scene is None or training.is_stopped:
+    if training is None or not training.cameras or training.scene is None or training.is_stopped:
         return
     if state.training is not training:
         state.__init__(training, rig.goal)  # type: ignore[misc]
