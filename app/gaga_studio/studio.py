@@ -506,7 +506,7 @@ class Studio:
         recent list."""
         session, viewport = self.session, self.viewport
         document, recent = session.document, session.settings.recent
-        if document is None or viewport is None or self._pictured == next(iter(recent), ""):
+        if document is None or viewport is None or not recent or recent[0] == self._pictured:
             return
         if not self.is_settled or not viewport.texture or document is not self._document:
             return
