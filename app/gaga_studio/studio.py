@@ -364,7 +364,7 @@ class Studio:
         self._document: object = None
         self._previewed = ""  # what waited to be applied in the frame before
         self._masks: object = None
-        self._has_picture = False  # in the recent list, of the document
+        self._pictured = ""  # the path in the recent list that has a picture of the document
         self._named: tuple[int, ...] | None = None  # state whose names have their glyphs
         self._has_new_letters = False  # what was drawn before is drawn again, at once
         self.never_idle = False  # tests want every frame at once
@@ -485,7 +485,7 @@ class Studio:
             self.session.render_requests.serve(self._paint)
         self._keep_picture()
         if self.session.document is not self._document:
-            self._document, self._has_picture = self.session.document, False
+            self._document, self._pictured = self.session.document, ""
             self.ui.forget_scene()
             self._masks = None
         if self.session.masks is not self._masks:  # made again, they have the same names
@@ -502,14 +502,15 @@ class Studio:
             self.window.close()
 
     def _keep_picture(self) -> None:
-        """Keep what is first seen of a scene as its picture in the recent list."""
+        """Keep what is first seen of a scene, or of what it was saved as, as its picture in the
+        recent list."""
         session, viewport = self.session, self.viewport
         document, recent = session.document, session.settings.recent
-        if document is None or self._has_picture or viewport is None or not recent:
+        if document is None or viewport is None or not recent or recent[0] == self._pictured:
             return
         if not self.is_settled or not viewport.texture or document is not self._document:
             return
-        self._has_picture, project = True, document.project
+        self._pictured, project = recent[0], document.project
         if str(project.opened_again_by(project.source).resolve()) != recent[0]:
             return  # the demo is not in the list
         file, pixels = paths.picture_of(recent[0]), viewport.read_pixels()
@@ -586,7 +587,7 @@ class Studio:
         status.draw(self.session, hint, figures)
 
     def _escape(self) -> bool:
-        """End a preview or a gesture, or close an error or a card; whether there was one."""
+        """End a preview or a gesture, or close a notice or a card; whether there was one."""
         if any(one.cancel(self.session) for one in (cleanup, fill, add_scene)):
             return True
         if self.session.view.playback.is_playing:
@@ -598,7 +599,7 @@ class Studio:
                 self.session.cancel_preview()
                 imgui.internal.clear_active_id()  # a slider, say, is let go
             return True
-        if toasts.close_error(self.session, self.ui.toasts):
+        if toasts.close_newest(self.session, self.ui.toasts):
             return True
         if bank.timeline_of(self.session).is_open:
             bank.close_timeline(self.session)

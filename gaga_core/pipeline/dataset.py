@@ -5,7 +5,6 @@ whose objects were renamed, merged or split has only those pictures made again t
 """
 
 import hashlib
-import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -49,7 +48,14 @@ from gaga_core.export.dataset.records import (
     write_picture,
 )
 from gaga_core.export.dataset.records import draw as draw_picture
-from gaga_core.export.dataset.settings import FORMS, MOST_PHOTOS, DatasetConfig, Form
+from gaga_core.export.dataset.settings import (
+    FORMS,
+    MOST_PHOTOS,
+    DatasetConfig,
+    Form,
+    validates,
+    varies,
+)
 from gaga_core.export.dataset.views import (
     ALIKE,
     CLOSER,
@@ -296,12 +302,8 @@ def pictures_stage(
     names, left_out, made = list[str](), 0, 0
     with _Writer() as writer:
         for index in range(-(-config.views // config.views_each)):
-            arrangement = base.room.arranged(
-                config.seed,
-                index,
-                moves=_takes_turn(config.moved, index),
-                removes=_takes_turn(config.removed, index, shift=0.5),
-            )
+            moves, removes = varies(config, index)
+            arrangement = base.room.arranged(config.seed, index, moves=moves, removes=removes)
             series = _Series(base, arrangement, index, config, splits)
             first = index * config.views_each
             painter: _Painter | None = None
@@ -323,11 +325,6 @@ def pictures_stage(
         yield from _models_stage(out, base, total)
     yield Progress(_STAGE, total, total)
     return _write_scene(out, base, names, (made, left_out), is_varied=len(splits) > 1)
-
-
-def _takes_turn(share: float, index: int, shift: float = 0.0) -> bool:
-    """Whether number ``index`` is one of those that make ``share`` of any first ones."""
-    return int(share * (index + 1) + shift) > int(share * index + shift)
 
 
 def _base_stage(project: Project, name: str, engine: Rasterizer) -> Stage[_Base]:
@@ -404,8 +401,7 @@ class _Series:
     splits: dict[str, Split]  # of the placements so far: this one is added
 
     def __post_init__(self) -> None:
-        n = len(self.splits) - 1
-        is_kept = _ceil(self.config.validation * (n + 1)) > _ceil(self.config.validation * n)
+        is_kept = validates(self.config, len(self.splits) - 1)
         self.splits.setdefault(self.placement, "val" if is_kept else "train")
 
     @cached_property
@@ -486,10 +482,6 @@ class _Series:
         now = self.base.digests
         is_same = all(now.get(int(group)) == was for group, was in found.digests.items())
         return found if is_same else None
-
-
-def _ceil(value: float) -> int:
-    return math.ceil(round(value, 9))
 
 
 class _Painter:

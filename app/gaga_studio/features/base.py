@@ -30,9 +30,7 @@ ViewSwitch = Literal[
     "uses_lod",
 ]  # fields of `ViewState` that are on or off
 
-SettingSwitch = Literal[
-    "children_go_along", "clean_first", "turns_in_training"
-]  # fields of `Settings`
+SettingSwitch = Literal["children_go_along", "clean_first"]  # fields of `Settings`
 
 
 @dataclass(frozen=True)

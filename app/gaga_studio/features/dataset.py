@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gaga_core.errors import GagaError, counted
-from gaga_core.export.dataset.settings import FORMS, DatasetConfig, Form
+from gaga_core.export.dataset.settings import FORMS, DatasetConfig, Form, planned
 from gaga_core.progress import Stage
 from gaga_core.settings import setting_of
 from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_photos
@@ -38,13 +38,13 @@ class DatasetPlan:
 
     def says(self) -> str:
         """What will be made, in a sentence."""
-        config = self.config
-        n = -(-config.views // config.views_each)
+        config, (n, n_kept) = self.config, planned(self.config)
         placements = "one placement" if n == 1 else f"about {n:,} placements"
-        pictures = counted(config.views, "picture")
+        kept = f"about {counted(n_kept, 'picture')}, {100 * n_kept / config.views:.0f} %"
         return (
-            f"{pictures} of {placements} of the objects. In a folder that has a data set, only "
-            "what is missing or stale is made."
+            f"{counted(config.views, 'picture')} of {placements} of the objects; for validation "
+            f"{kept if n_kept else 'none'}. In a folder that has a data set, only what is missing "
+            "or stale is made."
         )
 
 

@@ -117,7 +117,11 @@ def recent(session: Session) -> tuple[Command, ...]:
         path = Path(name)
         title = f"{path.name}, in {paths.shown(path.parent)}"
         return Command(
-            f"file.recent {name}", name, lambda s: s.open(path), describe=lambda _: title
+            f"file.recent {name}",
+            name,
+            lambda s: s.open(path),
+            enabled=busy,
+            describe=lambda _: title,
         )
 
     return tuple(map(open_it, session.settings.recent))
@@ -125,8 +129,8 @@ def recent(session: Session) -> tuple[Command, ...]:
 
 _no_edits = needs(lambda session: session.need().history.can_undo, "Nothing has been edited yet.")
 COMMANDS: tuple[Command, ...] = (
-    ask("file.open_folder", "Open scene folder…", Request.OPEN_FOLDER, "Ctrl+O"),
-    ask("file.open_file", "Open splat file…", Request.OPEN_FILE, "Ctrl+Shift+O"),
+    ask("file.open_folder", "Open scene folder…", Request.OPEN_FOLDER, "Ctrl+O", enabled=busy),
+    ask("file.open_file", "Open splat file…", Request.OPEN_FILE, "Ctrl+Shift+O", enabled=busy),
     ask(
         "file.add_splats",
         "Add splats…",

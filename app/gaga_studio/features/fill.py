@@ -4,11 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gaga_core.errors import GagaError, counted
 from gaga_core.fill import inpaint
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.edits import Edit
-from gaga_core.scene.scene import State
+from gaga_core.scene.scene import Scene, State
 from gaga_studio.features import folders
 from gaga_studio.features.base import (
     Command,
@@ -111,17 +113,9 @@ def start(session: Session, *, lighten: bool = True) -> None:
         done_title = fill_title(scene, splats) if is_alone else named
         return found, filled_edit(scene, found, done_title), done_title
 
-    def looks() -> object:
-        revision = document.scene.revision
-        shown = revision.splats, revision.labels, revision.placement, revision.placements
-        return shown, document.scene.has(~(State.SELECTED | State.LOCKED)).sum()
-
-    before = looks()
-    check = watch(session, document, _CHANGED, lambda: looks() == before)
-
     def done(result: "tuple[Filling, Edit | None, str]") -> None:
         found, edit, done_title = result
-        if not check():
+        if not watch(session, document, _CHANGED, lambda: _fits(found, scene, document.scene))():
             return
         if document.history.state_id != at:
             from gaga_core.fill.fill import filled_edit
@@ -135,6 +129,25 @@ def start(session: Session, *, lighten: bool = True) -> None:
         document.feature(Fill).take(found, edit)
 
     session.jobs.start(title(session), stage(), on_done=done)
+
+
+def _fits(found: "Filling", before: Scene, now: Scene) -> bool:
+    """Whether what was found in ``before`` still fits: what was analysed stands as it did.
+
+    Other objects may be hidden or named meanwhile, and copies be made: rows never move.
+    """
+    n, n_placed = len(before), len(before.placements.opacity)
+    if len(now) < n:
+        return False
+    turned = before.state ^ now.state[:n]
+    is_there = not (turned & State.DELETED).any()
+    is_shown = not (turned[found.removed] & State.HIDDEN).any()
+    columns = [(before.labels, now.labels[:n]), (before.placement, now.placement[:n])]
+    columns += [
+        (getattr(before.placements, name), getattr(now.placements, name)[:n_placed])
+        for name in ("matrix", "color", "opacity")
+    ]
+    return is_there and is_shown and all(np.array_equal(*pair) for pair in columns)
 
 
 @notifies

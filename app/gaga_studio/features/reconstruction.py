@@ -15,7 +15,7 @@ from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.camera_path import CameraPath, turntable
 from gaga_core.scene.orientation import upright_basis
 from gaga_core.scene.project import meant_in
-from gaga_studio.features.base import Command, ask, busy, setting
+from gaga_studio.features.base import Command, ask, busy
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, UserQuestion, choose_one, notifies
 from gaga_studio.session.session import Session
@@ -402,37 +402,56 @@ def _points(scene: Path) -> "Gaussians | None":
 
 _ROUND_S = 40.0  # seconds for once around
 _LONGEST_STEP_S = 1.0  # on a slow machine it turns more slowly, and never jumps
-_REST_S = 4.0  # after the camera was moved by hand
+_REST_S = 4.0  # before it begins
 _SHARE = 0.2  # of the time that drawing may take: the training needs the processor
 
 
 class Turning:
-    """Where the picture was turned to last, and how long it stays there."""
+    """Where the picture of a training was turned to last, and whether a hand has moved it since."""
 
-    def __init__(self) -> None:
-        self.pose: object = None
-        self.rests_s = 0.0
+    def __init__(self, training: object = None, pose: object = None) -> None:
+        self.training = training
+        self.pose = pose
+        self.is_by_hand = False
+        self.rests_s = _REST_S
         self.since_s = 0.0  # since the last step
         self.path: CameraPath | None = None  # from where it began to turn
         self.at_s = 0.0  # in the path
+
+
+def turns(session: Session) -> bool:
+    """Whether the picture of a training turns: not where it was moved by hand."""
+    is_by_hand = session.training is not None and session.feature(Turning).is_by_hand
+    return session.settings.turns_in_training and not is_by_hand
+
+
+def switch_turning(session: Session) -> None:
+    """Let the picture of a training turn, from where it is, or stand."""
+    wanted, state = not turns(session), session.feature(Turning)
+    state.__init__(state.training, session.rig.goal)  # type: ignore[misc]
+    state.rests_s = 0.0
+    if wanted != session.settings.turns_in_training:
+        session.change_settings(replace(session.settings, turns_in_training=wanted))
 
 
 def tick(session: Session, dt: float, is_drawn: bool, picture_s: float) -> None:
     """Show the newest splats of a training, and turn its picture by what ``dt`` seconds make.
 
     Both wait until the last picture ``is_drawn``, which took ``picture_s`` seconds: a slow machine
-    would begin picture after picture and end none. The turn rests after every move by hand. It
-    keeps to where photos were taken from: around a thing at a wall it swings in front of it.
+    would begin picture after picture and end none. A move by hand ends the turn (`switch_turning`
+    goes on): the picture stays where a person turned it. It keeps to where photos were taken from:
+    around a thing at a wall it swings in front of it.
     """
     training, rig, state = session.training, session.rig, session.feature(Turning)
     if training is not None and is_drawn:
         training.show()
-    turns = session.settings.turns_in_training and not rig.is_moving
-    if not turns or training is None or training.scene is None or training.is_stopped:
-        state.pose = None
+    if training is None or not training.cameras or training.scene is None or training.is_stopped:
         return
-    if rig.pose is not state.pose:
-        state.pose, state.rests_s, state.since_s, state.path = rig.pose, _REST_S, 0.0, None
+    if state.training is not training:
+        state.__init__(training, rig.goal)  # type: ignore[misc]
+    state.is_by_hand |= rig.goal is not state.pose
+    if not turns(session):
+        return
     state.rests_s -= dt
     if state.rests_s > 0:
         return
@@ -515,7 +534,7 @@ def plan_with(plan: ReconstructionPlan, name: str, value: object) -> Reconstruct
 
 
 COMMANDS: tuple[Command, ...] = (
-    ask("file.open_photos", "Start from photos or a film…", Request.OPEN_PHOTOS),
+    ask("file.open_photos", "Start from photos or a film…", Request.OPEN_PHOTOS, enabled=busy),
     Command("file.make_splats", "Make splats", make, enabled=why_not, describe=title),
     Command(
         "file.go_on_training",
@@ -524,6 +543,8 @@ COMMANDS: tuple[Command, ...] = (
         enabled=why_not_go_on,
         describe=go_on_title,
     ),
-    setting("view.turn_in_training", "Turn the picture while training", "turns_in_training"),
+    Command(
+        "view.turn_in_training", "Turn the picture while training", switch_turning, is_on=turns
+    ),
     ask("file.make_splats_as", "Make splats as…", Request.MAKE_SPLATS, enabled=why_not),
 )

@@ -59,12 +59,13 @@ class Settings:
     undo_megabytes: float = DEFAULT_BUDGET / 1e6  # what undo may hold
     lod_millions: float = 2.0  # splats in the picture of a scene with level of detail
     first_steps_done: bool = False  # the card of five steps is hidden
+    steps_done: tuple[str, ...] = ()  # of these five, in any run of the program
     hub_mirror: _Address = (
         ""  # address of a mirror of the hub of models; "" = HF_ENDPOINT or the hub
     )
     works_offline: bool = False  # no hub is ever asked
     folds_background: bool = True  # in the object list
-    turns_in_training: bool = True  # the picture, slowly, until it is moved by hand
+    turns_in_training: bool = True  # the picture, slowly, until it is moved by hand in one
     inpainting_model: str = ""  # file of the model that colors filled holes; "" = none does
     click_model: str = ""  # that clicks of the tool Object ask; "" = the first here, "none" = none
 

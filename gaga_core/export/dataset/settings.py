@@ -3,7 +3,9 @@
 This module is light: the command reads it to explain its options.
 """
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 from gaga_core.errors import GagaError
@@ -51,6 +53,44 @@ class DatasetConfig:
         for name in ("coverage", "closer", "moved", "removed", "lights", "validation"):
             if not 0 <= getattr(self, name) <= 1:
                 raise GagaError(f"--{name} is a share: a number from 0 to 1.")
+
+
+def varies(config: DatasetConfig, index: int) -> tuple[bool, bool]:
+    """Whether objects stand elsewhere in placement ``index``, and whether one is gone."""
+    moves = _takes_turn(config.moved, index)
+    return moves, _takes_turn(config.removed, index, shift=0.5)
+
+
+def validates(config: DatasetConfig, index: int) -> bool:
+    """Whether ``index``, of the placements in which something is changed, is for validation."""
+    share = config.validation
+    return _ceil(share * (index + 1)) > _ceil(share * index)
+
+
+@lru_cache(maxsize=8)
+def planned(config: DatasetConfig) -> tuple[int, int]:
+    """Number of placements, and of the pictures of those for validation, before any is made.
+
+    Those in which nothing is changed are one; two changed ones are rarely the same.
+    """
+    n_changed = n_pictures = n_same = 0
+    for first in range(0, config.views, config.views_each):
+        if not any(varies(config, first // config.views_each)):
+            n_same = 1
+            continue
+        if validates(config, n_changed):
+            n_pictures += min(config.views_each, config.views - first)
+        n_changed += 1
+    return n_changed + n_same, n_pictures
+
+
+def _takes_turn(share: float, index: int, shift: float = 0.0) -> bool:
+    """Whether number ``index`` is one of those that make ``share`` of any first ones."""
+    return int(share * (index + 1) + shift) > int(share * index + shift)
+
+
+def _ceil(value: float) -> int:
+    return math.ceil(round(value, 9))
 
 
 def forms_of(text: str) -> tuple[Form, ...]:

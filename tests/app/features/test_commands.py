@@ -4,12 +4,14 @@ import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from threading import Event
 
 import pytest
 from PIL import ImageFont
 
 from gaga_core.io.files import assets
-from gaga_studio.features import objects, selection
+from gaga_core.progress import Progress, Stage
+from gaga_studio.features import files, objects, selection
 from gaga_studio.features.blender_keys import BLENDER
 from gaga_studio.features.commands import (
     COMMANDS,
@@ -88,6 +90,26 @@ def test_with_nothing_open_every_disabled_command_says_why(
     for c in COMMANDS:
         reason = c.enabled(session)
         assert not reason or re.fullmatch(r"[A-Z].*\.", reason), (c.id, reason)
+
+
+def test_while_a_task_runs_nothing_is_chosen_to_be_opened(session: Session) -> None:
+    """Only after a file was chosen it was said that training still runs."""
+    ends = Event()
+
+    def waits() -> Stage[None]:
+        while not ends.wait(0.01):
+            yield Progress("Wait", 0, 1)
+
+    opening = [c for c in COMMANDS if c.id.startswith("file.open_")] + [command("file.demo")]
+    opening += files.recent(session)
+    assert len(opening) == 5
+    for can_be in (True, False):
+        if not can_be:
+            assert session.jobs.start("Wait", waits())
+        reasons = {c.id: c.enabled(session) for c in opening}
+        assert set(reasons.values()) == {"" if can_be else "Wait is still running."}, reasons
+    ends.set()
+    assert session.jobs.wait()
 
 
 def test_a_disabled_command_does_nothing_but_tell(new_session: Callable[[], Session]) -> None:

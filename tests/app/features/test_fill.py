@@ -10,8 +10,9 @@ import pytest
 
 from gaga_core.color import rgb_from_dc
 from gaga_core.progress import Progress, Stage
+from gaga_core.scene import edits
 from gaga_core.scene.scene import State
-from gaga_studio.features import fill, folders, selection
+from gaga_studio.features import fill, folders, objects, selection
 from gaga_studio.features.commands import command, run
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request
@@ -104,6 +105,43 @@ def test_a_selection_meanwhile_throws_nothing_away(at_table: Session) -> None:
     finish(session)
     assert fill.shown(session) is None
     assert "changed" in session.notices[-1].text
+
+
+@pytest.mark.parametrize("act", ["hide", "rename", "copy", "move", "delete", "recolor"])
+def test_edits_of_other_objects_meanwhile_cost_nothing_where_the_hole_stays(
+    at_table: Session, act: str
+) -> None:
+    """All went on freely, and at the end of the minute it was to be tried again."""
+    session, document = at_table, at_table.need()
+    before, (filled,) = snapshot(document.scene), session.selected_groups()
+    entries = document.history.cursor
+    run("object.fill", session)
+    other = next(int(group) for group in session.objects().ids if group not in (0, filled))
+    selection.select_groups(session, (other,))
+    rows = document.selected()
+    if act == "rename":
+        assert objects.rename(session, other, "desk")
+    elif act == "move":
+        moved = np.eye(4)[:3]
+        moved[2, 3] = 0.2
+        assert document.do(edits.transform(document.scene, rows, moved))
+    elif act == "recolor":
+        affine = np.eye(4)[:3] * 0.5
+        assert document.do(edits.recolor(document.scene, rows, affine, title="Darken"))
+    else:
+        ids = {"hide": "object.hide", "copy": "edit.duplicate", "delete": "edit.delete"}
+        assert run(ids[act], session)
+    finish(session)
+    found = fill.shown(session)
+    assert (found is not None) is (act in ("hide", "rename", "copy"))
+    if found is None:
+        assert "changed" in session.notices[-1].text
+        return
+    assert run("object.fill_apply", session)
+    gone = np.flatnonzero(document.scene.has(State.DELETED))
+    assert gone.tolist() == sorted([*found.removed.tolist(), *found.unseen.tolist()])
+    document.go_to(entries)
+    assert snapshot(document.scene) == before
 
 
 def test_an_inpainting_model_colors_the_hole_until_it_is_switched_off(

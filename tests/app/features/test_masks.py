@@ -52,7 +52,13 @@ def test_without_masks_the_offer_makes_regions_and_then_finds_objects(bare: Sess
     masks.make(bare)
     assert bare.jobs.wait()
     assert bare.provider == "regions"
-    assert len(bare.masks) == len(masks.photos_of(bare, "train")) > 0
+    n = len(masks.photos_of(bare, "train"))
+    assert len(bare.masks) == n > 0
+    n_tests = len(masks.photos_of(bare, "all")) - n
+    assert n_tests > 0, "photos are held out"
+    told = f" masks in {n} photos; {n_tests} more "
+    (said,) = [notice.text for notice in bare.notices if told in notice.text]
+    assert "for testing" in said
     offer = association.stage_offer(bare)
     assert offer is not None
     assert offer.command == "object.associate"

@@ -186,7 +186,7 @@ def test_stop_here_keeps_a_scene_and_the_training_goes_on_to_the_same_splats(
     assert paths[0].read_bytes() == paths[1].read_bytes(), "as without the stop"
 
 
-def test_the_picture_turns_while_splats_are_trained_and_rests_after_a_move_by_hand(
+def test_the_picture_turns_while_splats_are_trained_until_it_is_moved_by_hand(
     new_session: Callable[[], Session],
 ) -> None:
     made = objects_scene(2, 20, n_cameras=4)
@@ -212,9 +212,22 @@ def test_the_picture_turns_while_splats_are_trained_and_rests_after_a_move_by_ha
     assert session.rig.pose.distance == pytest.approx(distance, rel=0.05)
     assert turned(5, is_drawn=False) == 0
     assert 0 < turned(1) < np.radians(20), "what was missed is not made up for in one jump"
-    session.rig.orbit(30, 0)
-    assert turned(3.5) == 0
-    assert turned(5) > 0
+    switch = command("view.turn_in_training")
+    assert switch.is_on is not None
+    moves: tuple[Callable[[], object], ...] = (
+        lambda: session.rig.orbit(30, 0),
+        lambda: session.rig.go_to(made.cameras[1], animated=False),
+        lambda: session.rig.go_to(made.cameras[2]),
+    )
+    for move in moves:
+        assert switch.is_on(session)
+        move()
+        session.rig.update(10)
+        assert turned(20) == 0, "it went on from there, off the photos"
+        assert not switch.is_on(session)
+        assert session.settings.turns_in_training, "the next training turns"
+        run("view.turn_in_training", session)
+        assert turned(1) > 0
     steps = [turned(0.1, took=0.4) for _ in range(40)]
     assert 1 <= np.count_nonzero(steps) <= 2, "drawing takes a fifth of the time"
     run("view.turn_in_training", session)

@@ -3,6 +3,7 @@
 import itertools
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,33 @@ def test_each_step_ticks_itself_when_it_is_done(session: Session, tmp_path: Path
     session.undo()
     look()
     assert progress.done == {name for name, _ in STEPS}, "what was done stays done"
+
+
+@pytest.mark.parametrize("n_done", [1, 3, 5])
+def test_what_was_done_is_done_after_a_restart(
+    new_session: Callable[[], Session], associated: Session, tmp_path: Path, n_done: int
+) -> None:
+    """All five were done, and the next start stood at "Click an object"."""
+    acts = (
+        lambda: None,
+        lambda: selection.select_groups(associated, (1,)),
+        lambda: objects.hide(associated),
+        lambda: export.export(associated, "scene", tmp_path / "out.ply"),
+    )
+    progress = FirstSteps()
+    for act in acts[: max(n_done - 1, 1)]:
+        act()
+        finish(associated)
+        progress.follow(associated)
+    later, again = new_session(), FirstSteps()
+    later.settings = load_settings()[0]
+    assert not later.settings.first_steps_done
+    again.follow(later)
+    assert (again.done, again.next) == (progress.done, progress.next)
+    assert later.settings.first_steps_done is (n_done == len(STEPS))
+    later.change_settings(replace(later.settings, first_steps_done=False))  # from the menu Help
+    again.follow(later)
+    assert not later.settings.first_steps_done
 
 
 def test_what_was_selected_when_it_was_saved_was_not_clicked(associated: Session) -> None:
@@ -102,7 +130,7 @@ def test_only_what_was_done_is_ticked_and_photos_count(session: Session, tmp_pat
     progress.follow(session)
     assert progress.next == 0
 
-    photos = FirstSteps()
+    photos, session.settings = FirstSteps(), Settings()
     session.photos = session.document = None
     photos.follow(session)
     assert photos.next == 1

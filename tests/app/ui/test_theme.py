@@ -6,6 +6,7 @@ import threading
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ from gaga_studio.session.jobs import Job
 from gaga_studio.session.rates import KnownRates
 from gaga_studio.session.settings import Settings
 from gaga_studio.ui.chrome import status
-from gaga_studio.ui.kit import icons, theme
+from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import visual
 from tests.app.folders import write_scene
 
@@ -253,3 +254,25 @@ def test_a_running_job_says_what_how_far_and_how_long(seconds: float, text: str)
     assert status.job_text(job) == "Find objects  46 %"
     assert status.job_text(replace(job, eta_s=seconds)) == f"Find objects  46 %, {text} left"
     assert status.job_text(replace(job, is_cancelling=True)) == "Find objects: stopping"
+
+
+def _fits(room: int, text: str) -> bool:
+    return len(text) <= room
+
+
+@pytest.mark.parametrize(
+    "stem", ["orange object in front", "a", "cup 2", "white-box-small-in-front"]
+)
+def test_a_name_is_cut_in_its_middle(stem: str) -> None:
+    """A .glb and a .usd of one name were both "orange object in ..."."""
+    for ending in (".glb", ".usd", ".gaga", ""):
+        name = f"{stem}{ending}"
+        for room in range(len(ending) + 2, len(name) + 3):
+            shown = widgets.cut_middle(name, partial(_fits, room))
+            assert len(shown) == min(len(name), room)
+            assert shown.endswith(ending)
+            before, _, after = shown.partition("…")
+            assert name.startswith(before)
+            assert name.endswith(after)
+            if room < len(name):
+                assert len(after) >= len(before) - 1, "its end is as much of it"

@@ -1199,6 +1199,32 @@ def test_the_card_of_a_training_is_whole_and_its_curves_leave_the_numbers_free(
     drive(walk, path=grouped_copy, size=(1280, 720))
 
 
+def test_a_notice_leaves_the_card_of_a_training_free_and_esc_closes_it(
+    display: str, grouped_copy: Path
+) -> None:
+    """ "Make splats is still running." lay over its button *Stop here*, and no key took it away."""
+    losses = np.full(50, 1.0, np.float32)
+    update = TrainUpdate(50, losses, 1234, (Measured(20, 20.0, 0.5),))
+
+    def walk(d: Driver) -> None:
+        for size in ((1280, 720), (1000, 640), (800, 500)):
+            d.resize(*size)
+            d.session.training = TrainingPreview("photos", 100, scene=d.scene, update=update)
+            d.session.notify(Level.WARNING, "Make splats is still running. Wait, or cancel it.")
+            d.frames(8)
+            card = d.engine.window_info("//Viewport/Training").window.rect()
+            (notice,) = d.studio.ui.area.notices
+            apart = notice[0] >= card.max.x or notice[1] >= card.max.y
+            assert apart, (size, notice, card.max.x, card.max.y)
+            d.keys(KEY.escape)
+            d.frames(3)
+            assert d.studio.ui.area.notices == ()
+            assert d.session.training is not None
+        d.session.training = None
+
+    drive(walk, path=grouped_copy, size=(1280, 720))
+
+
 def _em(d: Driver) -> float:
     """Size of the letters, pixels."""
     return float(d.on_main(imgui.get_font_size))

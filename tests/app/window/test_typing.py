@@ -1,12 +1,14 @@
 """What was typed is what happens, however slow the frames are: real X11 events, real window."""
 
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
 import pytest
 from imgui_bundle import imgui
 
+from gaga_core.progress import Progress, Stage
 from gaga_core.scene.scene import State
 from gaga_studio.features.commands import new_session
 from gaga_studio.features.find.search import SearchState
@@ -181,6 +183,30 @@ def test_a_name_that_is_typed_is_kept_by_what_is_done_next(
     assert opened["text"] != described["text"] == "orange thing"
     del after["text"]
     assert after == {"names": names, "unsaved": unsaved, "is_open": False}
+
+
+def test_a_search_is_typed_while_objects_are_found(display: str, scene_folder: Path) -> None:
+    """Ctrl+F did nothing and said nothing, and the letters were keys: one moved, one colored."""
+    session = new_session(Settings(first_steps_done=True))
+
+    def finds() -> Stage[None]:
+        pause = Event()
+        for _ in range(1000):  # until all is typed, or it will not be
+            yield Progress("Find objects", 0, 1)
+            pause.wait(0.01)
+            if session.need().feature(SearchState).text == "mug":
+                return
+
+    def see(studio: Studio) -> dict[str, Any]:
+        text = session.need().feature(SearchState).text
+        if not text:
+            session.jobs.start("Find objects", finds())
+        return {"text": text, "tool": session.tool, "mode": session.view.mode}
+
+    studio = Studio(scene_folder, session=session, options=WindowOptions(size=(800, 500)))
+    script = strokes("Control_L+f m u g")
+    *_, after = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
+    assert after == {"text": "mug", "tool": ToolName.PICK, "mode": Mode.COLOR}
 
 
 @pytest.mark.parametrize(("before", "name"), [("m u", "mug"), ("End", None)])

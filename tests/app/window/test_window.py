@@ -108,6 +108,26 @@ def test_nothing_open_offers_four_ways(display: str, balls: Path, tmp_path: Path
     drive(test)
 
 
+def test_the_recent_list_has_a_picture_of_all_that_was_opened(display: str, tmp_path: Path) -> None:
+    """Folders of exported objects, and what was just saved, had none."""
+    made = objects_scene(3, 60)
+    parts, file = tmp_path / "parts", tmp_path / "one.ply"
+    run_stage(export_objects_stage(Scene.of(made.gaussians, made.labels), parts))
+    write_splats(file, made.gaussians)
+
+    def test(d: Driver) -> None:
+        for path in (parts, file):
+            d.on_main(partial(d.session.open, path))
+            d.settle()
+            assert paths.picture_of(d.session.settings.recent[0]).is_file(), path
+            d.on_main(d.session.save)
+            d.settle()
+            assert d.session.settings.recent[0] == str(d.session.need().project.path)
+            assert paths.picture_of(d.session.settings.recent[0]).is_file(), "as it was saved"
+
+    drive(test)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="files cannot have such names")
 def test_a_name_with_control_characters_is_drawn_one_way(
     display: str, balls: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -17,7 +17,7 @@ from gaga_core.camera import Camera
 from gaga_core.cli.main import main
 from gaga_core.errors import GagaError
 from gaga_core.export.dataset.records import Record, read_record, shown_objects
-from gaga_core.export.dataset.settings import DatasetConfig, Form
+from gaga_core.export.dataset.settings import DatasetConfig, Form, planned
 from gaga_core.io.masks.coco import compress_counts, decode_rle, encode_rle
 from gaga_core.pipeline.dataset import DatasetReport, dataset_stage
 from gaga_core.pipeline.settings import EngineConfig
@@ -151,6 +151,33 @@ def test_no_view_of_one_placement_is_for_both(project: Project, tmp_path: Path) 
     assert all(len(of) == 1 for of in splits.values())
     assert splits["as-it-is"] == {"train"}
     assert min(report.by_split.values()) > 0
+
+
+@pytest.mark.parametrize(
+    ("views", "each", "shares"),
+    [
+        (4, 2, (0.5, 0.2, 0.2)),
+        (19, 3, (0.6, 0.2, 0.3)),
+        (9, 2, (1.0, 0.0, 0.4)),
+        (6, 2, (0, 0, 0.9)),
+    ],
+)
+def test_what_is_planned_for_validation_is_made(
+    project: Project, tmp_path: Path, views: int, each: int, shares: tuple[float, float, float]
+) -> None:
+    """20 % of two placements are one of them: half of the pictures."""
+    moved, removed, validation = shares
+    config = changed(
+        views=views, views_each=each, moved=moved, removed=removed, validation=validation,
+        coverage=0.0, width=32, height=32,
+    )  # fmt: skip
+    made(project, tmp_path / "set", config)
+    found = list(records(tmp_path / "set").values())
+    n_kept = sum(record.split == "val" for record in found)
+    assert len(found) == views
+    assert planned(config) == (len({record.placement for record in found}), n_kept)
+    if (views, validation) == (4, 0.2):
+        assert n_kept == 2
 
 
 def test_only_what_is_stale_is_made_again(project: Project, tmp_path: Path) -> None:

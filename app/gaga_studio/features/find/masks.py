@@ -293,8 +293,14 @@ def take_report(session: Session, document: Document, report: SegmentReport) -> 
         session.feature(ModelsState).entries = ()  # looked at again
     if session.document is document:
         choose(session, report.folder.name)
-    n = len(report.made) + len(report.kept)
-    session.notify(Level.INFO, f"{counted(report.n_masks, 'mask')} in {counted(n, 'photo')}.")
+    done = {*report.made, *report.kept}
+    text = f"{counted(report.n_masks, 'mask')} in {counted(len(done), 'photo')}"
+    folder = _folder(document)
+    n_tests = sum(name in folder.image_paths and name not in done for name in folder.test)
+    if n_tests:
+        are, have = ("is", "has") if n_tests == 1 else ("are", "have")
+        text += f"; {n_tests} more {are} for testing and {have} none"
+    session.notify(Level.INFO, f"{text}.")
     for note in report.notes:
         session.notify(Level.WARNING, note)
 

@@ -508,6 +508,11 @@ def index_state(session: Session) -> str:
     )
 
 
+def no_search(session: Session) -> str:
+    """Needs objects, or a task that may find some: what is typed meanwhile is looked for then."""
+    return no_scene(session) if session.jobs.running is not None else no_groups(session)
+
+
 def no_question(session: Session) -> str:
     """Return why the detector cannot be asked now; "" when it can."""
     document = session.document
@@ -610,7 +615,7 @@ def _index_file(document: Document) -> Path:
 
 
 COMMANDS: tuple[Command, ...] = (
-    ask("object.find", "Search objects…", Request.FIND, "Ctrl+F", enabled=no_groups),
+    ask("object.find", "Search objects…", Request.FIND, "Ctrl+F", enabled=no_search),
     ask(
         "object.find_in_view",
         "Find it in this view",

@@ -1,6 +1,7 @@
 """Notices of the session: short cards in the corner of the picture.
 
-Errors stay until they are closed, by Esc too; other notices disappear after a while.
+Errors stay until they are closed; other notices disappear after a while. Esc closes errors and
+warnings, the newest first.
 """
 
 import time
@@ -23,11 +24,13 @@ _SECONDS = {
     Level.ERROR: float("inf"),
 }
 _OFFER_SECONDS = 30.0  # with a button: it must be read and found
+_CLOSED_BY_KEY = (Level.WARNING, Level.ERROR)  # Esc has another use while the others are read
 _SHORT = (Level.HINT, Level.INFO)  # in a low picture: few lines, the rest in the tooltip
 _LINES = (2, 3)  # of these; where no other notice is
 _ANY_POPUP = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
 _OF_QUESTION = 1  # line over its two answers
 _LOW = 14.0  # em: height of a picture of which a whole notice covers the most
+_LEAST, _ROOM = 12.0, 6.0  # em: least width of a card, and height for one of three lines
 _MOST = 4  # on screen at once, where there is room; older ones wait
 _SIGNS = {
     Level.HINT: (icons.INFO, theme.DIM),
@@ -74,7 +77,12 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     n_lines = _LINES[len(fresh) == 1] if is_low else 0
     right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
     at = ImVec2(right, max(area.top, area.chip_bottom, area.card_bottom) + em(0.7))
-    width = max(min(em(24), at.x - area.left - em(0.7)), em(12))
+    left = max(area.left, area.live_right)
+    if right - left - em(0.7) < em(_LEAST):  # no room next to the card of a training
+        left = area.left
+        if area.bottom - area.live_bottom > em(_ROOM):
+            at.y = max(at.y, area.live_bottom + em(0.4))
+    width = max(min(em(24), right - left - em(0.7)), em(_LEAST))
     drawn: list[Rect] = []
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
         size = state.sizes.get(notice, ImVec2(0, 0))  # until it has been drawn
@@ -89,16 +97,19 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
     area.notices = tuple(drawn)
 
 
-def close_error(session: Session, state: ToastState) -> bool:
-    """Close the newest error that is left; whether there was one."""
-    errors = [
+def close_newest(session: Session, state: ToastState) -> bool:
+    """Close the newest error or warning that is left; whether there was one."""
+    left = [
         notice
         for notice in session.notices
-        if notice.level is Level.ERROR and not notice.otherwise and notice not in state.closed
+        if notice.level in _CLOSED_BY_KEY
+        and not notice.otherwise
+        and notice not in state.closed
+        and state.seen_s.get(notice, 0.0) < _seconds(notice)
     ]
-    if errors:
-        state.closed.add(errors[-1])
-    return bool(errors)
+    if left:
+        state.closed.add(left[-1])
+    return bool(left)
 
 
 def _seconds(notice: Notice) -> float:
@@ -163,7 +174,7 @@ def _card(
                 if not notice.otherwise:  # an answer closes it, wherever it is given
                     state.closed.add(notice)
         imgui.set_cursor_pos(ImVec2(width - em(2.2), top))
-        hint = "Close (Esc)" if notice.level is Level.ERROR else "Close"
+        hint = "Close (Esc)" if notice.level in _CLOSED_BY_KEY else "Close"
         if widgets.small_icon("Close", icons.CLOSE, hint=hint):
             state.closed.add(notice)
         bottom = imgui.get_window_pos().y + imgui.get_window_height()

@@ -28,11 +28,12 @@ _HIGH = 1.9 + len(STEPS) * _LINE + 1.2  # title, steps, padding
 
 @dataclass
 class FirstSteps:
-    """Which of `STEPS` were done since the program was started."""
+    """Which of `STEPS` were done, in this run of the program and in former ones."""
 
     done: set[str] = field(default_factory=set)
     has_photos: bool = False  # photos without splats were opened
     is_alone: bool = False  # a file of splats: no photos to find objects in, a click takes one
+    _is_read: bool = False  # what was done in former runs
     _document: int = 0
     _state: int = -1  # of the history when it was last looked at
     _look: "Look | None" = None  # at the scene, the last one
@@ -46,7 +47,18 @@ class FirstSteps:
         return tuple(step for step in STEPS if step[0] != "find" or not self.is_alone)
 
     def follow(self, session: Session) -> None:
-        """Tick what is done by now."""
+        """Tick what is done by now, and keep it for the next run; once all is, put them away."""
+        if not self._is_read:
+            self._is_read = True
+            self.done |= set(session.settings.steps_done)
+            if not self.next:
+                session.change_settings(replace(session.settings, first_steps_done=True))
+        self._tick(session)
+        done = tuple(sorted(self.done))
+        if done != session.settings.steps_done:
+            session.change_settings(replace(session.settings, steps_done=done))
+
+    def _tick(self, session: Session) -> None:
         document = session.document
         if session.has_exported:
             self.done.add("export")

@@ -18,6 +18,7 @@ class PictureArea:
     head_bottom: float = 0.0  # y below what lies in the upper left corner
     chip_bottom: float = 0.0  # lower edge of the choices and of the button at its head
     card_bottom: float = 0.0  # lower edge of the card of a mask at its head; 0: it is not there
+    live_right: float = 0.0  # right edge of the card of a training; 0: there is none
     live_bottom: float = 0.0  # lower edge of the card of a training; 0: there is none
     cube_height: float = 0.0  # of the view cube in the upper right corner
     steps_height: float = 0.0  # of the first steps at the foot of an empty picture

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import PurePath
 from types import MappingProxyType
 from typing import TypeVar
 
@@ -494,6 +495,34 @@ def _cut(text: str, fits: Callable[[str], bool]) -> str:
         else:
             high = middle - 1
     return f"{text[:low]}…{end}"
+
+
+def elided_name(name: str, width: float) -> str:
+    """The name of a file or a folder as it is drawn, cut in the middle to ``width`` pixels."""
+    return cut_middle(visual(name), lambda shorter: imgui.calc_text_size(shorter).x <= width)
+
+
+def cut_middle(name: str, fits: Callable[[str], bool]) -> str:
+    """``name`` if it ``fits``, else its two ends: names in one place differ at either.
+
+    What says of which kind a file is stays.
+    """
+    if fits(name):
+        return name
+    ending = len(PurePath(name).suffix)
+
+    def shown(n: int) -> str:
+        n_last = min(max(n // 2, ending), n)
+        return f"{name[: n - n_last]}…{name[len(name) - n_last :]}"
+
+    low, high = 0, len(name) - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        if fits(shown(middle)):
+            low = middle
+        else:
+            high = middle - 1
+    return shown(low)
 
 
 def line(text: str, color: ImVec4 | None = None, width: float = 0.0) -> None:

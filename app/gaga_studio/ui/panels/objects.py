@@ -54,6 +54,8 @@ def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: P
         return
     table = session.objects()
     if not (table.ids > 0).any():
+        if not commands.command("object.find").enabled(session):
+            search.draw(session, state.search, area, session.document, table)
         _nothing_yet(session)
         return
     _detail_slider(session, state)

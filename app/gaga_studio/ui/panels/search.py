@@ -160,11 +160,13 @@ def draw(
     document: Document,
     table: ObjectTable,
 ) -> bool:
-    """The box, and under it the answer; False while nothing is looked for."""
+    """The box, and under it the answer; False while nothing is looked for, or there is nothing."""
     search = document.feature(SearchState)
     _box(session, state, area.size, search)
     imgui.same_line(0, em(0.2))
     button(session)
+    if not (table.ids > 0).any():
+        return False
     search_actions.answer(session, object_list.kept_groups)
     if not search.text.strip():
         return False

@@ -226,23 +226,23 @@ def _labels(session: Session, found: "PhotoFind") -> tuple[str, ...]:
 # --- while it runs
 
 
-def draw_live(session: Session, corner: ImVec2, size: ImVec2) -> float:
+def draw_live(session: Session, corner: ImVec2, size: ImVec2) -> ImVec2:
     """A card over the picture: how far the training is, its loss and its held-out quality.
 
-    Returns the y of its lower edge; 0 where there is none.
+    Returns its lower right corner; 0, 0 where there is none.
     """
     training = session.training
     if training is None:
-        return 0.0
+        return ImVec2(0, 0)
     width = min(em(17), size.x - em(2))
     if width < em(10):
-        return 0.0
+        return ImVec2(0, 0)
     at = ImVec2(corner.x + em(0.8), corner.y + em(0.8))
     imgui.set_next_window_pos(at, imgui.Cond_.always)
     most = ImVec2(width, size.y - em(1.6))  # what is higher scrolls
     imgui.set_next_window_size_constraints(ImVec2(width, 0), most)
     widgets.card("Training", width, lambda: _card(session, training, small=size.y < em(22)))
-    return imgui.get_item_rect_max().y
+    return imgui.get_item_rect_max()
 
 
 def _card(session: Session, training: TrainingPreview, *, small: bool) -> None:
@@ -292,8 +292,7 @@ def _while_it_runs(session: Session, *, small: bool) -> None:
         reconstruction.stop_here(session)
     if small:  # the switch is in the menu View, too
         return
-    turns = session.settings.turns_in_training
-    changed, _ = widgets.checkbox("Turn the picture", turns)
+    changed, _ = widgets.checkbox("Turn the picture", reconstruction.turns(session))
     if changed:
         commands.run("view.turn_in_training", session)
 

@@ -289,7 +289,7 @@ def _tile(session: Session, name: str, position: int, at: ImVec2) -> None:
         drawing.add_text(middle, theme.u32(theme.DIM), icon)
     edge = theme.ACCENT if is_hot else theme.LINE_STRONG
     drawing.add_rect(at, high, theme.u32(edge), em(0.3), theme.scaled(1))
-    shown = widgets.elided(path.name, size.x)
+    shown = widgets.elided_name(path.name, size.x)
     drawing.add_text(ImVec2(at.x, high.y + em(0.2)), theme.u32(theme.TEXT), shown)
 
 
@@ -583,7 +583,8 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea, mo
     overlays.draw_card(session, state.measure, corner, size)
     area.chip_bottom = max(_way_out_of_isolation(session, corner, size), corner.y)
     _draw_next_stage(session, state, area)
-    area.live_bottom = training.draw_live(session, corner, size)
+    end = training.draw_live(session, corner, size)
+    area.live_right, area.live_bottom = end.x, end.y
     mask_evidence.draw(session, state.evidence, area)
 
 
