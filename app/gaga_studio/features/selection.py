@@ -377,7 +377,8 @@ class Region:
         elif len(rows):
             self._session.hint = locked_hint(counted(len(rows), "splat"))
         elif len(covered := free.splats(mask)):
-            is_of_some = bool(self._scene.labels[covered].any())
+            # A brush takes what its middle sees, however little of it: that is of no object.
+            is_of_some = not self._paints and bool(self._scene.labels[covered].any())
             self._session.hint = LESS_THAN_HALF if is_of_some else NO_OBJECTS
 
     def splats(self, mask: BoolArray) -> IntArray:

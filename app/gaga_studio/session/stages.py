@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _BAR = 1000  # steps of a bar
-# Seconds of a task of which nothing is known, until it ran once on this machine; in the middle of
-# those on the demo scene, which take 3 s (Split) to 30 s (Measure the objects).
-TASK_S = 10.0
+# Seconds for which the bar has room after the kernels where nobody knows how long a task takes; in
+# the middle of those on the demo scene, which take 3 s (Split) to 30 s (Measure the objects).
+_TASK_S = 10.0
 
 
 def open_demo_stage(folder: Path) -> Stage[Project]:
@@ -92,31 +92,37 @@ def prepared(
     text: str = "Preparing",
     *,
     parts: "tuple[Part, ...]" = ("window", "grouping"),
-    usual_s: float = TASK_S,
+    usual_s: float | None = None,
     name: str = "",
 ) -> Stage[T]:
     """Compile the kernels of ``parts`` where needed, then run the stage that ``make`` builds.
 
-    Both are one bar. ``usual_s``: seconds that the stage takes on a machine like the one on which
-    kernels were measured; what it took here is kept in ``rates`` under ``name`` (default:
-    ``title``) for the next time. All in the job's thread: numba, torch and what ``make`` imports
-    would slow the launch down.
+    Both are one bar. ``usual_s``: seconds that this much work takes on a machine like the one on
+    which kernels were measured; what it took here is kept in ``rates`` under ``name`` (default:
+    ``title``) for the next time. None: nobody knows how much it is, so nothing is kept, and until
+    it runs only the kernels' time is told. All in the job's thread: numba, torch and what ``make``
+    imports would slow the launch down.
     """
     from gaga_core.kernels import STAGE
 
     name = name or title
     yield Progress(title, 0, 0, text)
     usual_kernels_s = kernels_seconds(*parts)
-    kernels_s, work_s = usual_kernels_s * rates.of(STAGE), usual_s * rates.of(name)
-    kernels, work = kernels_stage(rates, *parts), rates.timed(make(), name, usual_s)
+    kernels, work = kernels_stage(rates, *parts), make()
+    if usual_s is not None:
+        work = rates.timed(work, name, usual_s)
     if not usual_kernels_s:
         yield from kernels  # their last words, if any
         return (yield from work)
+    kernels_s = usual_kernels_s * rates.of(STAGE)
+    work_s = _TASK_S * rates.of(STAGE) if usual_s is None else usual_s * rates.of(name)
     share = kernels_s / (kernels_s + work_s)
 
     def change(step: Progress) -> Progress:
         left = 1 - step.done / step.total if step.total > 0 else 1.0
-        left_s = left * usual_kernels_s * rates.of(STAGE) + usual_s * rates.of(name)
+        left_s = left * usual_kernels_s * rates.of(STAGE)
+        if usual_s is not None:
+            left_s += usual_s * rates.of(name)
         return replace(_within(title, 0.0, share, step), left_s=left_s)
 
     yield from mapped(kernels, change)

@@ -129,6 +129,25 @@ def test_a_rectangle_around_less_than_half_of_an_object_says_so(associated: Sess
     assert status_text(associated, hand.controller.tool(associated)) == selection.LESS_THAN_HALF
 
 
+@pytest.mark.parametrize("edge", [0.75, 0.9, 1.5])
+def test_a_brush_over_loose_splats_says_so_whatever_its_rim_touches(
+    associated: Session, edge: float
+) -> None:
+    """It takes what its middle sees; half of an object was asked for."""
+    scene, radius = associated.need().scene, 24.0
+    associated.view.brush_radius = radius
+    pixels, _ = associated.rig.camera(W, H).project(world_means(scene).astype(np.float64))
+    _, at = _apart(associated)
+    labels = (pixels[:, 0] > at[0] + edge * radius).astype(np.int32)
+    associated.edit(lambda scene: edits.set_labels(scene, np.arange(len(scene)), labels, "Group"))
+    associated.tool, hand = ToolName.BRUSH, Hand(associated)
+    hand.press(at[0], 2)
+    hand.move(at[0], H - 3)
+    hand.release()
+    assert len(associated.selected_indices()) == 0 < labels.sum()
+    assert status_text(associated, hand.controller.tool(associated)) == selection.NO_OBJECTS
+
+
 def _swept(session: Session, side: float = np.inf) -> str:
     """Go over the picture, or a corner of it, with the tool; what is said then."""
     hand, tool = Hand(session), session.tool

@@ -8,6 +8,7 @@ import time
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -660,6 +661,49 @@ def _unsaved_edits_are_asked_about(d: Driver) -> None:
     d.keys(KEY.mod_ctrl, KEY.w)
     d.click("Question/###Discard")
     assert d.session.document is None
+
+
+def test_selections_are_kept_and_taken_by_hand(display: str, grouped_copy: Path) -> None:
+    """At every size of the text: kept with Enter or the button, a row selects, Shift adds."""
+    long = "everything that stands on the table next to the window of the kitchen"
+
+    def walk(d: Driver) -> None:
+        for scale in (1.0, 2.0):
+            settings = replace(d.session.settings, ui_scale=scale)
+            d.on_main(partial(d.session.change_settings, settings))
+            d.frames(5)
+            look(d)
+
+    def look(d: Driver) -> None:
+        d.focus("Select by")
+        field = "Select by/##Name to keep"
+        kept: dict[str, Any] = {}
+        for group, name in ((2, "a"), (3, long)):
+            d.select(group)
+            d.type_into(field, name)
+            kept[name] = d.session.selected_indices()
+            assert list(d.scene.named_selections) == list(kept), "Enter keeps"
+        d.select()
+        d.type_into(field, "last")
+        assert d.session.hint == "Nothing is selected.", "Enter says why it keeps nothing"
+        d.select(4)
+        d.click("Select by/Keep")
+        kept["last"] = d.session.selected_indices()
+        assert list(d.scene.named_selections) == list(kept)
+        for name, splats in kept.items():
+            d.select()
+            d.click(f"Select by/{name}/###Take")
+            np.testing.assert_array_equal(d.session.selected_indices(), splats)
+        d.engine.key_down(KEY.mod_shift)
+        d.click("Select by/a/###Take")
+        d.engine.key_up(KEY.mod_shift)
+        wanted = np.union1d(kept["a"], kept["last"])
+        np.testing.assert_array_equal(d.session.selected_indices(), wanted)
+        for name in kept:
+            d.click(f"Select by/{name}/###Forget")
+        assert not d.scene.named_selections
+
+    drive(walk, path=grouped_copy, size=(1200, 700))
 
 
 def test_nothing_is_drawn_again_while_nothing_changes(display: str, balls: Path) -> None:

@@ -14,6 +14,7 @@ from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.theme import em
 
 _NAMES = 5.5  # width of the names of fields, ems
+_FORGET = 1.5  # width of what forgets a named selection, ems
 _HOWS: tuple[tuple[str, How], ...] = (("Select", "set"), ("Add", "add"), ("Remove", "remove"))
 
 
@@ -145,28 +146,45 @@ def _around(session: Session) -> "tuple[np.ndarray, np.ndarray]":
 def _kept(session: Session, held: SelectBy) -> None:
     widgets.heading("Named selections")
     imgui.set_next_item_width(-em(4))
-    _, held.name = imgui.input_text_with_hint("##Name to keep", "Name", theme.noted(held.name))
+    entered, held.name = imgui.input_text_with_hint(
+        "##Name to keep",
+        "Name",
+        theme.noted(held.name),
+        flags=imgui.InputTextFlags_.enter_returns_true,
+    )
     imgui.same_line()
     nothing = "" if len(session.selected_indices()) else "Nothing is selected."
     why_not = nothing or ("" if held.name.strip() else "Type a name first.")
-    if widgets.button("Keep", why_not=why_not) and selection.keep_selection(session, held.name):
-        held.name = ""
-    scene = session.need().scene
-    for name, splats in scene.named_selections.items():
+    if widgets.button("Keep", why_not=why_not) or entered:
+        session.hint = why_not
+        if not why_not and selection.keep_selection(session, held.name):
+            held.name = ""
+    named = session.need().scene.named_selections
+    for name, splats in named.items():
         imgui.push_id(name)
-        room = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
-        if imgui.selectable(f"{theme.visual(name)}###Take", False, 0, ImVec2(-em(7.5), 0))[0]:
-            how: How = "add" if imgui.get_io().key_shift else "set"
-            selection.select_named(session, name, how)
-        widgets.tooltip("Click selects it, Shift adds it", of_row=True)
-        imgui.same_line()
-        widgets.dim(f"{splats.count:,}")
-        imgui.same_line(room - em(1.8))
-        if widgets.icon_button("Forget", icons.CLOSE, hint="Forget this selection"):
-            selection.forget_named(session, name)
+        _kept_row(session, name, f"{splats.count:,}")
         imgui.pop_id()
-    if not scene.named_selections:
+    if not named:
         widgets.dim("None yet.")
+
+
+def _kept_row(session: Session, name: str, count: str) -> None:
+    """A name, what selects it, as wide as the panel has room next to its count and its end."""
+    room, gap = imgui.get_content_region_avail().x, em(0.4)
+    end = room - em(_FORGET)
+    width = end - 2 * gap - imgui.calc_text_size(count).x
+    shown = widgets.elided(name, width)
+    if imgui.selectable(f"{shown}###Take", False, 0, ImVec2(width, 0))[0]:
+        how: How = "add" if imgui.get_io().key_shift else "set"
+        selection.select_named(session, name, how)
+    whole = "" if shown == theme.visual(name) else f"{name}\n"
+    widgets.tooltip(f"{whole}Click selects it, Shift adds it", of_row=True)
+    left = imgui.get_item_rect_min().x - imgui.get_window_pos().x
+    imgui.same_line(left + width + gap)
+    widgets.dim(count)
+    imgui.same_line(left + end)
+    if widgets.small_icon("Forget", icons.CLOSE, hint="Forget this selection"):
+        selection.forget_named(session, name)
 
 
 def _how_buttons(what: str) -> How | None:
