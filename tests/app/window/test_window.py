@@ -342,6 +342,26 @@ def test_escape_closes_what_is_on_top_and_a_click_opens_another_menu(
     drive(test, path=balls)
 
 
+def test_a_project_is_opened_by_its_path_as_a_file_is(
+    display: str, balls: Path, tmp_path: Path
+) -> None:
+    """It is a folder: the dialog went into it, and showed what a person never opens."""
+    project = tmp_path / "kept.gaga"
+
+    def test(d: Driver) -> None:
+        d.on_main(lambda: d.session.save(project))
+        d.settle()
+        d.on_main(d.session.close)
+        d.settle()
+        assert d.session.document is None
+        d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.o)
+        d.answer_path(project)
+        d.settle()
+        assert d.session.need().project.path == project
+
+    drive(test, path=balls)
+
+
 def test_left_and_right_go_from_menu_to_menu_and_do_nothing_else(display: str, balls: Path) -> None:
     """Once around in both directions; a submenu has the keys first."""
     titles = tuple(MENUS)

@@ -250,8 +250,13 @@ def _entries(dialog: FileDialog) -> None:
     imgui.end_child()
 
 
+def _is_package(dialog: FileDialog, path: Path) -> bool:
+    """Whether this folder is chosen as a file is: a project, where one is asked for."""
+    return path.suffix.lower() == SUFFIX and SUFFIX in dialog.suffixes and path.is_dir()
+
+
 def _entry(dialog: FileDialog, entry: Path) -> None:
-    is_folder = entry.is_dir()
+    is_folder = entry.is_dir() and not _is_package(dialog, entry)
     icon = icons.FOLDER_PLAIN if is_folder else icons.FILE_PLAIN
     flags = imgui.SelectableFlags_.allow_double_click | imgui.SelectableFlags_.no_auto_close_popups
     is_chosen = dialog._text == entry.name
@@ -347,7 +352,7 @@ def _accept(dialog: FileDialog) -> None:
         _finish(dialog, path)
     elif not path.exists():
         dialog.message = f"There is no {text} here."
-    elif dialog.kind is PathKind.OPEN_FILE and path.is_dir():
+    elif dialog.kind is PathKind.OPEN_FILE and path.is_dir() and not _is_package(dialog, path):
         if dialog.takes_folder and not text and any(p.is_file() for p in dialog._entries):
             _finish(dialog, path)
         else:
@@ -398,11 +403,13 @@ def _list(dialog: FileDialog) -> None:
         dialog._entries = []
         dialog.message = f"This folder cannot be read: {error.strerror}."
         return
-    folders = sorted((p for p in children if p.is_dir()), key=lambda p: p.name.lower())
     files: list[Path] = []
     if dialog.kind not in _FOLDERS:
         wanted = dialog.suffixes
         files = [p for p in children if p.is_file() and (not wanted or p.suffix.lower() in wanted)]
+        files += [p for p in children if _is_package(dialog, p)]
+    folders = [p for p in children if p.is_dir() and p not in files]
+    folders.sort(key=lambda p: p.name.lower())
     dialog._entries = folders + sorted(files, key=lambda p: p.name.lower())
 
 
@@ -433,7 +440,7 @@ _ASKED = {
         "Open a splat file, a project or a video",
         PathKind.OPEN_FILE,
         Session.open,
-        _OPENED,
+        (*_OPENED, SUFFIX),
         needs_scene=False,
     ),
     Request.OPEN_PHOTOS: _Asked(
