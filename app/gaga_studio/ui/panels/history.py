@@ -23,8 +23,8 @@ def draw(session: Session, state: HistoryState) -> None:
     """The whole panel."""
     document = session.document
     if document is None or not document.history.entries():
-        hint = "Every edit will be listed here; a click goes back to it." if document else ""
-        widgets.empty_state(icons.HISTORY, "Nothing done yet", hint)
+        hint = "Every edit of splats and objects is listed here; a click goes back." if document else ""
+        widgets.empty_state(icons.HISTORY, "No edits yet", hint)
         return
     history = document.history
     entries = history.entries()
