@@ -10,7 +10,7 @@ from gaga_core.grouping.memory_bank import Decision
 from gaga_core.raster import choose
 from gaga_studio.features import objects, selection, transform
 from gaga_studio.features.commands import command, run
-from gaga_studio.features.find import masks, memory_bank
+from gaga_studio.features.find import association, masks, memory_bank
 from gaga_studio.features.find.memory_bank import Timeline
 from gaga_studio.features.selection import Uncertain
 from gaga_studio.session.session import Session
@@ -74,6 +74,28 @@ def test_objects_that_change_meanwhile_win(associated: Session) -> None:
     assert session.jobs.wait()
     assert _labels(session) is changed
     assert "changed meanwhile" in session.notices[-1].text
+
+
+def test_a_mask_makes_a_new_object_or_it_is_said_that_other_views_outvote_it(
+    session: Session,
+) -> None:
+    """It was said to be in a group that no list had."""
+    association.associate(session, preset="robust")
+    assert session.jobs.wait()
+    document = session.need()
+    state, before = document.history.state_id, set(session.objects().ids.tolist())
+    refused = []
+    for decision in session.decisions(2):
+        assert memory_bank.move_mask(session, decision, memory_bank.NEW)
+        assert session.jobs.wait()
+        new = set(session.objects().ids.tolist()) - before
+        refused.append(not new)
+        assert ("No new object was made" in session.notices[-1].text) == refused[-1]
+        assert (document.history.state_id == state) == refused[-1]
+        if new:
+            assert new == {session.focus}
+            document.undo()
+    assert set(refused) == {True, False}
 
 
 def test_copies_in_objects_of_their_own_stay_there(associated: Session) -> None:

@@ -104,6 +104,10 @@ class ObjectQuality:
 # Targets of a mask other than an object: as in `gaga_core.grouping.repair.reassociate`.
 NEW, NONE = -1, 0
 _CHANGED = "The objects changed meanwhile. Try again."
+_OUTVOTED = (
+    "No new object was made: masks of other views see all of its splats in other objects. Move "
+    "those masks, or make it by a click (tool Object)."
+)
 
 
 # --- move a mask to another object
@@ -132,6 +136,9 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
 
     def done(repair: "Repair") -> None:
         if not is_same():
+            return
+        if group == NEW and not (repair.labels == repair.group).any():
+            session.notify(Level.WARNING, _OUTVOTED)
             return
         to = {NEW: "a new object", NONE: "no object"}.get(group, document.name_of(group))
         title = f"Move mask {decision.mask} of {decision.view} to {to}"

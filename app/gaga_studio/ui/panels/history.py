@@ -23,7 +23,11 @@ def draw(session: Session, state: HistoryState) -> None:
     """The whole panel."""
     document = session.document
     if document is None or not document.history.entries():
-        hint = "Every edit of splats and objects is listed here; a click goes back." if document else ""
+        hint = (
+            "Every edit of splats and objects is listed here; a click goes back."
+            if document
+            else ""
+        )
         widgets.empty_state(icons.HISTORY, "No edits yet", hint)
         return
     history = document.history
