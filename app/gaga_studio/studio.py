@@ -537,6 +537,7 @@ class Studio:
     def _overlay(self) -> None:
         """After the panels: dialogs, sheets, notices."""
         session, ui, call = self.session, self.ui, self._guard.call
+        ui.area.has_inspector = window.is_in_front("Inspector")  # all panels are drawn by now
         is_covered = ui.scene.picture.evidence.decision is not None or session.live is not None
         steps = partial(first_steps.draw, session, ui.area, self._steps, is_covered=is_covered)
         # One place for each: a failure is reported once while the same place keeps failing.
@@ -578,7 +579,9 @@ class Studio:
 
     def _status(self) -> None:
         tool = self.picture.controller.tool(self.session)
-        hint = self.picture.follow_hint or status_text(self.session, tool)
+        hint = self.picture.follow_hint or status_text(
+            self.session, tool, is_typing=imgui.get_io().want_text_input
+        )
         document = self.session.document
         figures = None
         if document is not None:

@@ -26,7 +26,8 @@ from gaga_studio.features.find.search import SearchState
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.tools.base import ViewportPoint
-from gaga_studio.tools.pick import surface_point
+from gaga_studio.tools.pick import PickTool, surface_point
+from gaga_studio.ui.chrome import status
 from tests.app.floaters import GROUP, planted
 from tests.app.looks import snapshot
 from tests.app.window.driver import KEY, Driver, drive
@@ -179,7 +180,16 @@ def _a_preview_is_seen_and_ended_in_a_small_window(d: Driver) -> None:
                 assert (seen.x, seen.y) == (whole.x, whole.y), (name, at)
     assert words.scroll.y > 0, "what it says does not fit"
     assert d.engine.get_window_by_ref("//Inspector").scroll_max.y == 0, "the buttons stay"
-    d.click("Inspector/###Cancel")
+    assert not d.exists("//Viewport/###Cancel"), "one of each"
+    d.keys(KEY.mod_ctrl, KEY.f)  # the list of objects comes to the front
+    d.frames(4)
+    assert "field" in status.status_text(session, PickTool(), is_typing=True)
+    for name in ("Apply", "Cancel"):
+        button = d.engine.item_info(f"//Viewport/###{name}")
+        assert button.rect_clipped.max.y == button.rect_full.max.y, name
+    d.click("Viewport/###Cancel")
+    d.frames(3)
+    assert cleanup.shown(session) is None
     session.tool = ToolName.PICK
     d.on_main(lambda: session.change_settings(replace(session.settings, ui_scale=1.0)))
     d.resize(1100, 700)

@@ -47,8 +47,8 @@ def _look(_period: int) -> Backend:
     return Backend(name.upper(), reason)
 
 
-def status_text(session: Session, tool: Tool) -> str:
-    """One line, never empty."""
+def status_text(session: Session, tool: Tool, *, is_typing: bool = False) -> str:
+    """One line, never empty. ``is_typing``: Enter and Esc go to a field."""
     document = session.document
     if session.training is not None and session.training.is_stopped:
         return "Training has stopped. Continue it, keep these splats, or go back to the photos."
@@ -62,6 +62,9 @@ def status_text(session: Session, tool: Tool) -> str:
         return "Open a scene folder or a file of splats, or drop one here."
     if session.rig.is_flying:
         return "W A S D fly, Q down, E up, Shift fast, Alt slow; drag looks around. V ends flying."
+    previews = (cleanup, fill, add_scene)
+    if is_typing and any(one.shown(session) is not None for one in previews):
+        return "Enter and Esc belong to the field. Apply or Cancel ends the preview."
     if cleanup.shown(session) is not None:
         return "Enter applies the cleaning, Esc discards it. Drag orbits."
     if fill.shown(session) is not None:

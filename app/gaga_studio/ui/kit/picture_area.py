@@ -14,6 +14,7 @@ class PictureArea:
     width: float = 400.0
     height: float = 300.0
     offer_top: float = float("inf")  # y of the upper edge of the offer of the next stage
+    has_inspector: bool = True  # that panel is seen, too
     has_options: bool = False  # of the tool, for which the tool bar has no room
     head_bottom: float = 0.0  # y below what lies in the upper left corner
     chip_bottom: float = 0.0  # lower edge of the choices and of the button at its head

@@ -572,6 +572,7 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea, mo
     top = corner.y + em(0.7)
     if preview_badge(session):
         top = _badge(preview_badge(session), corner)
+        top = top if area.has_inspector else _ends_of_preview(session, corner.x, top)
     elif session.tool is ToolName.GROUND and session.document is not None:
         top = _badge(
             align_ground.ground_prompt(session), corner, align_ground.GROUND_HELP, size.x - em(8)
@@ -615,6 +616,22 @@ def preview_badge(session: Session) -> str:
     if add_scene.shown(session) is not None:
         return "Preview of Add a scene: the added one is orange"
     return "Preview of Clean up" if cleanup.shown(session) is not None else ""
+
+
+def _ends_of_preview(session: Session, left: float, top: float) -> float:
+    """Buttons that end a preview, from ``top``; what is free below.
+
+    Those of the Inspector are not seen where another panel of a small window lies over it, or all
+    are hidden.
+    """
+    imgui.set_cursor_screen_pos(ImVec2(left + em(0.7), top))
+    if widgets.button("Apply", Face(primary=True), shortcut="Enter"):
+        commands.run("edit.confirm", session)
+    imgui.same_line()
+    if widgets.button("Cancel", shortcut="Esc"):
+        for one in (cleanup, fill, add_scene):
+            one.cancel(session)
+    return imgui.get_item_rect_max().y + em(0.5)
 
 
 def mode_badge(session: Session, mode: Mode) -> str:
