@@ -26,6 +26,7 @@ from gaga_core.scene.scene import Placements, Revision, Scene, State
 from gaga_core.scene.selection import algebra
 
 _ROUNDING = 1e-12  # relative: what is that near to where its file has it was not moved
+_SAME_LENGTH = 1e-6  # relative: lengths are measured in float32
 _LEAST_SCALE, _MOST_SCALE = 1e-9, 1e9  # factors of the whole scene
 
 
@@ -198,14 +199,16 @@ def move_scene(
 def set_scale(scene: Scene, length: float, metres: float, about: AnyArray) -> Edit | None:
     """Scale everything about a point (3,) so that ``length``, world, becomes ``metres``.
 
-    A unit is a metre then. Raises ``GagaError`` when a length is no positive number, or the factor
-    is none that a scene can have.
+    A unit is a metre then; None where it has that length in metres already. Raises ``GagaError``
+    when a length is no positive number, or the factor is none that a scene can have.
     """
     if not (np.isfinite([length, metres]).all() and length > 0 and metres > 0):
         raise GagaError("A length must be above 0.")
     factor = metres / length
     if not _LEAST_SCALE < factor < _MOST_SCALE:
         raise GagaError(f"The scene would become {factor:.3g} times as large. Check the lengths.")
+    if scene.frame.is_metric and abs(factor - 1) < _SAME_LENGTH:
+        return None
     offset = (1 - factor) * np.asarray(about, np.float64)
     grown = np.column_stack([factor * np.eye(3), offset])
     return move_scene(scene, grown, "Set scale", is_metric=True)

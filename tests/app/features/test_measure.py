@@ -76,6 +76,8 @@ def test_a_known_length_sets_the_scale_of_everything_and_the_picture_stays(
     assert scale_of(scene.frame.world) == pytest.approx(8.0)
     assert measure.reading(session).lengths == pytest.approx((2.4,))
     assert measure.length(session, 2.4) == "2.40 m"
+    assert not measure.set_scale(session, 2.4), "Enter in the field, and then the button"
+    assert len(session.need().history.entries()) == n + 1
     grown = world_means(scene)[::40].astype(np.float64)
     np.testing.assert_allclose(grown, 8 * points, atol=1e-4)
     np.testing.assert_allclose(session.rig.camera(640, 480).project(grown)[0], pixels, atol=0.1)

@@ -126,6 +126,9 @@ def test_only_what_was_done_is_ticked_and_photos_count(session: Session, tmp_pat
     transform.duplicate(session)
     progress.follow(session)
     assert "change" not in progress.done, "a copy is none of the three"
+    session.edit(lambda scene: edits.set_scale(scene, 1.0, 2.0, np.zeros(3)))
+    progress.follow(session)
+    assert "change" not in progress.done, "nor is the scale of the scene"
     objects.hide(session)
     progress.follow(session)
     assert progress.next == 0

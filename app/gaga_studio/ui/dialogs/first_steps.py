@@ -103,17 +103,20 @@ class Look:
     n: int  # splats: more are a copy, which is none of that
     states: tuple[int, int]  # hidden and deleted splats
     placed: tuple[int, int]  # revisions
+    world: bytes  # how the scene is moved as a whole, which is none of that either
 
     def is_changed_since(self, before: "Look") -> bool:
         """Whether one of them was done."""
-        return self.states != before.states or (self.n == before.n and self.placed != before.placed)
+        is_of_scene = self.n != before.n or self.world != before.world
+        return self.states != before.states or (not is_of_scene and self.placed != before.placed)
 
 
 def look_of(scene: Scene) -> Look:
     """Return what is seen of ``scene`` now."""
     hidden, deleted = (int(scene.has(state).sum()) for state in (State.HIDDEN, State.DELETED))
     revision = scene.revision
-    return Look(len(scene), (hidden, deleted), (revision.placement, revision.placements))
+    placed = revision.placement, revision.placements
+    return Look(len(scene), (hidden, deleted), placed, scene.frame.world.tobytes())
 
 
 @dataclass(frozen=True)
