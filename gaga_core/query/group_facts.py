@@ -275,8 +275,10 @@ def _background(
         flat = extents[k, 2] < _FLAT * extents[k, 0]
         share = 1 / 3 if flat else _CARRIES_ALL
         carries = carried >= max(_CARRIES, share * n_others)
-        # What is alone in its file, a guitar say, is not behind anything.
-        is_vast = flat and extents[k, 0] >= _VAST * whole and n_groups > 1
+        # What is alone in its file, a guitar say, or next to its own copy, is behind nothing.
+        n_smaller = int((smaller & (ids > 0)).sum())
+        is_behind = n_groups > 1 and 2 * n_smaller >= n_others
+        is_vast = flat and extents[k, 0] >= _VAST * whole and is_behind
         result[k] |= carries or is_vast
     return result
 

@@ -152,6 +152,9 @@ def test_what_is_alone_is_no_wall() -> None:
     """A guitar that was clicked in its file was a "brown wall"."""
     guitar: Boxes = [((0, 0, 0), (1.0, 0.7, 0.06), "8a5a2a")]
     assert described(shells(guitar))[1].split()[-1] in ("object", "box")
+    pair: Boxes = [((x, 0, 0), (x + 0.35, 0.05, 1.0), "8a5a2a") for x in (0.0, 0.4)]
+    for name in described(shells(pair)).values():
+        assert "wall" not in name, "nor next to its copy"
 
 
 def test_what_is_in_no_group_gets_no_words() -> None:
