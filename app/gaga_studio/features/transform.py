@@ -226,6 +226,8 @@ def duplicate_and_move(session: Session) -> bool:
     ):
         return False
     session.tool = ToolName.MOVE
+    if session.settings.keys != "blender":  # there it follows the mouse, and says so
+        session.hint = "The copy stands where its original does: move it by the handles"
     return True
 
 
