@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.chrome.status import status_text
 from gaga_studio.ui.dialogs.files import FileDialog, PathKind
 from gaga_studio.ui.kit import theme, widgets
+from gaga_studio.ui.kit.picture_area import overlap
 from gaga_studio.ui.kit.theme import visual
 from gaga_studio.ui.viewport import photo_compare
 from tests.app.window.driver import KEY, Driver, drive
@@ -1491,6 +1493,7 @@ def test_cards_and_colors_keep_off_what_is_worked_on(display: str, grouped_copy:
         _the_card_of_an_object_stays_in_the_picture(d)
         _no_card_lies_over_handles(d)
         _no_card_lies_over_a_notice(d)
+        _no_card_lies_over_a_length(d)
         for size in ((1280, 720), (800, 500)):
             d.resize(*size)
             d.frames(20)
@@ -1558,6 +1561,43 @@ def _no_card_lies_over_a_notice(d: Driver) -> None:
         assert not card.rect().overlaps(notice), place
     d.click("Notice 0/###Close")
     d.session.hovering.away()
+
+
+def _no_card_lies_over_a_length(d: Driver) -> None:
+    """It lay over the labels of lengths, and at twice the size these over each other."""
+    settings, group = d.session.settings, _lowest(d)
+    scene = d.scene
+    at = np.median(world_means(scene, group_indices(scene, group)), axis=0)
+    d.on_main(partial(d.session.change_settings, replace(settings, ui_scale=2.0)))
+    d.session.tool = ToolName.MEASURE
+    right = d.session.rig.camera(*d.size).cam_from_world[0, :3]
+    step = 0.02 * float(np.ptp(world_means(scene), axis=0).max())
+    clicked = measure.clicked(d.session)
+    clicked.points = tuple(at + k * step * right for k in range(3))
+    d.frames(6)
+    labels = d.studio.ui.area.labels
+    assert len(labels) == 2
+    assert not overlap(*labels)
+    d.on_main(partial(d.session.change_settings, settings))
+    d.frames(6)
+    seen = 0
+    for left, top, right, bottom in d.studio.ui.area.labels:
+        for u, v in product((left - 60, left - 20, (left + right) / 2, right), (top - 40, bottom)):
+            d.engine.mouse_move_to_pos(ImVec2(u, v))
+            d.frames(4)  # it is told what really is under the mouse
+            d.session.hovering.group = group
+            d.frames(3)  # the card has the size of this name
+            card = d.engine.get_window_by_ref("//##Tooltip_00")
+            if card.active and d.session.hovered_group == group:
+                seen += 1
+                low, high = card.rect().min, card.rect().max
+                rect = (low.x, low.y, high.x, high.y)
+                assert not any(overlap(rect, label) for label in d.studio.ui.area.labels)
+    assert seen > 2
+    clicked.points = ()
+    d.session.tool = ToolName.PICK
+    d.session.hovering.away()
+    d.frames(6)
 
 
 def _colors_are_chosen_over_the_panel(d: Driver) -> None:

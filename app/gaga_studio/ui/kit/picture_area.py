@@ -5,6 +5,11 @@ from dataclasses import dataclass
 Rect = tuple[float, float, float, float]  # left, top, right, bottom
 
 
+def overlap(one: Rect, two: Rect) -> bool:
+    """Whether two rectangles have a part in common."""
+    return one[0] < two[2] and two[0] < one[2] and one[1] < two[3] and two[1] < one[3]
+
+
 @dataclass
 class PictureArea:
     """A rectangle in pixels of the screen, and what covers its edges."""
@@ -24,19 +29,16 @@ class PictureArea:
     cube_height: float = 0.0  # of the view cube in the upper right corner
     steps_height: float = 0.0  # of the first steps at the foot of an empty picture
     notices: tuple[Rect, ...] = ()  # that were drawn last
+    labels: tuple[Rect, ...] = ()  # of measured lengths, that were drawn last
 
     @property
     def bottom(self) -> float:
         """The y of the lower edge."""
         return self.top + self.height
 
-    def has_notice_in(self, rect: Rect) -> bool:
-        """Whether a notice lies over a part of ``rect``."""
-        left, top, right, bottom = rect
-        return any(
-            left < other[2] and other[0] < right and top < other[3] and other[1] < bottom
-            for other in self.notices
-        )
+    def has_words_in(self, rect: Rect) -> bool:
+        """Whether a notice or a label lies over a part of ``rect``."""
+        return any(overlap(rect, other) for other in (*self.notices, *self.labels))
 
     @property
     def size(self) -> tuple[int, int]:

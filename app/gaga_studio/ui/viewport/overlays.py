@@ -17,10 +17,14 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, RectShape
 from gaga_studio.ui.kit import theme, widgets
+from gaga_studio.ui.kit.picture_area import Rect, overlap
 from gaga_studio.ui.kit.theme import em
 
 _NEAREST = 1e-6  # depth from which a point is in front of the camera, scene units
 _PLANE, _LINE, _WANTED = 0.2, 0.95, 0.45  # opacities
+_RADIUS, _RIM = 0.55, 1.5  # of the mark of a point, ems, and of the rim around it, pixels at 96 dpi
+_PAD = 0.3  # around the text of a label, ems
+Point = tuple[float, float]  # on the screen
 
 
 def ground(session: Session, camera: Camera, corner: ImVec2, *, follows: bool) -> None:
@@ -46,23 +50,51 @@ def draw_points(
     follows: bool,
     fills: bool = False,
     texts: Sequence[str] = (),
-) -> None:
+) -> tuple[Rect, ...]:
     """Points (K, 3), world, as numbered marks joined by lines; nothing where one is not in front.
 
     ``fills``: with two points and the mouse they are the corners of a plane. ``texts`` (K - 1) are
-    said at the middle of the lines.
+    said at the middle of the lines, see `label_places`; returns where.
     """
     if len(points) == 0 or (camera.project(points)[1] < _NEAREST).any():
-        return  # behind the camera: a line there would go astray
+        return ()  # behind the camera: a line there would go astray
     marks = on_screen(points, camera, corner)
     _lines(marks, imgui.get_io().mouse_pos if follows else None, fills=fills)
-    for (one, two), (a, b), text in zip(pairwise(points), pairwise(marks), texts, strict=False):
-        at = on_screen((one + two)[None] / 2, camera, corner)[0]
-        if abs(b.x - a.x) < imgui.calc_text_size(text).x + em(2):  # no room between the marks
-            at.y = max(a.y, b.y) + em(1.5)
-        _label(text, at)
+    n = len(texts)
+    middles = on_screen((points[1:] + points[:-1])[:n] / 2, camera, corner)
+    sizes = [imgui.calc_text_size(text) for text in texts]
+    places = label_places(
+        [(mark.x, mark.y) for mark in marks],
+        [(at.x, at.y) for at in middles],
+        [(size.x + 2 * em(_PAD), size.y + em(_PAD)) for size in sizes],
+        em(_RADIUS) + theme.scaled(_RIM),
+    )
+    for text, place in zip(texts, places, strict=False):
+        if place is not None:
+            _label(text, place)
     for number, mark in enumerate(marks, 1):
         _mark(mark, str(number))
+    return tuple(place for place in places if place is not None)
+
+
+def label_places(
+    marks: Sequence[Point], middles: Sequence[Point], sizes: Sequence[Point], radius: float
+) -> list[Rect | None]:
+    """Where labels of ``sizes`` stand on the ways from each of the ``marks`` to the next one.
+
+    That is at the middle of the way; where a mark of this ``radius`` or an earlier label is there,
+    below or above the two marks, else of all; None where there are labels, too.
+    """
+    taken = [(x - radius, y - radius, x + radius, y + radius) for x, y in marks]
+    found: list[Rect | None] = []
+    for (a, b), (x, y), (width, height) in zip(pairwise(marks), middles, sizes, strict=False):
+        own, all_marks, away = (a[1], b[1]), [v for _, v in marks], radius + height
+        lines = (y, max(own) + away, min(own) - away, max(all_marks) + away, min(all_marks) - away)
+        rects = ((x - width / 2, v - height / 2, x + width / 2, v + height / 2) for v in lines)
+        place = next((r for r in rects if not any(overlap(r, other) for other in taken)), None)
+        found.append(place)
+        taken += [place] if place is not None else []
+    return found
 
 
 def on_screen(points: DoubleArray, camera: Camera, corner: ImVec2) -> list[ImVec2]:
@@ -89,8 +121,8 @@ def _lines(marks: list[ImVec2], mouse: ImVec2 | None, *, fills: bool) -> None:
 
 def _mark(at: ImVec2, number: str) -> None:
     """A disk with two rims, so that it is seen on dark and on bright."""
-    drawing, radius = imgui.get_window_draw_list(), em(0.55)
-    drawing.add_circle_filled(at, radius + theme.scaled(1.5), theme.u32(theme.BACK, _LINE))
+    drawing, radius = imgui.get_window_draw_list(), em(_RADIUS)
+    drawing.add_circle_filled(at, radius + theme.scaled(_RIM), theme.u32(theme.BACK, _LINE))
     drawing.add_circle_filled(at, radius, theme.u32(theme.ACCENT, 1.0))
     with theme.face(strong=True, scale=0.75):
         extent = imgui.calc_text_size(number)
@@ -150,13 +182,15 @@ class MeasureState:
     metres: float = 1.0
 
 
-def draw_marks(session: Session, camera: Camera, corner: ImVec2, *, follows: bool) -> None:
-    """The points as ``camera`` sees them, and at the middle of each way what it is."""
+def draw_marks(
+    session: Session, camera: Camera, corner: ImVec2, *, follows: bool
+) -> tuple[Rect, ...]:
+    """The points as ``camera`` sees them, and on each way what it is; returns where that stands."""
     if session.tool is not ToolName.MEASURE:
-        return
+        return ()
     places = measure.points(session)
     goes_on = follows and len(places) < 3
-    draw_points(places, camera, corner, follows=goes_on, texts=measure.way_texts(session))
+    return draw_points(places, camera, corner, follows=goes_on, texts=measure.way_texts(session))
 
 
 def draw_card(session: Session, state: MeasureState, corner: ImVec2, size: ImVec2) -> None:
@@ -219,13 +253,11 @@ def _known_length(session: Session, state: MeasureState) -> None:
         measure.set_scale(session, state.metres)
 
 
-def _label(text: str, at: ImVec2) -> None:
-    drawing, extent = imgui.get_window_draw_list(), imgui.calc_text_size(text)
-    pad = em(0.3)
-    low = ImVec2(at.x - extent.x / 2 - pad, at.y - extent.y / 2 - pad / 2)
-    high = ImVec2(at.x + extent.x / 2 + pad, at.y + extent.y / 2 + pad / 2)
-    drawing.add_rect_filled(low, high, theme.u32(theme.BACK, 0.85), em(0.25))
-    drawing.add_text(ImVec2(low.x + pad, low.y + pad / 2), theme.u32(theme.TEXT), text)
+def _label(text: str, place: Rect) -> None:
+    drawing, pad, (left, top, right, bottom) = imgui.get_window_draw_list(), em(_PAD), place
+    back = theme.u32(theme.BACK, 0.85)
+    drawing.add_rect_filled(ImVec2(left, top), ImVec2(right, bottom), back, em(0.25))
+    drawing.add_text(ImVec2(left + pad, top + pad / 2), theme.u32(theme.TEXT), text)
 
 
 # --- Marks of a tool over the picture: rectangles, outlines, the brush.

@@ -392,7 +392,7 @@ class ViewportPanel:
         overlays.waiting_clicks(session, camera, corner)
         overlays.box(session, camera, corner)
         overlays.parts(session, camera, corner)
-        overlays.draw_marks(session, camera, corner, follows=follows)
+        area.labels = overlays.draw_marks(session, camera, corner, follows=follows)
         _name_under_mouse(session, area, is_shown=follows and not self.gizmo.is_shown)
         _on_the_picture(session, state, area, self.mode_drawn())
 
@@ -529,7 +529,8 @@ def _mouse_area(size: ImVec2, has_handles: bool) -> bool:
 def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) -> None:
     """A card at the mouse, in the picture alone: next to it are panels and their buttons.
 
-    Not where there are handles to be taken, nor over a notice; the status bar has the name as well.
+    Not where there are handles to be taken, nor over a notice or a label; the status bar has the
+    name as well.
     """
     group, document = session.hovered_group, session.document
     if not is_shown or not group or document is None:
@@ -551,7 +552,7 @@ def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) ->
         for y in ((below, above) if below + size.y <= foot else (above,))
     )
     place = next(
-        ((x, y) for x, y in places if not area.has_notice_in((x, y, x + size.x, y + size.y))), None
+        ((x, y) for x, y in places if not area.has_words_in((x, y, x + size.x, y + size.y))), None
     )
     if place is None:
         return
