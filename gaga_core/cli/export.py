@@ -274,8 +274,8 @@ class ExportCommand:
         from gaga_core.pipeline.mask_dataset import export_mask_dataset
 
         made = out.follow(export_mask_dataset(project, self.out, self.format))
-        if made.without_photo:
-            out.say(f"{len(made.without_photo)} views are left out: their photos are gone.")
+        if made.sentence:
+            out.say(made.sentence)
         return out.result(made.to_json(), as_json=self.json)
 
 

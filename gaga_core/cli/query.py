@@ -8,7 +8,7 @@ from tyro.conf import Positional
 
 from gaga_core.cli import output as out
 from gaga_core.cli.output import AsJson
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 
 if TYPE_CHECKING:
     from gaga_core.camera import Camera
@@ -105,7 +105,8 @@ class QueryCommand:
             raise GagaError("Names come from an index. Give a CLIP or SigLIP with --index-with.")
         stale = 0 if found is None else search.stale_groups(project.scene, found.index)
         if stale:
-            out.say(f"{stale} groups changed since the index was made: give --index-with again.")
+            groups = counted(stale, "group")
+            out.say(f"{groups} changed since the index was made: give --index-with again.")
         return found
 
     def _named(self, project: "Project", pictures: "Pictures") -> dict[str, str]:

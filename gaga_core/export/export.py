@@ -28,6 +28,7 @@ from gaga_core.io.splats.web_page import STAGE as WRITES_PAGE
 from gaga_core.io.splats.web_page import check_room, viewer_bytes
 from gaga_core.progress import Progress, Stage, joined, mapped, run_stage
 from gaga_core.raster import choose
+from gaga_core.scene.bake import STAGE as BAKES
 from gaga_core.scene.bake import bake_stage, with_groups
 from gaga_core.scene.export_manifest import (
     MANIFEST_VERSION,
@@ -124,7 +125,7 @@ STAGE = "Export"
 # Seconds of the steps of a file of 120,000 splats of 50 objects. Only what they are in parts of
 # each other counts.
 _LESS_S = {MERGES: 9.5, COMPARES: 2.5}
-_STEP_S = {**_LESS_S, DRAWS: 5.0, WRITES_PAGE: 5.0, SORTS: 0.3, WRITES: 1.0}
+_STEP_S = {BAKES: 0.3, **_LESS_S, DRAWS: 5.0, WRITES_PAGE: 5.0, SORTS: 0.3, WRITES: 1.0}
 
 
 @of_scene_now
@@ -157,6 +158,7 @@ def export_scene_stage(
     stage = _written(scene, splats, path, form, options, groups=groups, alone=what == "selected")
     is_page, is_less = form is SplatFormat.HTML, options.decimate < 1
     steps = [
+        BAKES,
         *(_LESS_S if is_less else ()),
         *((DRAWS, WRITES_PAGE) if is_page else (SORTS, WRITES)),
     ]
@@ -173,7 +175,7 @@ def _written(
     groups: bool,
     alone: bool,
 ) -> Stage[Exported]:
-    gaussians = yield from bake_stage(scene, indices=splats)
+    gaussians = yield from bake_stage(scene, indices=splats, is_step=True)
     origin = options.origin(gaussians.means)
     gaussians, rows, psnr = yield from _decimated(
         gaussians, scene.labels[splats], options, alone=alone

@@ -20,7 +20,7 @@ from PIL import Image
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.export.dataset.arrange import Arrangement, Hole, Item, Room, composed, items_of
 from gaga_core.export.dataset.formats import (
     DATASET_FILE,
@@ -656,7 +656,9 @@ def _write_scene(
         notes.append(f"{base.name} has no scale: lengths are in its own units (Set scale).")
     made, left_out = counts
     if left_out:
-        notes.append(f"{base.name}: photos do not cover {left_out} views, which are left out.")
+        are = "which is" if left_out == 1 else "which are"
+        views = counted(left_out, "view")
+        notes.append(f"{base.name}: photos do not cover {views}, {are} left out.")
     one = SceneSet(
         scene=base.name,
         source=str(_path_of(base.project).resolve()),

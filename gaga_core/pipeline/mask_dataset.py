@@ -16,7 +16,7 @@ from PIL import ExifTags
 from gaga_core.arrays import FloatArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.color import colorize_labels
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.export.export import exported_indices
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.io.folder.scene_folder import SceneFolder
@@ -56,6 +56,13 @@ class MaskDataset:
     without_photo: tuple[str, ...]  # views left out of a data set because their photo is gone
     n_groups: int  # that are seen in a view
     n_masks: int  # in all views
+
+    @property
+    def sentence(self) -> str:
+        """What is not in it, for people; "" where all is."""
+        n = len(self.without_photo)
+        are, its = ("is", "its photo is") if n == 1 else ("are", "their photos are")
+        return f"{counted(n, 'view')} {are} left out: {its} gone." if n else ""
 
     def to_json(self) -> dict[str, object]:
         """Plain values."""

@@ -52,10 +52,13 @@ def bake(scene: Scene, *, indices: AnyArray | None = None) -> Gaussians:
 
 
 @of_scene_now
-def bake_stage(scene: Scene, *, indices: AnyArray | None = None) -> Stage[Gaussians]:
+def bake_stage(
+    scene: Scene, *, indices: AnyArray | None = None, is_step: bool = False
+) -> Stage[Gaussians]:
     """Splats of ``indices`` (K,) (default: the visible ones) as they are seen, in row order.
 
-    What follows takes much longer, so its words tell no share: that would begin again.
+    ``is_step``: its words tell its share, for `joined`; alone it would fill the bar before what it
+    is for begins.
 
     Positions, rotations, scales, opacities and all SH bands follow the placement; a map that
     stretches or mirrors changes each covariance to ``A S A^T``, taken apart again. The turn of SH
@@ -64,7 +67,8 @@ def bake_stage(scene: Scene, *, indices: AnyArray | None = None) -> Stage[Gaussi
     directions; zeros stay zeros); all others pass through.
     """
     splats = sorted_indices(scene.visible if indices is None else indices, len(scene))
-    yield Progress(STAGE, 0, 0)
+    total, done = len(splats) if is_step else 0, 0
+    yield Progress(STAGE, done, total)
     if len(splats) == len(scene) and not scene.placement.any():
         return scene.gaussians
     out = scene.gaussians.take(splats)
@@ -76,7 +80,8 @@ def bake_stage(scene: Scene, *, indices: AnyArray | None = None) -> Stage[Gaussi
             chunk = piece[start : start + _CHUNK]
             if row != 0:
                 _bake_row(scene, int(row), out, chunk)
-            yield Progress(STAGE, 0, 0)
+            done += len(chunk) if is_step else 0
+            yield Progress(STAGE, done, total)
     return out
 
 

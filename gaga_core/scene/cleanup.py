@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 
 from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.color import rgb_from_dc
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.edits.objects import set_labels
 from gaga_core.scene.edits.placement import recolor
@@ -343,8 +343,8 @@ class CleanPreview:
             return "Nothing to clean: every splat of the object fits."
         c = self.counts
         return (
-            f"Adds {len(self.add):,} splats ({c['inside']:,} inside), "
-            f"removes {len(self.remove):,} ({c['stray']:,} floaters)."
+            f"Adds {counted(len(self.add), 'splat')} ({c['inside']:,} inside), "
+            f"removes {len(self.remove):,} ({counted(c['stray'], 'floater')})."
         )
 
 

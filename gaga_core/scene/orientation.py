@@ -14,7 +14,7 @@ from gaga_core.scene.frame import scale_of
 from gaga_core.scene.scene import Scene
 
 _SNAP = np.cos(np.radians(3.0))  # an up this near to a world axis is that axis
-_NEARLY = np.cos(np.radians(30.0))  # ups nearer than this are meant to be the same
+NEARLY = np.cos(np.radians(30.0))  # of ups: nearer ones are meant to be the same
 _NOTHING = 1e-9  # share of the right axes, of the tops: rounding
 _FLATTEST = 0.15  # the cameras' right axes must spread over a plane this much better than along up
 _COLMAP_UP = np.array([0.0, -1.0, 0.0])  # of models without cameras: OpenCV axes, y down
@@ -75,7 +75,7 @@ def up_of_moved(
     else:
         was = np.array(known, np.float64) / np.linalg.norm(known)
         now = was if world is None else world[:3, :3] @ was / scale_of(world)
-    return was if float(was @ now) > _NEARLY else now
+    return was if float(was @ now) > NEARLY else now
 
 
 def known_up(gaussians: Gaussians) -> DoubleArray | None:

@@ -6,13 +6,17 @@ import time
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gaga_core.errors import LONGEST_SENTENCE, GagaError, counted, cure_without, plain_text
 from gaga_core.export.simulation.bodies import library
+from gaga_core.io.cameras.given import GivenPose, GivenPoses
 from gaga_core.io.splats.usd import usd
+from gaga_core.pipeline.mask_dataset import MaskDataset
+from gaga_core.scene.cleanup import CleanPreview, CleanReason
 
 _TEXTS = st.text(max_size=1200)
 
@@ -81,3 +85,21 @@ def test_packages_for_simulators_are_missed_in_one_sentence_that_is_true(
 def test_one_of_a_thing_is_no_things() -> None:
     counts = [counted(n, "loose splat") for n in (0, 1, 2, 5999)]
     assert counts == ["0 loose splats", "1 loose splat", "2 loose splats", "5,999 loose splats"]
+
+
+_PLURALS = ("splats", "floaters", "views", "photos", "masks", "are", "their")
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_what_is_told_of_one_says_so(n: int) -> None:
+    rows = np.arange(n, dtype=np.int32)
+    reasons = np.full(n, CleanReason.STRAY, np.int32)
+    pose = GivenPose("a.jpg", None, np.eye(4), mask=Path("a.png"))
+    told = (
+        CleanPreview(1, rows, rows, reasons, rows, reasons, rows).sentence(),
+        MaskDataset(Path("out"), ("b",), ("a",) * n, 3, 3).sentence,
+        GivenPoses("nerfstudio", Path("transforms.json"), (pose,) * n).told,
+    )
+    for sentence in told:
+        plurals = set(re.findall(r"\w+", sentence)) & set(_PLURALS)
+        assert bool(plurals) == (n > 1), sentence

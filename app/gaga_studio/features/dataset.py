@@ -64,13 +64,15 @@ def start(session: Session, plan: DatasetPlan, out: Path) -> bool:
 
         made = yield from dataset_stage([frozen], out, config, forms)
         is_done.append(True)
-        text = f"{made.pictures:,} labelled pictures in {paths.shown(out)}: {made.made:,} new."
+        pictures = counted(made.pictures, "labelled picture")
+        text = f"{pictures} in {paths.shown(out)}: {made.made:,} new."
         return " ".join([text, *made.notes])
 
     def end() -> None:
         n = 0 if is_done else sum(1 for _ in out.glob("images/*/*.jpg"))
         if n:
-            text = f"{n:,} pictures stay in {paths.shown(out)}. Choose it again to go on with them."
+            stay = f"{counted(n, 'picture')} {'stays' if n == 1 else 'stay'} in {paths.shown(out)}."
+            text = f"{stay} Choose it again to go on."
             session.notify(Level.INFO, text, shows=out)
 
     return session.jobs.start(

@@ -118,7 +118,7 @@ def _cameras_stage(session: Session, path: Path, options: ExportOptions) -> Stag
     def stage() -> Stage[str]:
         yield Progress("Export cameras", 0, 0)
         n = export_cameras(frozen, path, options)
-        return f"Exported {path.name}: {n:,} cameras, in {paths.shown(path.parent)}."
+        return f"Exported {path.name}: {counted(n, 'camera')}, in {paths.shown(path.parent)}."
 
     return stage()
 
@@ -331,8 +331,7 @@ def export_stage(
         stage = export_objects_stage(scene, path, list(chosen) or None, form=form, options=options)
         manifest = yield from stage
         n_files, where = len(listed_files(manifest)), paths.shown(manifest.parent)
-        files = "1 file" if n_files == 1 else f"{n_files:,} files"
-        said = f"Exported {files} and {manifest.name} to {where}."
+        said = f"Exported {counted(n_files, 'file')} and {manifest.name} to {where}."
         if missing := read_manifest(manifest).left_out:
             said += f" Left out, without a surface: {', '.join(missing)}."
         psnr, of = least_psnr(manifest), "the object that lost most"

@@ -40,7 +40,8 @@ def offer(session: Session) -> None:
     text = f"This scene has {counted(n, 'splat')}. With a level of detail it is drawn much faster."
     if tree is not None:
         left = n - len(tree)
-        text = f"{left:,} splats of added files have no level of detail: build it again for all."
+        have = f"{counted(left, 'splat')} of added files {'has' if left == 1 else 'have'}"
+        text = f"{have} no level of detail: build it again for all."
     session.notify(Level.HINT, text, COMMAND)
 
 

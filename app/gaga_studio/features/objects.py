@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaga_core.arrays import IntArray
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.scene import edits
@@ -123,7 +123,9 @@ def delete_floaters(session: Session) -> bool:
     if len(found) == 0:
         session.notify(Level.HINT, "There are no isolated splats here.")
         return False
-    return session.edit(lambda scene: edits.delete(scene, found, f"Delete {len(found):,} floaters"))
+    return session.edit(
+        lambda scene: edits.delete(scene, found, f"Delete {counted(len(found), 'floater')}")
+    )
 
 
 # --- all splats

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, IntArray
+from gaga_core.errors import counted
 from gaga_core.export.simulation.bodies import World, library, upright_place
 from gaga_core.export.simulation.export import (
     SimulationExport,
@@ -324,8 +325,8 @@ def show_parts(session: Session, how: SimulationExport) -> bool:
         state.groups = tuple(groups)
         state.edges, state.parts = part_edges(world, place)
         n, n_bodies = sum(len(body.parts) for body in world.bodies), len(world.bodies)
-        objects = "1 object" if n_bodies == 1 else f"{n_bodies} objects"
-        text = f"{n} convex part{'' if n == 1 else 's'} of {objects}, drawn in the picture."
+        parts = f"{counted(n, 'convex part')} of {counted(n_bodies, 'object')}"
+        text = f"{parts}, drawn in the picture."
         session.notify(Level.INFO, " ".join((text, *sentences(world, measure.HOW_TO_SCALE))))
 
     made = world_stage(scene, how.seeing(document.project), groups or None)

@@ -11,7 +11,7 @@ from PIL import ExifTags
 
 from gaga_core.arrays import AnyArray, DoubleArray
 from gaga_core.camera import MOST_PIXELS, is_usable
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.io.depth_maps import DepthMap, is_map, why_unread
 from gaga_core.io.images import image_header, pictures_in
 from gaga_core.io.json_file import read_bytes
@@ -129,13 +129,13 @@ class GivenPoses:
     def told(self) -> str:
         """One line: whose poses these are, of how many photos, and what is known of the world."""
         known = [*(["metres"] if self.is_metric else []), *(["the vertical"] if self.up else [])]
-        for kind, what in (("mask", "masks"), ("depth", "depth maps")):
+        for kind, what in (("mask", "mask"), ("depth", "depth map")):
             n = sum(getattr(pose, kind) is not None for pose in self.poses)
-            known += [f"{n} {what}"] if n else []
+            known += [counted(n, what)] if n else []
         listed = " and ".join([*([", ".join(known[:-1])] if known[:-1] else []), *known[-1:]])
         of = f", with {listed}" if known else ""
         file = "" if self.program == self.file.name else f" in {self.file.name}"
-        return f"{self.program}: poses of {len(self.poses)} photos{file}{of}"
+        return f"{self.program}: poses of {counted(len(self.poses), 'photo')}{file}{of}"
 
 
 class Photos:

@@ -127,6 +127,11 @@ def read_splats_stage(path: Path, spz_axes: str = OURS) -> Stage[Gaussians]:
     return gaussians.with_up(_UP) if reader in _STANDING else gaussians
 
 
+def is_standing(path: Path) -> bool:
+    """Whether a file of this name has an axis that is up, to which its writer turned the splats."""
+    return Path(path).name.lower().endswith((SplatFormat.GLB.suffix, ".gltf", *usd.SUFFIXES))
+
+
 def _reader_of(path: Path) -> Callable[[Path], Stage[Gaussians]]:
     """The reader of a file; ``GagaError`` when there is none."""
     try:

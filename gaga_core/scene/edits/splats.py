@@ -11,6 +11,7 @@ from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, UInt8Ar
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splats.packing import READS
+from gaga_core.io.splats.splat_files import is_standing
 from gaga_core.io.splats.spz import OURS
 from gaga_core.progress import Stage, portion
 from gaga_core.scene.edits.objects import free_group
@@ -28,7 +29,7 @@ from gaga_core.scene.edits.values import (
 )
 from gaga_core.scene.frame import Frame
 from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
-from gaga_core.scene.orientation import turn_between
+from gaga_core.scene.orientation import NEARLY, turn_between
 from gaga_core.scene.scene import Added, Placements, Scene, State
 from gaga_core.scene.selection.algebra import world_means
 
@@ -137,8 +138,9 @@ def append(
     name. They stand on one placement row, so that they move as a whole, and are drawn, sorted,
     picked and selected together with all others. ``digest`` "": they are kept themselves, as no
     file has them as they are. ``up`` (3,) of the scene: a file that says which way is up in it is
-    turned there by the smallest rotation about the origin, which is the way back where it was
-    exported of this scene with another axis up.
+    turned there by the smallest rotation about the origin. Where its format has an axis that is up
+    that is the way back of an export of this scene; of others only where both ups clearly differ:
+    models of the same coordinates fit, although each up was estimated.
     """
     path = Path(path).absolute()
     title, stem = f"Add {path.name}", path.name.split(".")[0] or path.stem
@@ -154,7 +156,9 @@ def append(
     place = _at_end(scene, labels, State.SELECTED)
     turn = np.eye(4)
     if up is not None and splats.up is not None:
-        turn[:3, :3] = turn_between(splats.up, up / np.linalg.norm(up))
+        up = up / np.linalg.norm(up)
+        if is_standing(path) or float(splats.up @ up) <= NEARLY:
+            turn[:3, :3] = turn_between(splats.up, up)
     if np.allclose(turn, np.eye(4), atol=_UPRIGHT):
         turn = np.eye(4)
     # As if the scene had been turned since then, so that a reset placement stands, too.

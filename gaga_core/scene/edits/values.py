@@ -561,7 +561,9 @@ class AppendFile(AppendSplats, frozen=True, dict=True, tag="append"):
     path: PathText
     fingerprint: str
     axes: SilentAxes = "RUB"  # of an .spz that does not say its own; older scripts took RUB
-    frame: FrameRows = ()  # how the scene had been moved by then; older scripts lack it
+    # How the scene had been moved by then, as if also turned by the inverse of what stood the file
+    # upright; older scripts lack it.
+    frame: FrameRows = ()
 
     @cached_property
     def splats(self) -> Gaussians:

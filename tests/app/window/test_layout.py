@@ -1570,10 +1570,11 @@ def _no_card_lies_over_a_length(d: Driver) -> None:
     at = np.median(world_means(scene, group_indices(scene, group)), axis=0)
     d.on_main(partial(d.session.change_settings, replace(settings, ui_scale=2.0)))
     d.session.tool = ToolName.MEASURE
-    right = d.session.rig.camera(*d.size).cam_from_world[0, :3]
+    to_right = d.session.rig.camera(*d.size).cam_from_world[0, :3]
     step = 0.02 * float(np.ptp(world_means(scene), axis=0).max())
     clicked = measure.clicked(d.session)
-    clicked.points = tuple(at + k * step * right for k in range(3))
+    first, second, third = (tuple((at + k * step * to_right).tolist()) for k in range(3))
+    clicked.points = (first, second, third)
     d.frames(6)
     labels = d.studio.ui.area.labels
     assert len(labels) == 2
@@ -1582,8 +1583,9 @@ def _no_card_lies_over_a_length(d: Driver) -> None:
     d.frames(6)
     seen = 0
     for left, top, right, bottom in d.studio.ui.area.labels:
-        for u, v in product((left - 60, left - 20, (left + right) / 2, right), (top - 40, bottom)):
-            d.engine.mouse_move_to_pos(ImVec2(u, v))
+        us = (left - 60, left - 20, (left + right) / 2, right)
+        for place in product(us, (top - 40, bottom)):
+            d.engine.mouse_move_to_pos(ImVec2(*place))
             d.frames(4)  # it is told what really is under the mouse
             d.session.hovering.group = group
             d.frames(3)  # the card has the size of this name

@@ -139,7 +139,7 @@ def _text(bank: MemoryBank | None, *, is_used: bool) -> str:
         if is_used
         else 'Labels stay votes; "Labels by identities" takes them.'
     )
-    return f"{n} groups have identities. {rest}"
+    return f"{counted(n, 'group')} {'has' if n == 1 else 'have'} identities. {rest}"
 
 
 # --- association

@@ -490,10 +490,7 @@ def export(session: Session, form: MaskForm, out: Path) -> None:
             return f"Exported label maps of {counted(len(maps), 'view')} to {out}."
         made = yield from export_mask_dataset(frozen, out, form)
         masks, objects = counted(made.n_masks, "mask"), counted(made.n_groups, "object")
-        text = f"Exported {masks} of {objects} to {out}."
-        if made.without_photo:
-            text += f" {len(made.without_photo)} views are left out: their photos are gone."
-        return text
+        return f"Exported {masks} of {objects} to {out}. {made.sentence}".rstrip()
 
     title = f"Export masks to {out.name}"
     session.jobs.start(

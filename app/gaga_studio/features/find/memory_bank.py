@@ -214,7 +214,7 @@ def split_by_masks(session: Session) -> bool:
         title = f"Split {name} by its masks"
         document.do(edits.split_off(now, group, split.rows, new_bank, into, title))
         text = f"{name} is two now: {len(split.masks)} of its {counted(len(log), 'mask')} and "
-        session.notify(Level.INFO, f"{text}{len(split.rows):,} splats left it.")
+        session.notify(Level.INFO, f"{text}{counted(len(split.rows), 'splat')} left it.")
 
     return session.jobs.start(
         f"Split {name}",

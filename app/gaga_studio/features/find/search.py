@@ -503,9 +503,8 @@ def index_state(session: Session) -> str:
     if n_unknown == 0:
         return f"The index knows all {counted(n, 'object')} as they are now."
     changed = "1 has" if n_unknown == 1 else f"{n_unknown:,} have"
-    return (
-        f"{changed} changed since the index of {n:,} objects was made. Index again to include them."
-    )
+    known = counted(n, "object")
+    return f"{changed} changed since the index of {known} was made. Index again to include them."
 
 
 def no_search(session: Session) -> str:

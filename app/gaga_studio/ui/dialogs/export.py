@@ -457,7 +457,7 @@ def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
     n_files = f" in {summary.n_files:,} file{s}" if sheet.what == "objects" else ""
     n_things = counted(summary.n_splats, "splat")
     if sheet.what == "cameras":
-        n_things = "1 camera" if summary.n_cameras == 1 else f"{summary.n_cameras:,} cameras"
+        n_things = counted(summary.n_cameras, "camera")
     said = " ".join(summary.lost) or "Nothing is lost."
     if sheet.what == "simulation":
         said = " ".join(summary.lost)

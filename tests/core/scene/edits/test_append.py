@@ -59,6 +59,37 @@ def add(history: History, scene: Scene, path: Path) -> None:
     assert history.do(edits.append(scene, splats, path, digest))
 
 
+@pytest.mark.parametrize("degrees", [0.0, 8.0, 25.0, 40.0, 120.0, 180.0])
+@pytest.mark.parametrize("form", [SplatFormat.PLY, SplatFormat.SPZ, SplatFormat.GLB])
+def test_a_file_is_turned_where_its_format_did_or_both_ups_clearly_differ(
+    room: Path, tmp_path: Path, form: SplatFormat, degrees: float
+) -> None:
+    """Models of the same coordinates, each with an up that was estimated, fitted no more."""
+    scene, angle = opened(room).scene, np.radians(degrees)
+    up = np.array([0.0, -1.0, 0.0])
+    path = tmp_path / f"other{form.suffix}"
+    write_splats(path, random_gaussians(50, seed=3).with_up(up), form=form)
+    splats, digest = run_stage(read_added_stage(path))
+    assert splats.up is not None
+    np.testing.assert_allclose(splats.up, up, atol=1e-6)
+    of_scene = np.array([np.sin(angle), -np.cos(angle), 0.0])
+    assert History(scene).do(edits.append(scene, splats, path, digest, up=3 * of_scene))
+    added = world_means(scene)[200:].astype(np.float64)
+    turn = np.array(
+        [
+            [np.cos(angle), -np.sin(angle), 0.0],
+            [np.sin(angle), np.cos(angle), 0.0],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+    is_turned = form is SplatFormat.GLB or degrees > 30
+    wanted = splats.means @ turn.T if is_turned else splats.means
+    if degrees == 180:  # about any axis across
+        np.testing.assert_allclose(added[:, 1], -splats.means[:, 1], atol=1e-4)
+    else:
+        np.testing.assert_allclose(added, wanted, atol=1e-4)
+
+
 def test_added_splats_are_splats_like_all_others(room: Path, chair: Path) -> None:
     scene = opened(room).scene
     history = History(scene)
