@@ -134,14 +134,14 @@ def test_a_small_window_shows_the_picture_and_the_same_tabs(display: str, tmp_pa
     drive(walk, size=(1600, 1000), layout_file=tmp_path / "window.ini")
 
 
+def _in_front(d: Driver) -> set[str]:
+    """Titles of the panels that are seen."""
+    windows = [d.engine.get_window_by_ref(f"//{panel.label}") for panel in d.studio.window.panels]
+    return {one.name for one in windows if one.active and not one.hidden}
+
+
 def test_tabs_come_back_as_they_were_after_a_tiny_window(display: str) -> None:
     """Of panels that share one place there only one is in front: the others were forgotten."""
-
-    def in_front(d: Driver) -> set[str]:
-        windows = [
-            d.engine.get_window_by_ref(f"//{panel.label}") for panel in d.studio.window.panels
-        ]
-        return {one.name for one in windows if one.active and not one.hidden}
 
     def walk(d: Driver) -> None:
         d.frames(20)
@@ -151,26 +151,20 @@ def test_tabs_come_back_as_they_were_after_a_tiny_window(display: str) -> None:
                 d.focus(side)
                 d.focus("Objects")
                 d.frames(4)
-                before = in_front(d)
+                before = _in_front(d)
                 assert {row, side, "Objects"} <= before
                 d.resize(720, 480)
                 d.frames(20)
-                assert in_front(d) <= before, "nothing comes to the front"
+                assert _in_front(d) <= before, "nothing comes to the front"
                 d.resize(1500, 900)
                 d.frames(20)
-                assert in_front(d) == before
+                assert _in_front(d) == before
 
     drive(walk, size=(1500, 900))
 
 
 def test_tabs_come_back_as_they_were_after_the_picture_alone(display: str) -> None:
     """Hidden panels come back one after the other, and the last one came to the front."""
-
-    def in_front(d: Driver) -> set[str]:
-        windows = [
-            d.engine.get_window_by_ref(f"//{panel.label}") for panel in d.studio.window.panels
-        ]
-        return {one.name for one in windows if one.active and not one.hidden}
 
     def walk(d: Driver) -> None:
         for size in ((1500, 900), (800, 500)):
@@ -179,14 +173,14 @@ def test_tabs_come_back_as_they_were_after_the_picture_alone(display: str) -> No
             for panel in ("Objects", "Inspector", "Views"):
                 d.focus(panel)
                 d.frames(20)
-                before = in_front(d)
+                before = _in_front(d)
                 assert panel in before
                 d.keys(imgui.Key.tab)
                 d.frames(20)
-                assert in_front(d) == {"Viewport"}
+                assert _in_front(d) == {"Viewport"}
                 d.keys(imgui.Key.tab)
                 d.frames(20)
-                assert in_front(d) == before, size
+                assert _in_front(d) == before, size
 
     drive(walk, size=(1500, 900))
 
