@@ -305,10 +305,13 @@ class _Delivery(Generic[T]):
         self._paces: dict[str, Pace] = {}  # of the steps that have a share
         self._share = Share()
 
-    def seconds_left(self) -> float | None:
+    def seconds_left(self, word: Progress | None = None) -> float | None:
         """Seconds left, as the user reads them: None until enough is measured; they count down, and
-        what they are wrong by is made good within seconds, without a jump."""
-        now, left = time.monotonic(), self._measured_left()
+        what they are wrong by is made good within seconds, without a jump.
+
+        ``word`` is the one that is shown with them, by default the newest.
+        """
+        now, left = time.monotonic(), self._measured_left(word or self.latest)
         if left is None:
             self._said = None
             return None
@@ -319,13 +322,13 @@ class _Delivery(Generic[T]):
         self._said = now, left
         return left
 
-    def _measured_left(self) -> float | None:
+    def _measured_left(self, latest: Progress | None) -> float | None:
         """Estimate of the time left in the present step; None while it is not known.
 
         Goes on at the pace of the last part (`Pace`): a first word that waited for kernels, what a
         resumed training had behind it and the steps before say nothing.
         """
-        latest, now = self.latest, time.monotonic()
+        now = time.monotonic()
         if latest is None or latest.total <= 0:
             return None
         if latest.left_s is not None:
@@ -428,6 +431,6 @@ class _Worker(threading.Thread):
             progress.stage,
             progress.message,
             self.delivery.fraction,
-            self.delivery.seconds_left(),
+            self.delivery.seconds_left(progress),
             self.is_cancelling,
         )
