@@ -9,7 +9,7 @@ from PIL import Image
 
 from gaga_core.arrays import DoubleArray, FloatArray, UInt8Array, check_shape
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.depth_maps import read_scene_depth
 from gaga_core.io.images import read_rgb
@@ -73,8 +73,10 @@ class TrainViews:
 
     def __post_init__(self) -> None:
         if len(self.train) < _FEWEST:
+            n = len(self.train)
+            photos = f"There {'is' if n == 1 else 'are'} {counted(n, 'photo')}"
             raise GagaError(
-                f"There are {len(self.train)} photos to train on, and it takes at least {_FEWEST}."
+                f"{photos} to train on, and it takes at least {_FEWEST}."
                 " Take more photos, all around the scene."
             )
 

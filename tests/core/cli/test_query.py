@@ -82,7 +82,7 @@ def test_an_index_is_made_kept_and_told_when_stale(
     project.scene.labels[:9] = 1
     save_project(project)
     assert main(["query", str(scene), "chair"]) == 0
-    assert "1 groups changed" in capsys.readouterr().err
+    assert "1 group changed" in capsys.readouterr().err
 
 
 def test_groups_are_named_and_saved(scene: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -183,7 +183,7 @@ def test_exposure_is_found_and_kept_out_of_the_splats(known: Known, tmp_path: Pa
 
 
 def test_too_few_photos_and_points_are_named(known: Known) -> None:
-    with pytest.raises(GagaError, match="1 photos to train on"):
+    with pytest.raises(GagaError, match="There is 1 photo to train on"):
         TrainViews(known.views.train[:1], known.views.test)
     with pytest.raises(GagaError, match="0 points"):
         initial_gaussians(np.zeros((0, 3)), np.zeros((0, 3), np.uint8))

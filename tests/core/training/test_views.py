@@ -54,7 +54,7 @@ def test_photos_that_cannot_be_used_are_named(tmp_path: Path) -> None:
         run_stage(load_views_stage(cameras, paths, [], 640))
     cameras, paths = photos(tmp_path)
     only = {"002.png": paths["002.png"]}
-    with pytest.raises(GagaError, match="1 photos to train on"):
+    with pytest.raises(GagaError, match="There is 1 photo to train on"):
         run_stage(load_views_stage(cameras, only, [], 640))
     paths["003.png"].write_bytes(b"no picture")
     with pytest.raises(GagaError, match=r"003\.png"):
