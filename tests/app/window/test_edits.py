@@ -23,6 +23,7 @@ from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import cleanup, commands, fill, measure
 from gaga_studio.features.find.search import SearchState
+from gaga_studio.session.notices import Level
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
 from gaga_studio.tools.base import ViewportPoint
@@ -184,8 +185,12 @@ def _a_preview_is_seen_and_ended_in_a_small_window(d: Driver) -> None:
     d.keys(KEY.mod_ctrl, KEY.f)  # the list of objects comes to the front
     d.frames(4)
     assert "field" in status.status_text(session, PickTool(), is_typing=True)
+    d.session.notify(Level.HINT, "Apply or cancel (Esc) the preview of Clean up first.")
+    d.frames(6)
     for name in ("Apply", "Cancel"):
         button = d.engine.item_info(f"//Viewport/###{name}")
+        rect = button.rect_full
+        assert not d.studio.ui.area.has_words_in((rect.min.x, rect.min.y, rect.max.x, rect.max.y))
         assert button.rect_clipped.max.y == button.rect_full.max.y, name
     d.click("Viewport/###Cancel")
     d.frames(3)

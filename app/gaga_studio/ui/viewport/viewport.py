@@ -570,10 +570,11 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea, mo
     """Draw over the picture: the offer of the next stage, a compared photo, a mark."""
     bar = photo_compare.bar_height(session)
     corner, size = ImVec2(area.left, area.top + bar), ImVec2(area.width, area.height - bar)
-    top = corner.y + em(0.7)
+    top, ends = corner.y + em(0.7), corner.y
     if preview_badge(session):
         top = _badge(preview_badge(session), corner)
-        top = top if area.has_inspector else _ends_of_preview(session, corner.x, top)
+        if not area.has_inspector:
+            top = ends = _ends_of_preview(session, corner.x, top)
     elif session.tool is ToolName.GROUND and session.document is not None:
         top = _badge(
             align_ground.ground_prompt(session), corner, align_ground.GROUND_HELP, size.x - em(8)
@@ -583,7 +584,7 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea, mo
         top = _badge(badge, corner) if badge else top
     area.head_bottom = toolbar.draw_card(session, area, top)
     overlays.draw_card(session, state.measure, corner, size)
-    area.chip_bottom = max(_way_out_of_isolation(session, corner, size), corner.y)
+    area.chip_bottom = max(_way_out_of_isolation(session, corner, size), ends)
     _draw_next_stage(session, state, area)
     end = training.draw_live(session, corner, size)
     area.live_right, area.live_bottom = end.x, end.y
