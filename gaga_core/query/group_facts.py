@@ -150,7 +150,9 @@ def _spread(
     state, placement = for_kernel(scene.state, np.uint8), for_kernel(scene.placement, np.int32)
     raw = (g.means, g.log_scales, g.logit_opacities)
     means, sizes, logits = (for_kernel(values, np.float32) for values in raw)
-    weigh_splats(rows, state, placement, matrix, means, sizes, logits, points, area, weight, sums)
+    growth = np.abs(np.linalg.det(matrix[:, :, :3])) ** (2 / 3)
+    placed = placement, matrix, growth
+    weigh_splats(rows, state, *placed, means, sizes, logits, points, area, weight, sums)
     lo, hi = _boxes(rows, points, area, weight, sums)
     return Spread(points, area, lo, hi), weight, sums
 

@@ -15,11 +15,12 @@ def weigh_splats(
     state: UInt8Array,  # (N,) State bits
     placement: IntArray,  # (N,)
     matrix: DoubleArray,  # (P, 3, 4) frame_from_file
+    growth: DoubleArray,  # (P,) factor of areas
     means: FloatArray,  # (N, 3)
     log_scales: FloatArray,  # (N, 3)
     logit_opacities: FloatArray,  # (N,)
     points: FloatArray,  # (N, 3) out: positions in the frame
-    area: FloatArray,  # (N,) out: product of the two largest scales; -1 = does not count
+    area: FloatArray,  # (N,) out: product of the two largest scales, frame; -1 = does not count
     weight: FloatArray,  # (N,) out: opacity
     sums: DoubleArray,  # (G, 8) out: count, opacity, opacity x area, position xyz, squares, -
 ) -> None:
@@ -38,7 +39,7 @@ def weigh_splats(
         a = log_scales[i, 0]
         b = log_scales[i, 1]
         c = log_scales[i, 2]
-        face = math.exp(min(60.0, a + b + c - min(a, b, c)))
+        face = growth[placement[i]] * math.exp(min(60.0, a + b + c - min(a, b, c)))
         opacity = 1.0 / (1.0 + math.exp(-max(-60.0, min(60.0, float(logit_opacities[i])))))
         if not math.isfinite(x + y + z + face + opacity):
             continue

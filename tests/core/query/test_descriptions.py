@@ -10,6 +10,7 @@ from gaga_core.query.descriptions import describe_groups, shapes_of
 from gaga_core.query.group_facts import group_facts
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.objects import group_indices, object_table
 from gaga_core.scene.scene import Scene
 from tests.core.query.made_scenes import BACK, FRONT, TABLE, Boxes, ball, boxes_scene, shells
@@ -33,6 +34,21 @@ def test_things_are_called_by_color_shape_and_size() -> None:
     assert words[3] == "yellow box"
     assert words[5] == "red flat object"
     assert words[6] == "grey floor"
+
+
+@pytest.mark.parametrize("factor", [0.01, 2.0, 100.0])
+def test_a_scale_of_the_scene_changes_no_name_and_no_background(factor: float) -> None:
+    """Areas of splats stayed as they were: a table that had grown was scattered bits."""
+    things: Boxes = [((x, 0.5 * x, 0), (0.2,) * 3, "c81414") for x in (-1.2, -0.4, 0.4, 1.2)]
+    table = shells([*things, ((0, 0, -0.7), (2.6, 1.6, 1.1), "8a5a2a")])
+    before, facts = described(table), group_facts(table, VIEWS)
+    edit = edits.set_scale(table, 1.0, factor, np.zeros(3))
+    assert edit is not None
+    edit.apply(table)
+    views = carried_cameras(VIEWS, table.frame.world)
+    after = group_facts(table, views)
+    np.testing.assert_array_equal(after.background, facts.background)
+    assert describe_groups(table, after, views) == before
 
 
 def test_a_place_tells_apart_what_would_be_called_the_same() -> None:
