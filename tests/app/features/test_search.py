@@ -129,6 +129,37 @@ def test_as_many_are_said_to_be_called_so_as_are_listed(associated: Session, typ
     assert document.feature(SearchState).sentence.startswith("4 ")
 
 
+def test_what_is_only_called_so_is_said_beside_what_is_so(associated: Session) -> None:
+    """20 white ones were said, and 21 selected."""
+    ids = [int(group) for group in associated.objects().ids if group > 0]
+    document, search = associated.need(), associated.need().feature(SearchState)
+    _ask(associated, "the largest")  # they have descriptions then
+    color = document.name_of(ids[0]).split()[0]
+    of_color = set(_ask(associated, color)[: len(search.meant)])
+    other = next(group for group in ids if group not in of_color)
+    document.do(name_groups(document.scene, {other: f"not {color}ish"}))
+    _ask(associated, color)
+    assert set(search.meant) == of_color | {other}
+    numbers = [int(word) for word in search.sentence.split() if word.isdigit()]
+    assert sum(numbers) == len(search.meant)
+
+
+def test_a_preview_that_waits_is_searched_as_before(associated: Session) -> None:
+    """Nothing was found, and nothing was said."""
+    group = int(associated.objects().ids[-1])
+    objects.rename(associated, group, "bot")
+    document, before = associated.need(), _ask(associated, "bot")
+    selection.select_groups(associated, (group,))
+    edit = edits.delete(document.scene, associated.selected_indices())
+    assert edit is not None
+    document.show(edit, waits_as="Clean up")
+    search = document.feature(SearchState)
+    for text in ("", "bot"):
+        search_actions.type_text(associated, text, _SIZE)
+    search_actions.answer(associated, object_list.kept_groups)
+    assert search.meant == before == (group,)
+
+
 def test_the_filter_of_the_list_leaves_out_answers_and_says_how_many(associated: Session) -> None:
     table, document = associated.objects(), associated.need()
     ids = [int(group) for group in table.ids if group > 0]

@@ -279,11 +279,13 @@ class SearchState:
         if not self.in_view:
             shown, named = {hit.group for hit in hits}, _called(table, self.text)
             called = [g for g in named if g not in shown]
-            if called and {hit.group for hit in hits if hit.fits} <= set(named):
-                # Nothing but names was meant: a word that begins one is part of others.
-                word = "is" if len(named) == 1 else "are"
-                self.sentence = f"{len(named)} {word} called “{self.text.strip()}”."
-                called, hits = named, []
+            is_of_names = {hit.group for hit in hits if hit.fits} <= set(named)
+            if called and is_of_names:  # a word that begins a name is part of others
+                called, hits, self.sentence = named, [], ""
+            if called:
+                more, word = "" if is_of_names else " more", "is" if len(called) == 1 else "are"
+                said = f"{len(called)}{more} {word} called “{self.text.strip()}”."
+                self.sentence = f"{self.sentence} {said}".strip()
             hits = [SearchHit(group, 1.0, True) for group in called] + hits
         self._take_hits(tuple(hits))
 
@@ -344,7 +346,7 @@ EXAMPLES = "“red”, “the largest”, “yellow left of the green one”"
 def _subject(session: Session) -> Document | None:
     """The document, None while it has nothing to measure."""
     document = session.document
-    if document is None or session.live is not None or session.is_previewing:
+    if document is None or session.live is not None or session.is_dragging:
         return None
     return document if document.read.has_groups() else None
 
@@ -367,7 +369,7 @@ def answer(session: Session, kept: Kept | None = None) -> None:
 def follow(session: Session) -> None:
     """Measure what has changed, describe objects and look up nouns, whatever panels are shown."""
     document = _subject(session)
-    if document is None:
+    if document is None or session.is_previewing:  # what a preview shows is none of its history
         return
     search = document.feature(SearchState)
     is_asked = bool(search.text.strip())
