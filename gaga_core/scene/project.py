@@ -563,9 +563,11 @@ class Project:
     @property
     def name(self) -> str:
         """Name of what was opened: of the folder, or of the file."""
-        path = self.source.resolve()
+        path = self.source
+        if path.name in ("", ".."):  # the window asks in every frame: no look at the disk but here
+            path = path.resolve()
         if path.name == META or (self.source == self.manifest and path.name == MANIFEST):
-            return path.parent.name  # the one of these in a folder is what the folder is
+            return path.absolute().parent.name  # the one of these in a folder is what the folder is
         return path.name
 
     @property
