@@ -154,30 +154,44 @@ def append(
     if not digest:
         return together(title, (unselect, append_made(scene, splats, labels, title), named))
     place = _at_end(scene, labels, State.SELECTED)
-    turn = np.eye(4)
-    if up is not None and splats.up is not None:
-        up = up / np.linalg.norm(up)
-        if is_standing(path) or float(splats.up @ up) <= NEARLY:
-            turn[:3, :3] = turn_between(splats.up, up)
-    if np.allclose(turn, np.eye(4), atol=_UPRIGHT):
-        turn = np.eye(4)
+    turn = _turn_upright(splats, path, up)
     # As if the scene had been turned since then, so that a reset placement stands, too.
     frame = Frame(np.linalg.inv(turn) @ scene.frame.world)
     edit = AppendFile(title, *place, str(path), digest, OURS, frame.rows)
     edit.__dict__["splats"] = splats  # read already
-    n_rows, none = len(scene.placements), np.zeros(0, np.int32)
-    stands = SetPlacement(
+    stands = _placed_at_end(scene, len(splats), turn, title)
+    return together(title, (unselect, edit, stands, named))
+
+
+def _turn_upright(splats: Gaussians, path: Path, up: DoubleArray | None) -> DoubleArray:
+    """What stands the splats of a file upright, see `append`: (4, 4), exactly the identity where
+    they do."""
+    turn = np.eye(4)
+    if up is None or splats.up is None:
+        return turn
+    up = up / np.linalg.norm(up)
+    if is_standing(path) or float(splats.up @ up) <= NEARLY:
+        turn[:3, :3] = turn_between(splats.up, up)
+    return np.eye(4) if np.allclose(turn, np.eye(4), atol=_UPRIGHT) else turn
+
+
+def _placed_at_end(
+    scene: Scene, n_added: int, motion: DoubleArray, title: str
+) -> SetPlacement | None:
+    """Move splats that were added on the placement row at the end; None for the identity."""
+    if np.array_equal(motion, np.eye(4)):
+        return None
+    row, none = len(scene.placements), np.zeros(0, np.int32)
+    return SetPlacement(
         title=title,
-        n_rows=n_rows + 1,
-        rows=np.array([n_rows], np.int32),
+        n_rows=row + 1,
+        rows=np.array([row], np.int32),
         before=Placements.identity(1),
-        after=replace(Placements.identity(1), matrix=turn[None, :3]),
-        moved=IndexSet.of(none, len(scene) + len(splats)),
+        after=replace(Placements.identity(1), matrix=motion[None, :3]),
+        moved=IndexSet.of(none, len(scene) + n_added),
         rows_from=none,
         rows_to=none,
     )
-    is_turned = not np.array_equal(turn, np.eye(4))
-    return together(title, (unselect, edit, stands if is_turned else None, named))
 
 
 def append_made(
