@@ -380,7 +380,7 @@ def _is_running(pid: int, noted_at: float) -> bool:
         if handle:
             ctypes.windll.kernel32.CloseHandle(handle)
         return bool(handle)
-    with suppress(OSError, ValueError, IndexError):  # another system
+    with suppress(OSError, ValueError, StopIteration):  # another system
         words = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
         state, *_, ticks = words.rpartition(")")[2].split()[:20]
         began_at = _booted_at() + int(ticks) / os.sysconf("SC_CLK_TCK")

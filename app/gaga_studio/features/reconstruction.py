@@ -409,7 +409,11 @@ _SHARE = 0.2  # of the time that drawing may take: the training needs the proces
 class Turning:
     """Where the picture of a training was turned to last, and whether a hand has moved it since."""
 
-    def __init__(self, training: object = None, pose: object = None) -> None:
+    def __init__(self) -> None:
+        self.begin(None, None)
+
+    def begin(self, training: object, pose: object) -> None:
+        """Turn the picture of ``training`` from ``pose`` on, after a rest."""
         self.training = training
         self.pose = pose
         self.is_by_hand = False
@@ -428,7 +432,7 @@ def turns(session: Session) -> bool:
 def switch_turning(session: Session) -> None:
     """Let the picture of a training turn, from where it is, or stand."""
     wanted, state = not turns(session), session.feature(Turning)
-    state.__init__(state.training, session.rig.goal)  # type: ignore[misc]
+    state.begin(state.training, session.rig.goal)
     state.rests_s = 0.0
     if wanted != session.settings.turns_in_training:
         session.change_settings(replace(session.settings, turns_in_training=wanted))
@@ -448,7 +452,7 @@ def tick(session: Session, dt: float, is_drawn: bool, picture_s: float) -> None:
     if training is None or not training.cameras or training.scene is None or training.is_stopped:
         return
     if state.training is not training:
-        state.__init__(training, rig.goal)  # type: ignore[misc]
+        state.begin(training, rig.goal)
     state.is_by_hand |= rig.goal is not state.pose
     if not turns(session):
         return

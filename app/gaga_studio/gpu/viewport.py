@@ -494,19 +494,15 @@ class Pacing:
     _moved_at: float = -1e9
     _is_moving: bool = False
     _is_first: bool = True  # nothing of this scene was drawn yet
-    _is_draft: bool = False
+    # Whether this frame's picture is one of a motion, or a first one: coarse or not, it is finished
+    # though the camera goes on, or none would be whole before the motion ends.
+    is_draft: bool = False
     _is_coarse: bool = False
 
     @property
     def is_settled(self) -> bool:
         """Whether the picture on the screen is the full one."""
         return not self._is_coarse
-
-    @property
-    def is_draft(self) -> bool:
-        """Whether this frame's picture is one of a motion, or a first one: coarse or not, it is
-        finished though the camera goes on, or none would be whole before the motion ends."""
-        return self._is_draft
 
     @property
     def budget(self) -> int:
@@ -535,11 +531,11 @@ class Pacing:
             self._moved_at = now if self._motion is not None else -1e9
             self._motion = motion
         is_moving = now - self._moved_at < REST_S
-        self._is_draft = is_moving or (self._is_first and self.is_software)
-        if self._is_draft and not self._is_moving and self.saved < 0:
+        self.is_draft = is_moving or (self._is_first and self.is_software)
+        if self.is_draft and not self._is_moving and self.saved < 0:
             self._begin()
         self._is_moving = is_moving
-        self._is_coarse = self._is_draft and self._step > 0
+        self._is_coarse = self.is_draft and self._step > 0
         if not self._is_coarse:
             return replace(view, coarse_budget=_least(view.splat_budget, self.budget))
         return replace(

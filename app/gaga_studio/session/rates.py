@@ -57,19 +57,17 @@ class Load:
 
     @property
     def slowdown(self) -> float:
-        """Times as long as on a free machine that work of all threads takes beside the other
-        programs, by the last `RECENT_S`."""
+        """Factor by which work of all threads takes longer because of other programs, measured over
+        the last `RECENT_S`."""
         return _slowdown(self._looks[0], self._looks[-1], n_threads()) if self._looks else 1.0
 
-    def since(self, then: _Used | None, threads: int) -> float:
-        """Times as long as that work of so many ``threads`` took since ``then``, see `used`."""
-        now = _used()
-        return 1.0 if then is None or now is None else _slowdown(then, now, threads)
 
+def _slowdown(then: _Used | None, now: _Used | None, threads: int) -> float:
+    """Factor by which work of so many threads took longer from then to now; 1 if it is not known.
 
-def _slowdown(then: _Used, now: _Used, threads: int) -> float:
-    """Each thread of another program gets as much of a processor as each of ours."""
-    if now.at <= then.at:
+    Each thread of another program gets as much of a processor as each of ours.
+    """
+    if then is None or now is None or now.at <= then.at:
         return 1.0
     others = max(now.of_all - then.of_all - (now.own - then.own), 0.0) / (now.at - then.at)
     return max((threads + others) / (os.cpu_count() or 1), 1.0)
@@ -100,8 +98,8 @@ class KnownRates:
             _LOG.warning("rates: %s", error)
 
     def of(self, name: str) -> float:
-        """The rate of ``name`` now, beside other programs; of what never ran here that of kernels,
-        which every installation compiles first."""
+        """The rate of ``name`` at the present load of the machine; of a task that never ran here
+        that of kernels, which every installation compiles first."""
         return self.load.slowdown * self.rates.get(name, self.rates.get(STAGE, 1.0))
 
     def keep(self, rates: dict[str, float]) -> None:
@@ -118,7 +116,7 @@ class KnownRates:
         start, before = time.monotonic(), _used()
         value = yield from stage
         took = time.monotonic() - start
-        slowdown = self.load.since(before, n_threads())
+        slowdown = _slowdown(before, _used(), n_threads())
         self.keep(self.rates | {name: took / (usual_s * slowdown)})
         return value
 
@@ -134,7 +132,7 @@ class KnownRates:
                     spent, usual = spent + now - heard[0], usual + usual_s * (share - heard[1])
                 heard = now, share
                 if usual >= _TELLING_S:  # one thread compiles
-                    rate = spent / (usual * self.load.since(before, 1))
+                    rate = spent / (usual * _slowdown(before, _used(), 1))
                     rate = min(max(rate, 1 / _MOST_OFF), _MOST_OFF)
                     self.rates = self.rates | {STAGE: rate}
                 yield step

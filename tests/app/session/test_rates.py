@@ -1,4 +1,4 @@
-"""How long tasks take beside other programs: what they use counts, what this one uses does not."""
+"""Estimates of time while other programs run: their load counts, that of this program does not."""
 
 import os
 import time

@@ -76,9 +76,9 @@ def test_modes_look_background_and_a_motion(
 def test_a_motion_is_seen_where_pictures_became_slow_after_fast_ones(
     display: str, grouped_scene: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Fast pictures are drawn in full while something moves. When they take more than a frame, as
-    beside other programs, each was begun again by the next frame, and none was whole before the
-    end."""
+    """Fast pictures are drawn in full while something moves. When they take more than a frame,
+    because other programs run, each was begun again by the next frame, and none was whole before
+    the end."""
 
     def walk(d: Driver) -> None:
         d.settle()

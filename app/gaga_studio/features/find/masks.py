@@ -359,8 +359,8 @@ def keep_partial(session: Session, provider: str) -> None:
         return
     choose(session, chosen if chosen in folders else provider)
     _, made = stages.masks_of(session.need().project, provider)
-    photos = counted(len(made), "photo")
-    session.notify(Level.INFO, f"{photos} of {provider} done. Make masks continues there.")
+    photos = f"{counted(len(made), 'photo')} of {provider} {'is' if len(made) == 1 else 'are'}"
+    session.notify(Level.INFO, f"{photos} done. Make masks continues there.")
 
 
 # --- choosing

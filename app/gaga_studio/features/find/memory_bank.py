@@ -811,6 +811,7 @@ def _no_quality(session: Session) -> str:
     return "Nothing is measured of this object. Use Measure the quality of the objects first."
 
 
+_no_replay = first_of(no_shown_bank, busy)
 COMMANDS: tuple[Command, ...] = (
     ask(
         "object.add_views",
@@ -841,7 +842,7 @@ COMMANDS: tuple[Command, ...] = (
         "view.timeline",
         "Replay the memory bank",
         toggle_timeline,
-        enabled=lambda s: "" if timeline_of(s).is_open else first_of(no_shown_bank, busy)(s),
+        enabled=lambda s: "" if timeline_of(s).is_open else _no_replay(s),
         is_on=lambda s: timeline_of(s).is_open,
     ),
 )

@@ -122,10 +122,8 @@ def _arrows(state: MenuState) -> None:
     is_left_to_us = step and imgui.internal.nav_move_request_but_no_result_yet()
     within = context.nav_window
     if within is None or not within.flags & imgui.WindowFlags_.popup:  # no entry has the keys
-        pressed = {
-            key: imgui.is_key_pressed(key) for key in (imgui.Key.left_arrow, imgui.Key.right_arrow)
-        }
-        step = pressed[imgui.Key.right_arrow] - pressed[imgui.Key.left_arrow]
+        right, left = imgui.Key.right_arrow, imgui.Key.left_arrow
+        step = imgui.is_key_pressed(right) - imgui.is_key_pressed(left)
         is_left_to_us = bool(step)
     if state.opened and is_left_to_us:
         imgui.internal.nav_move_request_cancel()

@@ -231,9 +231,7 @@ class ExportSheet:
     simulation: SimulationExport = field(default_factory=SimulationExport)
     options: ExportOptions = field(default_factory=ExportOptions)
     path: str = ""  # as it is typed
-    begins: bool = (
-        False  # it shows its upper end, not what it was scrolled to when it was open last
-    )
+    begins: bool = False  # it opens at its upper end, wherever it was scrolled to before
     chosen: dict[What, Path] = field(default_factory=dict)  # places that a person named
     chosen_for: tuple[str, Path] | None = None  # the scene that they are for: its name and folder
     waits: FileDialog | None = None  # the sheet comes back when a place was chosen

@@ -10,6 +10,8 @@ from gaga_studio.features import split_view
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 
+_HINT = "Every edit of splats and objects is listed here; a click goes back."
+
 
 @dataclass
 class HistoryState:
@@ -23,12 +25,7 @@ def draw(session: Session, state: HistoryState) -> None:
     """The whole panel."""
     document = session.document
     if document is None or not document.history.entries():
-        hint = (
-            "Every edit of splats and objects is listed here; a click goes back."
-            if document
-            else ""
-        )
-        widgets.empty_state(icons.HISTORY, "No edits yet", hint)
+        widgets.empty_state(icons.HISTORY, "No edits yet", _HINT if document else "")
         return
     history = document.history
     entries = history.entries()
