@@ -35,9 +35,11 @@ studio:
 
 # What needs one processor each runs at once. Kernels first, or each process of the tests compiles them.
 # A file stays in one process: what opens a window comes before what draws without a display.
+# A test that hangs ends its process after ten minutes, with what each thread was doing, and counts as failed.
 test: setup
 	@$(MAKE) --quiet --no-print-directory -j2 --output-sync types kernels pages style imports peers browser
-	@$(BIN)/python -m pytest -q -n $(or $(JOBS),2) --dist loadfile --no-loadscope-reorder
+	@$(BIN)/python -m pytest -q -n $(or $(JOBS),2) --dist loadfile --no-loadscope-reorder \
+	-o faulthandler_timeout=600 -o faulthandler_exit_on_timeout=true --max-worker-restart 1
 
 quick: setup
 	@$(MAKE) --quiet --no-print-directory kernels
