@@ -338,7 +338,8 @@ class Viewport:
         After a jump, or in a flight on a slow machine. Its order is worth as long a wait as the
         last picture took: on a slow machine far more than sorting does.
         """
-        return self._order is not None and not self._order.covers(camera)
+        order = self._order
+        return order is not None and order.ticket != self._ticket and not order.covers(camera)
 
     def _pull_lod(
         self, tree: LodTree, scene: Scene, camera: Camera, view: ViewState, *, wait: bool
