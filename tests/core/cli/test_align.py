@@ -46,10 +46,9 @@ def test_two_halves_come_together(halves: tuple[Path, Path, np.ndarray], capsys:
     assert sorted(p.name for p in first.iterdir()) == ["gaga", "images", "sparse"]
 
 
-@pytest.mark.parametrize("k1", [0.0, 0.3], ids=["pinhole", "bent"])
-@pytest.mark.parametrize("at", ["images", "."])
+@pytest.mark.parametrize(("at", "k1"), [("images", 0.3), (".", 0.0)])
 def test_photos_that_another_program_placed_are_placed(
-    tmp_path: Path, capsys: Capture, k1: float, at: str
+    tmp_path: Path, capsys: Capture, at: str, k1: float
 ) -> None:
     """Their poses lie next to them; nothing was made of them here."""
     world = any_similarity(np.random.default_rng(4))
