@@ -112,10 +112,15 @@ def _is_quick(item: pytest.Item) -> bool:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark quick tests. Window tests first: a standalone EGL context that is current in this thread
-    makes Xlib end the process when GLFW then makes its own current, whatever order the command line
-    asks for."""
+    """Mark quick tests, and sort. Window tests first: a standalone EGL context that is current in
+    this thread makes Xlib end the process when GLFW then makes its own current, whatever order the
+    command line asks for. Quick ones last: no process ends with a long file while another waits."""
     for item in items:
         if _is_quick(item):
             item.add_marker("quick")
-    items.sort(key=lambda item: item.get_closest_marker("window") is None)
+
+    def place(item: pytest.Item) -> tuple[bool, bool]:
+        is_window = item.get_closest_marker("window") is not None
+        return not is_window, item.get_closest_marker("quick") is not None
+
+    items.sort(key=place)

@@ -42,6 +42,7 @@ class Driver:
         self.sees = False  # the picture of the splats in full, or `_UNSEEN_PICTURE` of it
         self._on_main: Callable[[], Any] | None = None
         self._answer: Any = None
+        self._error: Exception | None = None
 
     @property
     def session(self) -> Session:
@@ -204,15 +205,26 @@ class Driver:
         self.settle()
 
     def on_main(self, act: Callable[[], Any]) -> Any:
-        """Do something in the thread that owns window and context: a test has one of its own."""
+        """Do something in the thread that owns window and context: a test has one of its own.
+
+        What it raises there is raised here.
+        """
         self._on_main = act
         while self._on_main is not None:
             self.frames(1)
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
         return self._answer
 
     def after_frame(self) -> None:
-        if self._on_main is not None:
-            self._answer, self._on_main = self._on_main(), None
+        if self._on_main is None:
+            return
+        try:
+            self._answer = self._on_main()
+        except Exception as error:  # noqa: BLE001  or the test would wait for it without an end
+            self._error = error
+        self._on_main = None
 
     def resize(self, width: int, height: int) -> None:
         """Resize the window, as by dragging its corner."""

@@ -902,12 +902,22 @@ def test_an_error_between_two_frames_is_told_and_a_file_may_still_be_dropped(
     drive(walk, may_fail=True)
 
 
-def test_the_tests_themselves_hear_of_a_panel_that_failed(
+def test_the_tests_themselves_hear_of_what_failed(
     display: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """In a panel, and in what a test does in the thread of the window."""
+
+    def fails() -> None:
+        raise IndexError("of the test")
+
+    def walk(d: Driver) -> None:
+        with pytest.raises(IndexError, match="of the test"):
+            d.on_main(fails)
+        assert d.on_main(lambda: 5) == 5
+
     monkeypatch.setattr(widgets, "empty_state", lambda *_: 1 / 0)
     with pytest.raises(AssertionError, match="ZeroDivisionError"):
-        drive(lambda d: d.frames(3))
+        drive(walk)
 
 
 # --- What cannot be done now says why, in its menu and in the list of commands; the list offers

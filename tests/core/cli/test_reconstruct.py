@@ -20,6 +20,14 @@ _SHORT = ReconstructConfig(iterations=120, max_side=64, max_splats=1000)
 _ONLY_PLACED = replace(_SHORT, only="sfm")
 
 
+@pytest.fixture(scope="module")
+def placed(placed_room: PlacedRoom, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene folder of placed photos without splats; tests copy it."""
+    scene = tmp_path_factory.mktemp("placed") / "scene"
+    run_stage(reconstruct_scene(placed_room.workspace.parent / "in", scene, _ONLY_PLACED))
+    return scene
+
+
 def test_photos_are_placed_and_counted(
     placed_room: PlacedRoom, tmp_path: Path, capsys: Capture
 ) -> None:
@@ -45,11 +53,11 @@ def test_photos_are_placed_and_counted(
 
 
 def test_a_stopped_training_goes_on_to_the_splats_of_a_whole_one(
-    placed_room: PlacedRoom, tmp_path: Path, capsys: Capture
+    placed_room: PlacedRoom, placed: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     photos, config = placed_room.workspace.parent / "in", _SHORT
     stopped, whole = tmp_path / "stopped", tmp_path / "whole"
-    run_stage(reconstruct_scene(photos, stopped, replace(config, only="sfm")))
+    shutil.copytree(placed, stopped)
     assert "nothing to go on with" in refusal(
         capsys, "reconstruct", str(photos), str(stopped), "--go-on"
     )
@@ -73,11 +81,11 @@ def test_a_stopped_training_goes_on_to_the_splats_of_a_whole_one(
 
 
 def test_what_is_known_of_the_photos_stays_when_splats_are_replaced(
-    placed_room: PlacedRoom, tmp_path: Path
+    placed: Path, tmp_path: Path
 ) -> None:
     """What the first splats find goes aside with the second ones; the poses are those of before."""
     scene = tmp_path / "scene"
-    run_stage(reconstruct_scene(placed_room.workspace.parent / "in", scene, _ONLY_PLACED))
+    shutil.copytree(placed, scene)
     write_world(scene, World(is_metric=True, up=(0, 0, 1), program="transforms.json"))
     of_photos = {"report.json", "world.json", "cache/masks/key.png"}
     of_splats = {"labels.npz", "bank.npz", "masks/0.png", "lod/tree.npz", "align-b.json"}

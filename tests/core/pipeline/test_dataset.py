@@ -33,7 +33,7 @@ from tests.scenes import Synthetic, objects_scene
 _SMALL = DatasetConfig(
     views=12, views_each=3, width=160, height=120, coverage=0.5, fill=False, validation=0.3
 )
-_KILLED = DatasetConfig(views=60, views_each=10, width=320, height=240, coverage=0.0, fill=False)
+_KILLED = DatasetConfig(views=60, views_each=10, width=160, height=120, coverage=0.0, fill=False)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_labels_are_those_of_the_scene_drawn_by_the_reference(
     project: Project, scene: Synthetic, tmp_path: Path
 ) -> None:
     """Visible ids, whole outlines, poses and depth against drawing each by itself."""
-    made(project, tmp_path / "set", changed(moved=0.0, removed=0.0))
+    made(project, tmp_path / "set", changed(moved=0.0, removed=0.0, width=96, height=72))
     reference, n = ReferenceRasterizer(), 0
     for record in list(records(tmp_path / "set").values())[:3]:
         camera = record.camera
@@ -241,7 +241,8 @@ def test_a_killed_run_goes_on(project: Project, tmp_path: Path) -> None:
     switches = [f"--{name.replace('_', '-')}={value}" for name, value in vars(config).items()]
     switches = [s for s in switches if not s.startswith("--fill")] + ["--no-fill"]
     call = [sys.executable, "-m", "gaga_core.cli.main", "dataset", str(root), "--out", str(cut)]
-    with subprocess.Popen([*call, *switches], stdout=subprocess.DEVNULL) as program:
+    labels = f"--to={','.join(_LABELS)}"
+    with subprocess.Popen([*call, *switches, labels], stdout=subprocess.DEVNULL) as program:
         until = time.monotonic() + 120
         while len(list(cut.glob("records/*.json"))) < 4 and program.poll() is None:
             assert time.monotonic() < until
@@ -249,10 +250,10 @@ def test_a_killed_run_goes_on(project: Project, tmp_path: Path) -> None:
         program.kill()
     n_there = len(list(cut.glob("records/*.json")))
     assert 4 <= n_there < config.views
-    run_stage(dataset_stage([root], whole, config))
-    report = run_stage(dataset_stage([root], cut, config))
+    run_stage(dataset_stage([root], whole, config, _LABELS))
+    report = run_stage(dataset_stage([root], cut, config, _LABELS))
     assert 0 < report.made <= config.views - n_there + 1
-    names = ("images/", "ids/", "depth/", "records/", "instances_", "bop/", "data.yaml")
+    names = ("images/", "ids/", "depth/", "records/", "instances_", "data.yaml")
     first, second = (
         {k: v for k, v in contents(out).items() if k.startswith(names) and "/." not in k}
         for out in (whole, cut)
