@@ -395,7 +395,10 @@ class Session:
             else:
                 self._ask_to_quit("What was running is done.")
 
-        self.pending_question = choose_one(text, choices, lambda: self._at_risk() != asked, again)
+        # Saving keeps the edits, not the work of a job or a preview.
+        self.pending_question = choose_one(
+            text, choices, lambda: self._at_risk() != asked, again, loses=any(asked[:2])
+        )
 
     def _at_risk(self) -> tuple[str, str, bool]:
         """What the end of the program loses: a job, a preview that waits, edits."""
@@ -543,7 +546,7 @@ class Session:
                 (saved or action)()
 
         self.pending_question = choose_one(
-            text, choices, lambda: self._at_risk()[1:] != asked, again
+            text, choices, lambda: self._at_risk()[1:] != asked, again, loses=bool(asked[0])
         )
 
     def leave_for(self, photos: "PhotoFind", when: str, action: Callable[[], None]) -> None:

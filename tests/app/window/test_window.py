@@ -450,24 +450,31 @@ def test_keys_walk_through_sheets_and_their_lists(display: str, balls: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("keys", "answer"),
+    ("loses", "keys", "answer"),
     [
-        ((KEY.enter,), "A"),
-        ((KEY.space,), "A"),
-        ((KEY.tab, KEY.enter), "B"),
-        ((KEY.right_arrow, KEY.enter), "B"),
-        ((KEY.tab, KEY.right_arrow, KEY.space), "C"),
-        ((KEY.tab, KEY.tab, KEY.tab, KEY.enter), "A"),
-        ((KEY.escape,), "C"),
+        (False, (KEY.enter,), "A"),
+        (False, (KEY.space,), "A"),
+        (False, (KEY.tab, KEY.enter), "B"),
+        (False, (KEY.right_arrow, KEY.enter), "B"),
+        (False, (KEY.tab, KEY.right_arrow, KEY.space), "C"),
+        (False, (KEY.tab, KEY.tab, KEY.tab, KEY.enter), "A"),
+        (False, (KEY.escape,), "C"),
+        (True, (KEY.enter,), "C"),
+        (True, (KEY.space,), "C"),
+        (True, (KEY.tab, KEY.enter), "A"),
+        (True, (KEY.left_arrow, KEY.enter), "B"),
+        (True, (KEY.escape,), "C"),
     ],
 )
 def test_a_question_is_answered_by_the_button_that_has_the_focus(
-    display: str, keys: tuple[imgui.Key, ...], answer: str
+    display: str, loses: bool, keys: tuple[imgui.Key, ...], answer: str
 ) -> None:
     answers: list[str] = []
 
     def test(d: Driver) -> None:
-        d.session.pending_question = UserQuestion("Which?", ("A", "B", "C"), answers.append)
+        d.session.pending_question = UserQuestion(
+            "Which?", ("A", "B", "C"), answers.append, loses=loses
+        )
         d.frames(4)
         for key in keys:
             d.keys(key)

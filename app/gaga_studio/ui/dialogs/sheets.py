@@ -169,12 +169,15 @@ def _question(session: Session) -> None:
     for position, (choice, width) in enumerate(zip(question.choices, widths, strict=True)):
         if position:
             imgui.same_line()
-        if widgets.button(choice, Face(width=width, primary=position == 0)):
+        is_by_enter = choice == question.by_enter
+        if widgets.button(choice, Face(width=width, primary=is_by_enter)):
             answer = choice
+        if is_by_enter:
+            imgui.set_item_default_focus()
     if imgui.is_window_appearing():
         pass  # the key of this frame opened it
     elif enter_is_free():
-        answer = question.choices[0]
+        answer = question.by_enter
     elif imgui.is_key_pressed(imgui.Key.escape):
         answer = question.choices[-1]
     if answer:
