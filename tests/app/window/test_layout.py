@@ -1392,7 +1392,6 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     ask()
     d.keys(KEY.enter)
     assert taken == [folder]
-    _the_path_field_completes(d, folder, ask)
     taken[1:] = []
     ask()
     d.keys(KEY.escape)
@@ -1410,23 +1409,69 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     d.keys(KEY.escape)
 
 
-def _the_path_field_completes(d: Driver, folder: Path, ask: Callable[[], FileDialog]) -> None:
-    """It has the keys from the start; Tab writes what all that fit have in common."""
+def test_path_fields_complete_what_is_typed(
+    display: str, scene_folder: Path, tmp_path: Path
+) -> None:
+    """Tab writes what all that fit have in common, and goes on where there is nothing to write."""
     for name in ("mugs", "mugs and pans/deep", "Vase"):
-        (folder / name).mkdir(parents=True)
-    dialog = ask()
-    for typed, wanted in (("mu", "mugs"), (" ", "mugs and pans/"), ("d", "mugs and pans/deep/")):
-        d.engine.key_chars(typed)
+        (tmp_path / name).mkdir(parents=True)
+
+    def ask(d: Driver) -> FileDialog:
+        dialog = FileDialog("Choose a folder", PathKind.OPEN_FOLDER, tmp_path)
+        d.on_main(lambda: d.studio.ui.files.ask(dialog, lambda _: None))
+        d.frames(3)
+        return dialog
+
+    def walk(d: Driver) -> None:
+        dialog = ask(d)
+        for typed, wanted in (
+            ("mu", "mugs"),
+            (" ", "mugs and pans/"),
+            ("d", "mugs and pans/deep/"),
+        ):
+            d.engine.key_chars(typed)
+            d.keys(KEY.tab)
+            assert dialog._text == wanted
+        d.keys(KEY.enter)
+        assert d.studio.ui.files.dialog is None
+        for chord, button in (((KEY.tab,), "###Open"), ((KEY.mod_shift, KEY.tab), "###New folder")):
+            for text in ("none that is so called", ""):
+                dialog = ask(d)
+                d.engine.key_chars(text)
+                d.keys(*chord)
+                assert dialog._text == text
+                at = imgui.get_current_context().nav_id
+                assert at == d.engine.item_info(f"//$FOCUSED/{button}").id_, "on, as ever"
+                assert imgui.get_current_context().nav_cursor_visible
+                d.keys(KEY.escape)
+        dialog = ask(d)
+        d.engine.key_chars(f"{tmp_path.parent}/")
+        d.frames()
+        assert dialog.folder == tmp_path.parent, "the list follows what is typed"
+        lefts = [
+            d.engine.item_info(f"//$FOCUSED/###{n}").rect_full.min.x for n in ("Open", "Cancel")
+        ]
+        assert lefts == sorted(lefts), "as in every other sheet"
+        d.keys(KEY.escape)
+        _the_field_of_an_export_completes(d, tmp_path)
+
+    drive(walk, path=scene_folder, size=(1280, 720))
+
+
+def _the_field_of_an_export_completes(d: Driver, folder: Path) -> None:
+    sheet = d.studio.ui.export
+    d.menu("File/###Export scene…")
+    for typed, wanted in (("", None), ("va", "Vase/"), ("Va", "Vase/"), ("Vase/none", "Vase/none")):
+        d.engine.item_click("//Export/**/##Path")
+        before = sheet.path
+        if typed:
+            d.keys(KEY.mod_ctrl, KEY.a)
+            d.engine.key_chars(f"{folder}/{typed}")
         d.keys(KEY.tab)
-        assert dialog._text == wanted
-    d.keys(KEY.enter)
-    assert d.studio.ui.files.dialog is None
-    dialog = ask()
-    d.engine.key_chars(f"{folder.parent}/")
-    d.frames()
-    assert dialog.folder == folder.parent, "the list follows what is typed"
-    lefts = [d.engine.item_info(f"//$FOCUSED/###{n}").rect_full.min.x for n in ("Open", "Cancel")]
-    assert lefts == sorted(lefts), "as in every other sheet"
+        assert sheet.path == (before if wanted is None else f"{folder}/{wanted}")
+        at = imgui.get_current_context().nav_id
+        button = d.engine.item_info("//Export/**/###Choose a place").id_
+        assert (at == button) is (wanted in (None, typed))
     d.keys(KEY.escape)
 
 
