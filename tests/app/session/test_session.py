@@ -119,7 +119,7 @@ def test_what_a_reader_left_out_is_a_notice(
     told = [notice.text for notice in associated.notices if notice.level is Level.WARNING]
     assert told == [
         "odd.ply: 3 splats with numbers that are not finite or out of range were left out, and "
-        "1 rotations of no length were set to none."
+        "1 rotation of no length was set to none."
     ]
 
 

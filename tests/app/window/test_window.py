@@ -101,6 +101,9 @@ def test_nothing_open_offers_four_ways(display: str, balls: Path, tmp_path: Path
         d.keys(KEY.mod_ctrl, KEY.o)
         d.answer_path(photos / "no_splats.txt")
         assert d.session.title == "balls", "no folder and nothing that opens"
+        dialog = d.studio.ui.files.dialog
+        assert dialog is not None
+        assert "Choose a scene folder" in dialog.message, "what does open"
         d.answer_path(balls / "point_cloud.ply")  # a file that opens is opened
         d.settle()
         assert d.session.title == "point_cloud.ply"

@@ -333,7 +333,11 @@ def _accept(dialog: FileDialog) -> None:
         else:
             _enter(dialog, path)
     elif dialog.kind in _FOLDERS and path.is_file() and path.suffix.lower() not in dialog.suffixes:
-        dialog.message = f"{path.name} is a file, not a folder."
+        dialog.message = (
+            f"{path.name} cannot be opened. Choose a scene folder, a splat file or a video."
+            if dialog.suffixes
+            else f"{path.name} is a file. Choose a folder."
+        )
     else:
         _finish(dialog, path)
 

@@ -18,7 +18,7 @@ def path_field(
     hint: str = "",
     flags: int = 0,
 ) -> tuple[bool, str]:
-    """A field for the path ``text``, in ``folder`` where it is relative, as ``imgui.input_text``."""
+    """``imgui.input_text`` for a path, which is in ``folder`` where it is relative."""
     goes_on = False
     known, id_ = imgui.get_state_storage(), imgui.get_id(label)
 
