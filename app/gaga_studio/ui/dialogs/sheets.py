@@ -61,7 +61,8 @@ _WORDS = {
     "edit.mirror_z": "flip reflect",
     "edit.reduce": "simplify decimate fewer smaller compress",
     "edit.delete_floaters": "remove noise clean outliers",
-    "edit.preferences": "settings autosave options theme dark language keys blender font text size",
+    "edit.preferences": """settings options theme dark light language keys blender font text size
+        autosave""",
     "select.none": "deselect unselect clear",
     "select.invert": "inverse",
     "select.grow": "expand more larger",
