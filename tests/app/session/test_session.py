@@ -577,9 +577,13 @@ def test_enter_loses_nothing_at_the_end(
 def test_escape_says_what_ends_a_task_that_it_does_not_end(associated: Session) -> None:
     assert command("edit.cancel").enabled(associated) == "There is nothing to cancel."
     _endless(associated)
-    assert "Film out.mp4 goes on" in command("edit.cancel").enabled(associated)
+    assert not run("edit.cancel", associated)
+    assert "Film out.mp4 goes on" in associated.hint
     run("job.cancel", associated)
-    assert associated.jobs.wait()
+    assert "Film out.mp4 goes on" not in associated.hint, "it does not"
+    assert not run("edit.cancel", associated)
+    finish(associated)
+    assert associated.hint == "", "true until the task ends"
     assert command("edit.cancel").enabled(associated) == "There is nothing to cancel."
 
 
