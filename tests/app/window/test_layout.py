@@ -16,6 +16,7 @@ import pytest
 from imgui_bundle import ImVec2, ImVec4, glfw_utils, imgui
 from PIL import Image
 
+from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.pipeline.place import PlacementReport
 from gaga_core.scene import edits
@@ -292,6 +293,37 @@ def _the_card_of_a_mask_keeps_off_its_object(
     cube = d.engine.item_info("//Viewport/View cube").rect_full
     assert card.max.x <= cube.min.x
     assert any(text.endswith(f", mask {decision.mask}") for text in shown)
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_the_view_that_is_looked_at_lies_over_no_button(
+    display: str, grouped_copy: Path, scale: float
+) -> None:
+    """In a small window its card lay over *Make object* while objects were found."""
+
+    def walk(d: Driver) -> None:
+        bank = d.scene.bank
+        assert bank is not None
+        live = BankSnapshot(bank.log[0].view, bank, bank.n_groups)
+        for tool in (ToolName.OBJECT, ToolName.RECT, ToolName.BRUSH, ToolName.COLOR):
+            d.session.tool = tool
+            d.frames(3)
+            d.session.live = live
+            d.frames(3)
+            low, high = d.corner[1], d.corner[1] + d.size[1]
+            rects = [
+                info.window.rect()
+                for name in ("Tool options", "Mask in its photo")
+                if (info := d.engine.window_info(f"//Viewport/{name}")).window
+                and info.window.was_active
+            ]
+            assert len(rects) > 0 or scale > 1
+            assert all(low <= rect.min.y < rect.max.y <= high for rect in rects)
+            assert len(rects) < 2 or rects[0].max.y <= rects[1].min.y
+            d.session.live = None
+
+    settings = Settings(first_steps_done=True, identities="none", ui_scale=scale)
+    drive(walk, path=grouped_copy, size=(640, 400) if scale == 1 else (800, 500), settings=settings)
 
 
 def _choose(d: Driver, group: int, at: int) -> Any:
