@@ -33,7 +33,7 @@ from gaga_studio.session.view import Mode, PhotoCompareMode, Side, ToolName, Tra
 from gaga_studio.studio import _panel
 from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.chrome.status import status_text
-from gaga_studio.ui.dialogs.files import FileDialog, PathKind
+from gaga_studio.ui.dialogs.files import FileDialog, PathKind, writing
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.picture_area import overlap
 from gaga_studio.ui.kit.theme import visual
@@ -1486,8 +1486,29 @@ def test_path_fields_complete_what_is_typed(
         assert lefts == sorted(lefts), "as in every other sheet"
         d.keys(KEY.escape)
         _the_field_of_an_export_completes(d, tmp_path)
+        _a_film_has_a_free_name_or_replaces_when_asked(d, scene_folder)
 
     drive(walk, path=scene_folder, size=(1280, 720))
+
+
+def _a_film_has_a_free_name_or_replaces_when_asked(d: Driver, folder: Path) -> None:
+    """The name of the film before was proposed, which *Save* would replace."""
+    taken: list[Path] = []
+    for n in (1, 2, 3):
+        dialog = d.on_main(lambda: writing("Save the film", d.session, "film.mp4", (".mp4",)))
+        d.on_main(partial(d.studio.ui.files.ask, dialog, taken.append))
+        d.frames(3)
+        d.keys(KEY.enter)
+        assert taken[-1] == folder / ("film.mp4" if n == 1 else f"film {n}.mp4"), "asks nothing"
+        taken[-1].touch()
+    dialog = FileDialog("Save", PathKind.SAVE_FILE, folder, "film.mp4", (".mp4",))
+    d.on_main(lambda: d.studio.ui.files.ask(dialog, taken.append))
+    d.frames(3)
+    d.keys(KEY.enter)
+    assert not dialog.is_done
+    assert "exists already" in dialog.message
+    d.keys(KEY.enter)
+    assert taken[-1] == folder / "film.mp4"
 
 
 def _the_field_of_an_export_completes(d: Driver, folder: Path) -> None:

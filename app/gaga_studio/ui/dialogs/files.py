@@ -538,6 +538,10 @@ def new_folder(title: str, session: Session, name: str, action: str = "Export") 
 
 
 def writing(title: str, session: Session, name: str, suffixes: tuple[str, ...]) -> FileDialog:
-    """A dialog for a file that is written."""
-    start = start_folder(session)
-    return FileDialog(title, PathKind.SAVE_FILE, start, name, suffixes, action="Save")
+    """A dialog for a file that is written: called ``name``, or "film 2.mp4" where one is there."""
+    start, path = start_folder(session), Path(name)
+    k, free = 1, name
+    while (start / free).exists():
+        k += 1
+        free = f"{path.stem} {k}{path.suffix}"
+    return FileDialog(title, PathKind.SAVE_FILE, start, free, suffixes, action="Save")
