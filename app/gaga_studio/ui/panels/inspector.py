@@ -165,8 +165,9 @@ def _next_field() -> None:
 
 
 def as_shown(form: str, value: float) -> float:
-    """``value``, but 0 where its digits are: never "-0.0°"."""
-    return value if re.search("[1-9]", form % value) else 0.0
+    """``value``, but 0 where its digits are: never "-0.0°". A form may be a word alone."""
+    is_zero = "%" in form and not re.search("[1-9]", form % value)
+    return 0.0 if is_zero else value
 
 
 def number(
