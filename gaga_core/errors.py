@@ -4,6 +4,7 @@ import logging
 import re
 import sys
 import unicodedata
+from decimal import Decimal
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,11 @@ def plain_text(text: str, longest: int = LONGEST_SENTENCE) -> str:
     if not text.isprintable():
         text = _shortened("".join(_shown(character) for character in text), longest)
     return text
+
+
+def decimal_text(value: float, digits: int = 3) -> str:
+    """A number of so many digits in a sentence for the user: "0.00000463", "1230000"."""
+    return format(Decimal(f"{value:.{digits}g}"), "f")
 
 
 def counted(n: int, noun: str) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray, check_shape
 from gaga_core.camera import Camera
+from gaga_core.errors import decimal_text
 
 FARTHEST = 1e18  # the product of two such numbers is finite in float32, in which all is drawn
 _SIMILAR = 1e-6  # how far a map may be from rotation times scale, relative
@@ -99,4 +100,4 @@ def length_text(length: float, *, is_metric: bool) -> str:
     """A length in words: "12.3 cm", "2.40 m", or "0.817 units" while no length is known."""
     if is_metric:
         return lengths_text([length], is_metric=True)
-    return f"{length:.3g} units" if 0 < abs(length) < 100 else f"{length:,.1f} units"
+    return f"{decimal_text(length)} units" if 0 < abs(length) < 100 else f"{length:,.1f} units"

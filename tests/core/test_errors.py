@@ -13,7 +13,10 @@ from hypothesis import strategies as st
 
 from gaga_core.errors import LONGEST_SENTENCE, GagaError, counted, cure_without, plain_text
 from gaga_core.export.simulation.bodies import library
+from gaga_core.io.cameras.colmap import POINTS_LEFT_OUT
 from gaga_core.io.cameras.given import GivenPose, GivenPoses
+from gaga_core.io.splats.packing import LEFT_OUT, SET, say_changes
+from gaga_core.io.splats.ply import SWAPPED
 from gaga_core.io.splats.usd import usd
 from gaga_core.pipeline.mask_dataset import MaskDataset
 from gaga_core.scene.cleanup import CleanPreview, CleanReason
@@ -87,11 +90,12 @@ def test_one_of_a_thing_is_no_things() -> None:
     assert counts == ["0 loose splats", "1 loose splat", "2 loose splats", "5,999 loose splats"]
 
 
-_PLURALS = ("splats", "floaters", "views", "photos", "masks", "are", "their")
+_THINGS = {"splats", "floaters", "views", "photos", "masks", "points", "rotations", "numbers"}
+_PLURALS = _THINGS | {"are", "were", "their"}
 
 
 @pytest.mark.parametrize("n", [1, 2])
-def test_what_is_told_of_one_says_so(n: int) -> None:
+def test_what_is_told_of_one_says_so(n: int, caplog: pytest.LogCaptureFixture) -> None:
     rows = np.arange(n, dtype=np.int32)
     reasons = np.full(n, CleanReason.STRAY, np.int32)
     pose = GivenPose("a.jpg", None, np.eye(4), mask=Path("a.png"))
@@ -99,7 +103,14 @@ def test_what_is_told_of_one_says_so(n: int) -> None:
         CleanPreview(1, rows, rows, reasons, rows, reasons, rows).sentence(),
         MaskDataset(Path("out"), ("b",), ("a",) * n, 3, 3).sentence,
         GivenPoses("nerfstudio", Path("transforms.json"), (pose,) * n).told,
+        *_said_of_changes(n, caplog),
     )
     for sentence in told:
-        plurals = set(re.findall(r"\w+", sentence)) & set(_PLURALS)
+        plurals = set(re.findall(r"\w+", sentence)) & _PLURALS
         assert bool(plurals) == (n > 1), sentence
+
+
+def _said_of_changes(n: int, caplog: pytest.LogCaptureFixture) -> list[str]:
+    for what in (LEFT_OUT, SET, POINTS_LEFT_OUT, SWAPPED):
+        say_changes(Path("odd.ply"), {what: n})
+    return [re.sub("numbers that are", "", one) for one in caplog.messages]

@@ -84,8 +84,9 @@ def notifies(action: Callable[Concatenate[S, P], object]) -> Callable[Concatenat
 class UserQuestion:
     """Something that must be answered before the session goes on; the window shows it as a modal.
 
-    The last choice is the one that changes nothing (Escape). ``is_past`` says that its text is no
-    longer true, because a task has ended for example: then ``again`` asks a new question.
+    The last choice is the one that changes nothing (Escape); Enter takes the first one, but where
+    each of the others ``loses`` something. ``is_past`` says that its text is no longer true,
+    because a task has ended for example: then ``again`` asks a new question.
     """
 
     text: str
@@ -93,6 +94,12 @@ class UserQuestion:
     on_choice: Callable[[str], None]
     is_past: Callable[[], bool] = lambda: False
     again: Callable[[], None] = lambda: None
+    loses: bool = False
+
+    @property
+    def by_enter(self) -> str:
+        """The choice that Enter takes."""
+        return self.choices[-1 if self.loses else 0]
 
 
 def choose_one(
@@ -100,14 +107,19 @@ def choose_one(
     choices: Mapping[str, Callable[[], None]],
     is_past: Callable[[], bool] = lambda: False,
     again: Callable[[], None] = lambda: None,
+    *,
+    loses: bool = False,
 ) -> UserQuestion:
-    """Build the question that does one of ``choices``, or nothing ("Cancel")."""
+    """Build the question that does one of ``choices``, or nothing ("Cancel").
+
+    ``loses``: each of them does away with something, so Enter is "Cancel".
+    """
 
     def chosen(choice: str) -> None:
         if choice in choices:
             choices[choice]()
 
-    return UserQuestion(text, (*choices, "Cancel"), chosen, is_past, again)
+    return UserQuestion(text, (*choices, "Cancel"), chosen, is_past, again, loses)
 
 
 class Request(Enum):

@@ -212,19 +212,22 @@ class Session:
 
     @property
     def hint(self) -> str:
-        """What is said of the last click or command, for seconds, or until the next one or a
-        changed selection."""
+        """What is said of the last click or command, for seconds, or until the next one, a changed
+        selection, or the end of the task that ran."""
+        (document, state_id, job), now = self._hint_of, self._state
+        holds = (document, state_id) == now[:2] and job in ("", now[2])
         is_read = time.monotonic() - self._hint_at >= HINT_SECONDS
-        return self._hint if self._hint_of == self._state and not is_read else ""
+        return self._hint if holds and not is_read else ""
 
     @hint.setter
     def hint(self, text: str) -> None:
         self._hint, self._hint_of, self._hint_at = text, self._state, time.monotonic()
 
     @property
-    def _state(self) -> tuple[Document | None, int]:
-        document = self.document
-        return document, document.history.state_id if document is not None else 0
+    def _state(self) -> tuple[Document | None, int, str]:
+        document, job = self.document, self.jobs.running
+        state_id = document.history.state_id if document is not None else 0
+        return document, state_id, job.title if job is not None else ""
 
     def notify(
         self,
@@ -395,7 +398,10 @@ class Session:
             else:
                 self._ask_to_quit("What was running is done.")
 
-        self.pending_question = choose_one(text, choices, lambda: self._at_risk() != asked, again)
+        # Saving keeps the edits, not the work of a job or a preview.
+        self.pending_question = choose_one(
+            text, choices, lambda: self._at_risk() != asked, again, loses=any(asked[:2])
+        )
 
     def _at_risk(self) -> tuple[str, str, bool]:
         """What the end of the program loses: a job, a preview that waits, edits."""
@@ -543,7 +549,7 @@ class Session:
                 (saved or action)()
 
         self.pending_question = choose_one(
-            text, choices, lambda: self._at_risk()[1:] != asked, again
+            text, choices, lambda: self._at_risk()[1:] != asked, again, loses=bool(asked[0])
         )
 
     def leave_for(self, photos: "PhotoFind", when: str, action: Callable[[], None]) -> None:

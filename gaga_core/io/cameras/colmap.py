@@ -22,6 +22,7 @@ from gaga_core.io.files import check_memory, explain_os_error, open_file, write_
 from gaga_core.io.splats.packing import FARTHEST, say_changes
 from gaga_core.progress import say
 
+POINTS_LEFT_OUT = "point{s} with numbers that are not finite or out of range {were} left out"
 _PINHOLE = ("PINHOLE", "SIMPLE_PINHOLE")
 _FURTHER = ("rigs", "frames")  # files that a model may have; images know their own poses
 # Least bytes of one record: a count that asks for more than the file holds is damage.
@@ -213,8 +214,7 @@ def _model_of(
         cameras.append(Camera(lens.K, pose, lens.width, lens.height, image.name))
     points, colors = cloud
     good: BoolArray = np.all(np.abs(points) <= FARTHEST, axis=1)  # False for NaN
-    what = "points with numbers that are not finite or out of range were left out"
-    say_changes(folder, {what: len(good) - int(good.sum())})
+    say_changes(folder, {POINTS_LEFT_OUT: len(good) - int(good.sum())})
     return ColmapModel(tuple(cameras), points[good], colors[good], tuple(used))
 
 

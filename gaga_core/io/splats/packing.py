@@ -49,8 +49,8 @@ _COARSE = 256  # clusters of the first level
 _ROUNDS = 4  # of Lloyd's algorithm in each
 _CELLS = 1 << 22  # distances that are held at once
 _SAMPLE = 1 << 18  # numbers or splats that tables are made from
-LEFT_OUT = "splats with numbers that are not finite or out of range were left out"
-_SET = "rotations of no length were set to none"
+LEFT_OUT = "splat{s} with numbers that are not finite or out of range {were} left out"
+SET = "rotation{s} of no length {were} set to none"
 _P = ParamSpec("_P")
 
 
@@ -118,7 +118,7 @@ def writable(path: Path, gaussians: Gaussians) -> Gaussians:
             "have numbers that are not finite or out of range. Delete them, or undo what moved or "
             "scaled them so far."
         )
-    say_changes(path, {_SET: n_set})
+    say_changes(path, {SET: n_set})
     return replace(gaussians, quats=quats) if n_set else gaussians
 
 
@@ -201,7 +201,7 @@ def kept_rows(path: Path, gaussians: Gaussians, good: BoolArray, n_set: int = 0)
             f"{path.name} is damaged: {n_bad:,} of {len(good):,} splats have numbers that are not "
             "finite or out of range. Train or export the model again."
         )
-    say_changes(path, {LEFT_OUT: n_bad, _SET: n_set})
+    say_changes(path, {LEFT_OUT: n_bad, SET: n_set})
     if n_bad == 0:
         return gaussians
     m, q, s, o, sh = (_closed_up(getattr(gaussians, name), good) for name in COLUMNS)
@@ -235,8 +235,12 @@ def file_inside(path: Path, name: str) -> Path:
 
 
 def say_changes(path: Path, counts: Mapping[str, int]) -> None:
-    """`say` how often what was done to the content of ``path``; nothing of zeros."""
-    said = [f"{n:,} {what}" for what, n in counts.items() if n]
+    """`say` how often what was done to the content of ``path``; nothing of zeros.
+
+    What it is leaves places for the forms of one and of many: "splat{s} {were} left out".
+    """
+    one, many = {"s": "", "were": "was", "are": "is"}, {"s": "s", "were": "were", "are": "are"}
+    said = [f"{n:,} {what.format(**(one if n == 1 else many))}" for what, n in counts.items() if n]
     if said:
         say(f"{path.name}: {', and '.join(said)}.")
 

@@ -54,6 +54,7 @@ _KINDS = {
     **{"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"},
     **{"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"},
 }
+SWAPPED = "number{s} {are} in the other byte order than the header says: read so"
 _SENSE = 0.9  # share of splats with numbers that make sense in the right byte order
 _SH_BY_REST = {0: 1, 9: 4, 24: 9, 45: 16, 72: 25}
 
@@ -264,7 +265,7 @@ def _header_of(path: Path, header: bytes, size: int) -> PlyHeader:
         if lists and not is_ascii:
             break  # where the next one begins is not known
     if n_bytes + least > size + is_ascii:  # the last line may lack its end
-        raise ValueError(f"{size:,} bytes for what its header says")
+        raise ValueError(f"it has {size:,} of at least {n_bytes + least:,} bytes")
     return PlyHeader(path, n_bytes, is_ascii, elements, tuple(comments))
 
 
@@ -292,8 +293,7 @@ def row_blocks(header: PlyHeader, name: str, step: int) -> Iterator[AnyArray]:
                 if file.readinto(block.view(np.uint8).data) != block.nbytes:
                     raise EOFError
                 if start == 0 and _is_swapped(block):
-                    said = "numbers are in the other byte order than the header says: read so"
-                    say_changes(path, {said: element.n * len(row.names or ())})
+                    say_changes(path, {SWAPPED: element.n * len(row.names or ())})
                     buffer = buffer.view(row.newbyteorder())
                     block = buffer[: len(block)]
                 yield block

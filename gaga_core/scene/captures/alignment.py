@@ -9,7 +9,7 @@ import numpy as np
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, decimal_text
 from gaga_core.io.cameras.given import Lens
 from gaga_core.scene.frame import inverse, scale_of
 from gaga_core.scene.scene import Scene
@@ -74,12 +74,16 @@ class Alignment:
     def sentence(self) -> str:
         """What was found, for a person."""
         what = "points of the photos" if self.by == "photos" else "points of the surfaces"
-        text = f"{self.n_points:,} {what} fit, {self.residual:.3g} units apart in the median"
+        apart = decimal_text(self.residual)
+        text = f"{self.n_points:,} {what} fit, {apart} units apart in the median"
         if self.pixels is not None:
             text += f" ({self.pixels:.1f} pixels)"
-        error = f"{np.degrees(self.turn_error):.2g}° and {100 * self.scale_error:.2g} %"
-        turned = f"turned by {np.degrees(self.angle):.1f}°, {self.scale:.4g} times as large"
-        return f"{text}; {turned}, known to {error}."
+        angle, scale = f"{np.degrees(self.angle):.1f}", decimal_text(self.scale, 4)
+        turned = "not turned" if angle == "0.0" else f"turned by {angle}°"
+        size = "of the same size" if scale == "1" else f"{scale} times as large"
+        turn_error = decimal_text(float(np.degrees(self.turn_error)), 2)
+        error = f"{turn_error}° and {decimal_text(100 * self.scale_error, 2)} %"
+        return f"{text}; {turned}, {size}, known to {error}."
 
     def to_json(self) -> dict[str, object]:
         """Plain values."""

@@ -17,6 +17,7 @@ from scipy.optimize import linear_sum_assignment
 from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
+from gaga_core.errors import decimal_text
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import turned
 from gaga_core.progress import Progress, Stage, part, portion
@@ -68,7 +69,7 @@ class Change:
     def sentence(self) -> str:
         """ "mug moved by 0.32"."""
         return (
-            f"{self.name} moved by {self.distance:.3g}"
+            f"{self.name} moved by {decimal_text(self.distance)}"
             if self.kind == "moved"
             else (f"{self.name} {self.kind}")
         )

@@ -90,6 +90,14 @@ def numbered(name: str, used: set[str]) -> str:
     return f"{stem} {k}"
 
 
+def own_name(name: str, used: set[str]) -> str:
+    """``name``, `numbered` where another has it. It is ``used`` from now on."""
+    if name.casefold() in used:
+        return numbered(name, used)
+    used.add(name.casefold())
+    return name
+
+
 def set_color(
     scene: Scene, group: int, rgb: Sequence[float] | None, title: str = "Color"
 ) -> SetColor | None:
@@ -220,8 +228,7 @@ def _parted(
     name, used, named = scene.names.get(group), shown_names(scene), dict[int, str]()
     stem = f"{name} {end}".strip()
     for id_ in new if name else ():
-        named[id_] = numbered(stem, used) if stem.casefold() in used else stem
-        used.add(named[id_].casefold())
+        named[id_] = own_name(stem, used)
     homes = inherit_folders(scene, dict.fromkeys(new, group))
     return together(title, (*edits, name_groups(scene, named, "Rename"), homes))
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaga_core.arrays import AnyArray, DoubleArray, IntArray
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, decimal_text
 from gaga_core.geometry import compose_affine
 from gaga_core.scene.edits.folders import inherit_folders
 from gaga_core.scene.edits.objects import free_group, numbered, set_weight, shown_names
@@ -206,7 +206,8 @@ def set_scale(scene: Scene, length: float, metres: float, about: AnyArray) -> Ed
         raise GagaError("A length must be above 0.")
     factor = metres / length
     if not _LEAST_SCALE < factor < _MOST_SCALE:
-        raise GagaError(f"The scene would become {factor:.3g} times as large. Check the lengths.")
+        times = decimal_text(factor)
+        raise GagaError(f"The scene would become {times} times as large. Check the lengths.")
     if scene.frame.is_metric and abs(factor - 1) < _SAME_LENGTH:
         return None
     offset = (1 - factor) * np.asarray(about, np.float64)

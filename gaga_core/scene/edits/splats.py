@@ -14,7 +14,7 @@ from gaga_core.io.splats.packing import READS
 from gaga_core.io.splats.splat_files import is_standing
 from gaga_core.io.splats.spz import OURS
 from gaga_core.progress import Stage, portion
-from gaga_core.scene.edits.objects import free_group
+from gaga_core.scene.edits.objects import free_group, own_name, shown_names
 from gaga_core.scene.edits.values import (
     AppendFile,
     AppendMade,
@@ -135,12 +135,13 @@ def append(
 
     Groups of the file (``labels`` (K,), by default its column ``group``) become new groups with the
     ``names`` of these, else named after the file; splats without one become a group of the file's
-    name. They stand on one placement row, so that they move as a whole, and are drawn, sorted,
-    picked and selected together with all others. ``digest`` "": they are kept themselves, as no
-    file has them as they are. ``up`` (3,) of the scene: a file that says which way is up in it is
-    turned there by the smallest rotation about the origin. Where its format has an axis that is up
-    that is the way back of an export of this scene; of others only where both ups clearly differ:
-    models of the same coordinates fit, although each up was estimated.
+    name. A name that another object has gets a number. They stand on one placement row, so that
+    they move as a whole, and are drawn, sorted, picked and selected together with all others.
+    ``digest`` "": they are kept themselves, as no file has them as they are. ``up`` (3,) of the
+    scene: a file that says which way is up in it is turned there by the smallest rotation about the
+    origin. Where its format has an axis that is up that is the way back of an export of this scene;
+    of others only where both ups clearly differ: models of the same coordinates fit, although each
+    up was estimated.
     """
     path = Path(path).absolute()
     title, stem = f"Add {path.name}", path.name.split(".")[0] or path.stem
@@ -150,6 +151,8 @@ def append(
     if labels is None:
         labels = splats.extra.get("group", np.zeros(0, np.int32))
     labels, given = _groups(labels, len(splats), first, stem, names or {})
+    used = shown_names(scene)
+    given = {group: own_name(name, used) for group, name in given.items()}
     unselect, named = select(scene, np.zeros(0, np.int32)), SetNames.of(scene, given)
     if not digest:
         return together(title, (unselect, append_made(scene, splats, labels, title), named))

@@ -3,6 +3,7 @@
 import shutil
 import time
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from threading import Event
 
@@ -118,7 +119,7 @@ def test_what_a_reader_left_out_is_a_notice(
     told = [notice.text for notice in associated.notices if notice.level is Level.WARNING]
     assert told == [
         "odd.ply: 3 splats with numbers that are not finite or out of range were left out, and "
-        "1 rotations of no length were set to none."
+        "1 rotation of no length was set to none."
     ]
 
 
@@ -543,12 +544,46 @@ def test_quitting_asks_while_a_job_runs(associated: Session) -> None:
     assert not associated.unsaved
 
 
+@pytest.mark.parametrize(("runs", "waits", "unsaved"), list(product([False, True], repeat=3))[1:])
+def test_enter_loses_nothing_at_the_end(
+    associated: Session, *, runs: bool, waits: bool, unsaved: bool
+) -> None:
+    """Enter at the end of the program ended a training, or dropped a preview."""
+    document = associated.need()
+    if unsaved:
+        objects.rename(associated, objects_of(associated)[0], "mug")
+    if waits:
+        edit = edits.delete(document.scene, np.arange(9))
+        assert edit is not None
+        document.show(edit, waits_as="Clean edges")
+    if runs:
+        _endless(associated)
+    associated.quit()
+    question = associated.pending_question
+    assert question is not None
+    assert (question.by_enter == "Cancel") is (runs or waits)
+    associated.answer(question.by_enter)
+    assert (associated.jobs.at_risk is not None) is runs
+    assert bool(document.waiting) is waits
+    is_at_risk, end = runs or waits, time.monotonic() + 60
+    while not (is_at_risk or associated.should_quit) and time.monotonic() < end:
+        associated.tick(0.01)
+    assert associated.should_quit is not is_at_risk, "saved, or not at all"
+    assert document.unsaved is (unsaved and is_at_risk)
+    if runs:
+        associated.jobs.cancel()
+
+
 def test_escape_says_what_ends_a_task_that_it_does_not_end(associated: Session) -> None:
     assert command("edit.cancel").enabled(associated) == "There is nothing to cancel."
     _endless(associated)
-    assert "Film out.mp4 goes on" in command("edit.cancel").enabled(associated)
+    assert not run("edit.cancel", associated)
+    assert "Film out.mp4 goes on" in associated.hint
     run("job.cancel", associated)
-    assert associated.jobs.wait()
+    assert "Film out.mp4 goes on" not in associated.hint, "it does not"
+    assert not run("edit.cancel", associated)
+    finish(associated)
+    assert associated.hint == "", "true until the task ends"
     assert command("edit.cancel").enabled(associated) == "There is nothing to cancel."
 
 

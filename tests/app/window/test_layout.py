@@ -16,6 +16,7 @@ import pytest
 from imgui_bundle import ImVec2, ImVec4, glfw_utils, imgui
 from PIL import Image
 
+from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.pipeline.place import PlacementReport
 from gaga_core.scene import edits
@@ -32,7 +33,7 @@ from gaga_studio.session.view import Mode, PhotoCompareMode, Side, ToolName, Tra
 from gaga_studio.studio import _panel
 from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.chrome.status import status_text
-from gaga_studio.ui.dialogs.files import FileDialog, PathKind
+from gaga_studio.ui.dialogs.files import FileDialog, PathKind, writing
 from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.picture_area import overlap
 from gaga_studio.ui.kit.theme import visual
@@ -248,6 +249,7 @@ def test_a_small_window(display: str, grouped_copy: Path, monkeypatch: pytest.Mo
         group = _lowest(d)
         _the_card_of_a_mask_keeps_off_its_object(d, group, monkeypatch)
         _the_chosen_mask_is_in_sight(d, group)
+        _a_clicked_mask_stays_where_it_is(d, group)
         _nothing_lies_over_the_choices_of_a_split_view(d, group)
         _titles_of_panels_are_whole(d)
 
@@ -294,6 +296,37 @@ def _the_card_of_a_mask_keeps_off_its_object(
     assert any(text.endswith(f", mask {decision.mask}") for text in shown)
 
 
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_the_view_that_is_looked_at_lies_over_no_button(
+    display: str, grouped_copy: Path, scale: float
+) -> None:
+    """In a small window its card lay over *Make object* while objects were found."""
+
+    def walk(d: Driver) -> None:
+        bank = d.scene.bank
+        assert bank is not None
+        live = BankSnapshot(bank.log[0].view, bank, bank.n_groups)
+        for tool in (ToolName.OBJECT, ToolName.RECT, ToolName.BRUSH, ToolName.COLOR):
+            d.session.tool = tool
+            d.frames(3)
+            d.session.live = live
+            d.frames(3)
+            low, high = d.corner[1], d.corner[1] + d.size[1]
+            rects = [
+                info.window.rect()
+                for name in ("Tool options", "Mask in its photo")
+                if (info := d.engine.window_info(f"//Viewport/{name}")).window
+                and info.window.was_active
+            ]
+            assert len(rects) > 0 or scale > 1
+            assert all(low <= rect.min.y < rect.max.y <= high for rect in rects)
+            assert len(rects) < 2 or rects[0].max.y <= rects[1].min.y
+            d.session.live = None
+
+    settings = Settings(first_steps_done=True, identities="none", ui_scale=scale)
+    drive(walk, path=grouped_copy, size=(640, 400) if scale == 1 else (800, 500), settings=settings)
+
+
 def _choose(d: Driver, group: int, at: int) -> Any:
     d.select(group)
     d.focus("Memory bank")
@@ -303,10 +336,36 @@ def _choose(d: Driver, group: int, at: int) -> Any:
     return decision
 
 
+def _a_clicked_mask_stays_where_it_is(d: Driver, group: int) -> None:
+    """Bars came above the table, and its rows went down under the mouse."""
+    d.studio.ui.scene.picture.evidence.decision = None
+    d.select(group)
+    d.focus("Memory bank")
+    d.settle()
+    seen = 0
+    for decision in d.session.decisions(group):
+        ref = f"//Memory bank/**/{decision.view} {decision.mask}/##decision"
+        if not d.engine.item_exists(ref):
+            continue
+        row = d.engine.item_info(ref)
+        if row.rect_clipped.get_height() < row.rect_full.get_height() or seen == 5:
+            continue
+        at, seen = row.rect_full.min.y, seen + 1
+        d.engine.mouse_move_to_pos(row.rect_full.get_center())
+        d.engine.mouse_click(0)
+        d.settle()
+        assert d.studio.ui.scene.picture.evidence.decision == decision
+        assert d.engine.item_info(ref).rect_full.min.y == at
+    assert seen > 1
+
+
 def _the_chosen_mask_is_in_sight(d: Driver, group: int) -> None:
-    """Its row went out of sight when the bars above the table came."""
+    """Its row was out of sight where it was chosen elsewhere, far down."""
     d.keys(KEY.escape)
-    decision = _choose(d, group, 4)
+    _choose(d, group, 0)
+    decision = d.session.decisions(group)[-1]
+    d.studio.ui.scene.picture.evidence.decision = decision
+    d.settle()
     row = d.engine.item_info(f"//**/{decision.view} {decision.mask}/##decision")
     seen, whole = row.rect_clipped, row.rect_full
     assert seen.max.y - seen.min.y > 0.9 * (whole.max.y - whole.min.y)
@@ -1392,7 +1451,6 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     ask()
     d.keys(KEY.enter)
     assert taken == [folder]
-    _the_path_field_completes(d, folder, ask)
     taken[1:] = []
     ask()
     d.keys(KEY.escape)
@@ -1410,23 +1468,90 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     d.keys(KEY.escape)
 
 
-def _the_path_field_completes(d: Driver, folder: Path, ask: Callable[[], FileDialog]) -> None:
-    """It has the keys from the start; Tab writes what all that fit have in common."""
+def test_path_fields_complete_what_is_typed(
+    display: str, scene_folder: Path, tmp_path: Path
+) -> None:
+    """Tab writes what all that fit have in common, and goes on where there is nothing to write."""
     for name in ("mugs", "mugs and pans/deep", "Vase"):
-        (folder / name).mkdir(parents=True)
-    dialog = ask()
-    for typed, wanted in (("mu", "mugs"), (" ", "mugs and pans/"), ("d", "mugs and pans/deep/")):
-        d.engine.key_chars(typed)
-        d.keys(KEY.tab)
-        assert dialog._text == wanted
+        (tmp_path / name).mkdir(parents=True)
+
+    def ask(d: Driver) -> FileDialog:
+        dialog = FileDialog("Choose a folder", PathKind.OPEN_FOLDER, tmp_path)
+        d.on_main(lambda: d.studio.ui.files.ask(dialog, lambda _: None))
+        d.frames(3)
+        return dialog
+
+    def walk(d: Driver) -> None:
+        dialog = ask(d)
+        for typed, wanted in (
+            ("mu", "mugs"),
+            (" ", "mugs and pans/"),
+            ("d", "mugs and pans/deep/"),
+        ):
+            d.engine.key_chars(typed)
+            d.keys(KEY.tab)
+            assert dialog._text == wanted
+        d.keys(KEY.enter)
+        assert d.studio.ui.files.dialog is None
+        for chord, button in (((KEY.tab,), "###Open"), ((KEY.mod_shift, KEY.tab), "###New folder")):
+            for text in ("none that is so called", ""):
+                dialog = ask(d)
+                d.engine.key_chars(text)
+                d.keys(*chord)
+                assert dialog._text == text
+                at = imgui.get_current_context().nav_id
+                assert at == d.engine.item_info(f"//$FOCUSED/{button}").id_, "on, as ever"
+                assert imgui.get_current_context().nav_cursor_visible
+                d.keys(KEY.escape)
+        dialog = ask(d)
+        d.engine.key_chars(f"{tmp_path.parent}/")
+        d.frames()
+        assert dialog.folder == tmp_path.parent, "the list follows what is typed"
+        lefts = [
+            d.engine.item_info(f"//$FOCUSED/###{n}").rect_full.min.x for n in ("Open", "Cancel")
+        ]
+        assert lefts == sorted(lefts), "as in every other sheet"
+        d.keys(KEY.escape)
+        _the_field_of_an_export_completes(d, tmp_path)
+        _a_film_has_a_free_name_or_replaces_when_asked(d, scene_folder)
+
+    drive(walk, path=scene_folder, size=(1280, 720))
+
+
+def _a_film_has_a_free_name_or_replaces_when_asked(d: Driver, folder: Path) -> None:
+    """The name of the film before was proposed, which *Save* would replace."""
+    taken: list[Path] = []
+    for n in (1, 2, 3):
+        dialog = d.on_main(lambda: writing("Save the film", d.session, "film.mp4", (".mp4",)))
+        d.on_main(partial(d.studio.ui.files.ask, dialog, taken.append))
+        d.frames(3)
+        d.keys(KEY.enter)
+        assert taken[-1] == folder / ("film.mp4" if n == 1 else f"film {n}.mp4"), "asks nothing"
+        taken[-1].touch()
+    dialog = FileDialog("Save", PathKind.SAVE_FILE, folder, "film.mp4", (".mp4",))
+    d.on_main(lambda: d.studio.ui.files.ask(dialog, taken.append))
+    d.frames(3)
     d.keys(KEY.enter)
-    assert d.studio.ui.files.dialog is None
-    dialog = ask()
-    d.engine.key_chars(f"{folder.parent}/")
-    d.frames()
-    assert dialog.folder == folder.parent, "the list follows what is typed"
-    lefts = [d.engine.item_info(f"//$FOCUSED/###{n}").rect_full.min.x for n in ("Open", "Cancel")]
-    assert lefts == sorted(lefts), "as in every other sheet"
+    assert not dialog.is_done
+    assert "exists already" in dialog.message
+    d.keys(KEY.enter)
+    assert taken[-1] == folder / "film.mp4"
+
+
+def _the_field_of_an_export_completes(d: Driver, folder: Path) -> None:
+    sheet = d.studio.ui.export
+    d.menu("File/###Export scene…")
+    for typed, wanted in (("", None), ("va", "Vase/"), ("Va", "Vase/"), ("Vase/none", "Vase/none")):
+        d.engine.item_click("//Export/**/##Path")
+        before = sheet.path
+        if typed:
+            d.keys(KEY.mod_ctrl, KEY.a)
+            d.engine.key_chars(f"{folder}/{typed}")
+        d.keys(KEY.tab)
+        assert sheet.path == (before if wanted is None else f"{folder}/{wanted}")
+        at = imgui.get_current_context().nav_id
+        button = d.engine.item_info("//Export/**/###Choose a place").id_
+        assert (at == button) is (wanted in (None, typed))
     d.keys(KEY.escape)
 
 

@@ -229,10 +229,10 @@ def _mask_in_3d(d: Driver, plain: np.ndarray) -> None:
     d.until(lambda: memory_bank.mask_splats_of(d.session, decision) is not None, "the view is read")
     lit = d.pixels().astype(int)
     assert np.abs(lit - plain).mean() > 5
-    d.click("Memory bank/Depth gate")
+    d.click("Memory bank/**/Depth gate")
     free = d.pixels().astype(int)
     assert np.abs(free - lit).max() > 60  # the floor behind the ball is pink
-    d.click("Memory bank/###Light up")
+    d.click("Memory bank/**/###Light up")
     assert np.abs(d.pixels().astype(int) - plain).mean() < 2  # but for the outline
     d.on_main(lambda: run("select.none", d.session))
     d.click("**/###Close photo")

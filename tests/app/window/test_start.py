@@ -12,6 +12,7 @@ from gaga_studio.__main__ import display_problem, library_problem, parse
 from gaga_studio.features.commands import COMMANDS
 from gaga_studio.ui.dialogs import preferences
 from gaga_studio.ui.dialogs.sheets import matching
+from gaga_studio.ui.panels import inspector
 from gaga_studio.ui.viewport.gizmo import projection
 from tests.app.folders import write_scene
 from tests.scenes import orbit_cameras
@@ -72,10 +73,14 @@ def test_the_palette_finds_by_any_word() -> None:
         "tool.measure": ("measure l",),  # not those with the letter somewhere
         "file.export_objects": ("export obj",),
         "camera.split_groups": ("split view", "side by side"),
+        "edit.preferences": ("blender", "blender keys"),
+        "file.export_scene": ("blender", "unity", "unreal"),
+        "tool.set_scale": ("measure",),
     }
     for id_, typed in wanted.items():
         assert all(id_ in [c.id for c in matching(text)[:4]] for text in typed), id_
-    assert matching("undo")[0].id == "edit.undo"
+    for text in ("undo", "measure", "delete", "fill", "rename"):
+        assert matching(text)[0].id.endswith(f".{text}"), "what is so called before all else"
     assert matching("no such thing") == []
     assert len(matching("")) == len(COMMANDS)
 
@@ -141,3 +146,11 @@ assert not loaded, loaded
 """
     done = run("-c", code, GAGA_HOME=str(tmp_path / "home"))
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("form", ["%.1f°", "%.3f m", "%.3f"])
+def test_numbers_of_the_inspector_are_no_minus_zero(form: str) -> None:
+    for value in (-0.0, -1e-7, -0.0004, -0.04, 0.0, -0.06, 3.25, -12.0):
+        assert inspector.as_shown("not known", value) == value
+        told, exact = form % inspector.as_shown(form, value), form % value
+        assert told == (exact.removeprefix("-") if float(exact.strip("°m ")) == 0 else exact)

@@ -101,6 +101,9 @@ def test_nothing_open_offers_four_ways(display: str, balls: Path, tmp_path: Path
         d.keys(KEY.mod_ctrl, KEY.o)
         d.answer_path(photos / "no_splats.txt")
         assert d.session.title == "balls", "no folder and nothing that opens"
+        dialog = d.studio.ui.files.dialog
+        assert dialog is not None
+        assert "Choose a scene folder" in dialog.message, "what does open"
         d.answer_path(balls / "point_cloud.ply")  # a file that opens is opened
         d.settle()
         assert d.session.title == "point_cloud.ply"
@@ -450,24 +453,31 @@ def test_keys_walk_through_sheets_and_their_lists(display: str, balls: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("keys", "answer"),
+    ("loses", "keys", "answer"),
     [
-        ((KEY.enter,), "A"),
-        ((KEY.space,), "A"),
-        ((KEY.tab, KEY.enter), "B"),
-        ((KEY.right_arrow, KEY.enter), "B"),
-        ((KEY.tab, KEY.right_arrow, KEY.space), "C"),
-        ((KEY.tab, KEY.tab, KEY.tab, KEY.enter), "A"),
-        ((KEY.escape,), "C"),
+        (False, (KEY.enter,), "A"),
+        (False, (KEY.space,), "A"),
+        (False, (KEY.tab, KEY.enter), "B"),
+        (False, (KEY.right_arrow, KEY.enter), "B"),
+        (False, (KEY.tab, KEY.right_arrow, KEY.space), "C"),
+        (False, (KEY.tab, KEY.tab, KEY.tab, KEY.enter), "A"),
+        (False, (KEY.escape,), "C"),
+        (True, (KEY.enter,), "C"),
+        (True, (KEY.space,), "C"),
+        (True, (KEY.tab, KEY.enter), "A"),
+        (True, (KEY.left_arrow, KEY.enter), "B"),
+        (True, (KEY.escape,), "C"),
     ],
 )
 def test_a_question_is_answered_by_the_button_that_has_the_focus(
-    display: str, keys: tuple[imgui.Key, ...], answer: str
+    display: str, loses: bool, keys: tuple[imgui.Key, ...], answer: str
 ) -> None:
     answers: list[str] = []
 
     def test(d: Driver) -> None:
-        d.session.pending_question = UserQuestion("Which?", ("A", "B", "C"), answers.append)
+        d.session.pending_question = UserQuestion(
+            "Which?", ("A", "B", "C"), answers.append, loses=loses
+        )
         d.frames(4)
         for key in keys:
             d.keys(key)

@@ -135,7 +135,10 @@ def test_a_saved_project_keeps_how_the_scene_was_moved(tmp_path: Path) -> None:
 def test_lengths_are_told_in_the_unit_that_is_known() -> None:
     told = [length_text(m, is_metric=True) for m in (0.0031, 0.123, 2.4, 2400.0)]
     assert told == ["3.1 mm", "12.3 cm", "2.40 m", "2.40 km"]
-    assert length_text(0.8174, is_metric=False) == "0.817 units"
+    told = [length_text(x, is_metric=False) for x in (0.8174, 4.6312e-06, -3e-09, 0.0, 12345.6)]
+    assert told == [
+        *("0.817 units", "0.00000463 units", "-0.000000003 units", "0.0 units", "12,345.6 units"),
+    ]
 
 
 @pytest.mark.parametrize(

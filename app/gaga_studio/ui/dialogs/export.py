@@ -19,8 +19,9 @@ from gaga_studio.features.export import ExportPlan, ExportSummary, What
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.dialogs.files import FileDialog, FilePicker, PathKind
-from gaga_studio.ui.kit import theme, widgets
+from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.modal import answer, begin_modal, begin_part, body_height
+from gaga_studio.ui.kit.path_field import path_field
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face, T
 
@@ -400,7 +401,7 @@ def _place(sheet: ExportSheet, files: FilePicker) -> None:
     label = "Choose…"
     room = imgui.calc_text_size(label).x + em(2)
     widgets.field_name("Folder" if is_folder else "File", em(NAMES), right=room)
-    changed, sheet.path = imgui.input_text("##Path", theme.noted(sheet.path))
+    changed, sheet.path = path_field("##Path", sheet.path, Path.cwd(), only_folders=is_folder)
     widgets.tooltip(sheet.path)
     if changed:
         _follow_name(sheet)

@@ -4,7 +4,6 @@ Both are asked in the same way (``FileDialog``) and answer through ``draw``, so 
 window does not know which of the two was on the screen.
 """
 
-import os
 import shutil
 import sys
 from collections.abc import Callable
@@ -29,6 +28,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.modal import answers, begin_part, enter_is_free
+from gaga_studio.ui.kit.path_field import path_field
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 from gaga_studio.ui.viewport.training import SHEET as MAKE_SPLATS
@@ -290,23 +290,20 @@ def _answer_row(dialog: FileDialog) -> None:
     if dialog.message:
         widgets.line(dialog.message, theme.WARN)
     imgui.set_next_item_width(-1)
-    hint = "Folder or path; Tab completes" if dialog.kind in _FOLDERS else "File name or path"
+    what = "Folder" if dialog.kind in _FOLDERS else "File name"
+    hint = f"{what} or path; Tab completes"
     if dialog._wants_keyboard:
         imgui.set_keyboard_focus_here()
         dialog._wants_keyboard = False
     flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
-    flags |= imgui.InputTextFlags_.callback_completion
-
-    def complete(data: imgui.InputTextCallbackData) -> int:
-        typed = str(data.buf)
-        text = completed(dialog.folder, typed, dialog.suffixes, dialog.kind in _FOLDERS)
-        if text != typed:
-            data.delete_chars(0, data.buf_text_len)
-            data.insert_chars(0, text)
-        return 0
-
-    entered, dialog._text = imgui.input_text_with_hint(
-        "##Path", hint, theme.noted(dialog._text), flags, complete
+    entered, dialog._text = path_field(
+        "##Path",
+        dialog._text,
+        dialog.folder,
+        dialog.suffixes,
+        only_folders=dialog.kind in _FOLDERS,
+        hint=hint,
+        flags=flags,
     )
     if imgui.is_item_edited() and dialog._text.endswith(("/", "\\")):
         _follow(dialog)
@@ -318,28 +315,6 @@ def _answer_row(dialog: FileDialog) -> None:
         _accept(dialog)
     elif cancels:
         dialog.is_done = True
-
-
-def completed(folder: Path, text: str, suffixes: tuple[str, ...], only_folders: bool) -> str:
-    """``text`` with what all paths that begin with it have in common; a whole folder ends in "/".
-
-    Letters match in either case where none match as they are typed.
-    """
-    place, begin = (text[: text.rfind("/") + 1], text[text.rfind("/") + 1 :])
-    try:
-        here = list((folder / Path(place or ".").expanduser()).iterdir())
-    except (OSError, RuntimeError):  # not there, or the home of nobody
-        return text
-    names = [
-        f"{p.name}/" if p.is_dir() else p.name
-        for p in here
-        if (p.is_dir() or (not only_folders and (not suffixes or p.suffix.lower() in suffixes)))
-        and p.name.startswith(".") == begin.startswith(".")
-    ]
-    fitting = [name for name in names if name.startswith(begin)]
-    low = begin.casefold()
-    fitting = fitting or [name for name in names if name.casefold().startswith(low)]
-    return place + os.path.commonprefix(fitting) if fitting else text  # noqa: RUF071  letters
 
 
 def _accept(dialog: FileDialog) -> None:
@@ -358,7 +333,11 @@ def _accept(dialog: FileDialog) -> None:
         else:
             _enter(dialog, path)
     elif dialog.kind in _FOLDERS and path.is_file() and path.suffix.lower() not in dialog.suffixes:
-        dialog.message = f"{path.name} is a file, not a folder."
+        dialog.message = (
+            f"{path.name} cannot be opened. Choose a scene folder, a splat file or a video."
+            if dialog.suffixes
+            else f"{path.name} is a file. Choose a folder."
+        )
     else:
         _finish(dialog, path)
 
@@ -559,6 +538,10 @@ def new_folder(title: str, session: Session, name: str, action: str = "Export") 
 
 
 def writing(title: str, session: Session, name: str, suffixes: tuple[str, ...]) -> FileDialog:
-    """A dialog for a file that is written."""
-    start = start_folder(session)
-    return FileDialog(title, PathKind.SAVE_FILE, start, name, suffixes, action="Save")
+    """A dialog for a file that is written: called ``name``, or "film 2.mp4" where one is there."""
+    start, path = start_folder(session), Path(name)
+    k, free = 1, name
+    while (start / free).exists():
+        k += 1
+        free = f"{path.stem} {k}{path.suffix}"
+    return FileDialog(title, PathKind.SAVE_FILE, start, free, suffixes, action="Save")

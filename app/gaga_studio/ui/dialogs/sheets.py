@@ -41,10 +41,10 @@ _WORDS = {
     "file.add_splats": "import insert append merge",
     "file.add_scene": "align register second capture",
     "file.save_as": "copy",
-    "file.export_scene": "write save download",
+    "file.export_scene": "write save download blender unity unreal",
     "file.export_page": "html viewer share url link",
     "file.export_selected": "write save download",
-    "file.export_meshes": "obj glb stl triangles collider",
+    "file.export_meshes": "obj glb stl triangles collider blender unity unreal",
     "file.export_simulation": "physics usd mjcf urdf robot",
     "file.save_picture": "screenshot snapshot image render photo",
     "file.save_script": "macro python record",
@@ -61,7 +61,8 @@ _WORDS = {
     "edit.mirror_z": "flip reflect",
     "edit.reduce": "simplify decimate fewer smaller compress",
     "edit.delete_floaters": "remove noise clean outliers",
-    "edit.preferences": "settings options theme dark light language keys font text size autosave",
+    "edit.preferences": """settings options theme dark light language keys blender font text size
+        autosave""",
     "select.none": "deselect unselect clear",
     "select.invert": "inverse",
     "select.grow": "expand more larger",
@@ -118,7 +119,7 @@ _WORDS = {
     "tool.ground": "level floor horizon upright",
     "tool.turn_upright": "flip upside down rotate scene",
     "tool.measure": "distance ruler",
-    "tool.set_scale": "units metres meters size known length",
+    "tool.set_scale": "measure units metres meters size known length",
     "help.shortcuts": "hotkeys keyboard bindings",
 }
 
@@ -169,12 +170,15 @@ def _question(session: Session) -> None:
     for position, (choice, width) in enumerate(zip(question.choices, widths, strict=True)):
         if position:
             imgui.same_line()
-        if widgets.button(choice, Face(width=width, primary=position == 0)):
+        is_by_enter = choice == question.by_enter
+        if widgets.button(choice, Face(width=width, primary=is_by_enter)):
             answer = choice
+        if is_by_enter:
+            imgui.set_item_default_focus()
     if imgui.is_window_appearing():
         pass  # the key of this frame opened it
     elif enter_is_free():
-        answer = question.choices[0]
+        answer = question.by_enter
     elif imgui.is_key_pressed(imgui.Key.escape):
         answer = question.choices[-1]
     if answer:
@@ -253,8 +257,9 @@ def _menu_of(menus: Mapping[str, Sequence[Command]]) -> dict[str, str]:
 
 
 def matching(text: str, menus: Mapping[str, Sequence[Command]] = MENUS) -> list[Command]:
-    """Commands whose title, menu or `_WORDS` have every word of ``text``: first titles that begin
-    with its first one, of these those in which each begins a word, then has a place."""
+    """Commands whose title, menu or `_WORDS` have every word of ``text``: first the one of that id,
+    then titles that begin with its first one, of these those in which each begins a word, then has
+    a place."""
     words = text.casefold().split()
     menu_of = _menu_of(menus)
     listed = [command for menu in menus.values() for command in menu]
@@ -264,10 +269,12 @@ def matching(text: str, menus: Mapping[str, Sequence[Command]] = MENUS) -> list[
     found = [c for c in listed if all(word in texts[c.id] for word in words)]
     first = words[0] if words else ""
 
-    def rank(c: Command) -> tuple[bool, bool, bool]:
+    def rank(c: Command) -> tuple[bool, ...]:
         title = c.title.casefold()
         begins = all(any(own.startswith(word) for own in title.split()) for word in words)
-        return not title.startswith(first), not begins, not all(word in title for word in words)
+        is_named = c.id.split(".")[-1] == "_".join(words)
+        has = all(word in title for word in words)
+        return not is_named, not title.startswith(first), not begins, not has
 
     return sorted(found, key=rank)
 

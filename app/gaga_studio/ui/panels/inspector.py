@@ -1,5 +1,6 @@
 """The selected objects: names and counts, color, placement by numbers, and what can be done."""
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -36,7 +37,6 @@ from gaga_studio.ui.kit.widgets import Face
 # --- Placement of the selection in numbers: position, rotation, scale and size; each can be
 # typed.
 
-_ZERO = 0.0005  # below half of the last digit that is shown
 _LEAST, _MOST = 0.001, 1000.0  # scales
 
 
@@ -95,10 +95,8 @@ def _position(session: Session, state: PlacementState, start: Pose, extent: floa
     row("Position", f"Centre of the selection, in {unit}")
     values = axes.T @ shown.centre
     for axis, letter in enumerate("XYZ"):
-        now = float(values[axis]) if abs(values[axis]) >= _ZERO else 0.0  # never "-0.000"
-        changed, value = number(
-            f"Position {letter}", now, extent * 0.005, "%.3f m" if is_metric else "%.3f"
-        )
+        now, form = float(values[axis]), "%.3f m" if is_metric else "%.3f"
+        changed, value = number(f"Position {letter}", now, extent * 0.005, form)
         if changed:
             centre = shown.centre + axes[:, axis] * (value - float(values[axis]))
             state.target, state.verb = replace(shown, centre=centre), "Move"
@@ -166,11 +164,18 @@ def _next_field() -> None:
     imgui.table_next_column()
 
 
+def as_shown(form: str, value: float) -> float:
+    """``value``, but 0 where its digits are: never "-0.0°". A form may be a word alone."""
+    is_zero = "%" in form and not re.search("[1-9]", form % value)
+    return 0.0 if is_zero else value
+
+
 def number(
     name: str, value: float, speed: float, form: str, limits: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[bool, float]:
     """A number in the next column: dragged or typed."""
     _next_field()
+    value = as_shown(form, value)
     imgui.set_next_item_width(-1)
     flags = imgui.SliderFlags_.always_clamp if limits[1] > 0 else imgui.SliderFlags_.none
     result = imgui.drag_float(f"##{name}", value, speed, *limits, form, flags)

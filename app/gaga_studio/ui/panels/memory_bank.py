@@ -36,8 +36,9 @@ _OVERLAPS = {  # what the shares are of
     True: "share of the points on the surface that the mask shows, which belong to the object: "
     "a sample of what it shows",
 }
-_BARS_SHARE = 0.4  # of the panel's height
+_CHOSEN_SHARE = 0.45  # of the room below the head, at most: rows are what is looked through
 _MOST_BARS = 6
+_NARROW = 17.0  # em: a panel with three columns, and two lines of buttons
 _ROW_FLAGS = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_double_click
 
 
@@ -68,8 +69,17 @@ def draw(session: Session, state: EvidenceState) -> None:
         widgets.empty_state(icons.MEMORY, f"{document.name_of(group)} has no masks", hint)
         return
     _head(document, group, whole, decisions)
-    _chosen(session, document, state)
-    _table(session, document, state, decisions, by_view=True)
+    # Its room is there before a mask is chosen: a click moves no row.
+    room, line = imgui.get_content_region_avail(), imgui.get_text_line_height_with_spacing()
+    n_buttons, most = 2 if room.x < em(_NARROW) else 1, _CHOSEN_SHARE * room.y
+    head = n_buttons * imgui.get_frame_height_with_spacing() + line
+    n_bars = min(max(int((most - head) / line), 1), _MOST_BARS)
+    below = min(head + n_bars * line, most)
+    gap = imgui.get_style().item_spacing.y
+    _table(session, document, state, decisions, by_view=True, height=room.y - below - gap)
+    if imgui.begin_child("Chosen mask", ImVec2(0, below)):
+        _chosen(session, document, state, n_bars)
+    imgui.end_child()
 
 
 def _head(document: Document, group: int, whole: int, decisions: Sequence[Decision]) -> None:
@@ -90,10 +100,11 @@ def _head(document: Document, group: int, whole: int, decisions: Sequence[Decisi
         widgets.dim(f"{how} {document.name_of(whole)}, whose masks these are", wrap=True)
 
 
-def _chosen(session: Session, document: Document, state: EvidenceState) -> None:
+def _chosen(session: Session, document: Document, state: EvidenceState, n_bars: int) -> None:
     """The chosen mask: its splats in the picture, and the share of them that each group holds."""
     decision = state.decision
     if decision is None or commands.command("view.lights_masks").enabled(session):
+        widgets.dim("Click a mask: its splats light up, and bars show whose they are.", wrap=True)
         return
     view = session.view
     hint = "Light up the splats of this mask in the picture"
@@ -114,9 +125,7 @@ def _chosen(session: Session, document: Document, state: EvidenceState) -> None:
     widgets.dim(n_splats)
     what = mask_evidence.what_is_shared(document, has_gate=view.has_mask_gate)
     widgets.line(what, theme.DIM)
-    height = imgui.get_text_line_height_with_spacing()
-    n_bars = int(imgui.get_content_region_avail().y * _BARS_SHARE / height)
-    _shares(session, document, what, shares, min(max(n_bars, 1), _MOST_BARS))
+    _shares(session, document, what, shares, n_bars)
 
 
 def _shares(
@@ -163,9 +172,10 @@ def _table(
     decisions: Sequence[Decision],
     *,
     by_view: bool,
+    height: float = 0.0,
 ) -> None:
-    is_narrow = imgui.get_content_region_avail().x < em(17)
-    if not imgui.begin_table("Decisions", 3 if is_narrow else 4, _TABLE_FLAGS, ImVec2(0, 0)):
+    is_narrow = imgui.get_content_region_avail().x < em(_NARROW)
+    if not imgui.begin_table("Decisions", 3 if is_narrow else 4, _TABLE_FLAGS, ImVec2(0, height)):
         return
     stretch, fixed = imgui.TableColumnFlags_.width_stretch, imgui.TableColumnFlags_.width_fixed
     imgui.table_setup_scroll_freeze(0, 1)

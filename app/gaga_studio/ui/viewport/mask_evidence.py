@@ -136,6 +136,7 @@ _MOST_HIGH, _HEAD = 0.45, 4.6  # share of the picture's height; em above the pic
 _LEAST, _NARROW = 20.5, 25.0  # em: least width of a card; below this a button has no text
 _MOST_GROWING = 0.42  # share of the picture's width that the current view takes
 _HIGH_GROWING = 0.34  # share of its height
+_LEAST_GROWING = 5.0  # em: a photo as wide as the words under it
 _ABOVE = 0.4  # share of the height: an object below it has the card above
 
 
@@ -165,7 +166,10 @@ def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
     decision = state.decision
     if document is None or (decision is None and session.live is None):
         return
-    width = _growing_width(session, area)
+    top = max(area.head_bottom, area.chip_bottom + em(0.4))
+    width = _growing_width(session, area, top)
+    if decision is None and width < em(_LEAST_GROWING):
+        return
     if decision is not None:
         width = _width(textures.aspect(session, decision.view), area)
         if state.placed_for is not decision:
@@ -175,7 +179,6 @@ def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
     room = area.width - em(1.6) - area.cube_height
     is_above = decision is not None and state.is_above and room >= em(_LEAST)
     width = min(width, room) if is_above else width
-    top = max(area.head_bottom, area.chip_bottom + em(0.4))
     at = ImVec2(area.left + em(0.8), top if is_above else area.bottom - em(0.8))
     imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 0 if is_above else 1))
 
@@ -197,11 +200,15 @@ def _width(aspect: float, area: PictureArea) -> float:
     return min(max(2 * high * aspect + em(2), em(_LEAST)), em(36), area.width - em(1.6))
 
 
-def _growing_width(session: Session, area: PictureArea) -> float:
-    """Of the card of a running association: it leaves most of the picture free."""
+def _growing_width(session: Session, area: PictureArea, top: float) -> float:
+    """Of the card of a running association: it leaves most of the picture free, and all above
+    ``top``."""
     aspect = textures.aspect(session, session.live.view) if session.live else 1.0
     most = min(_MOST_GROWING * area.width, _HIGH_GROWING * area.height * aspect + em(2))
-    return min(em(17), max(most, em(9)), area.width - em(1.6))
+    pad, line = imgui.get_style().window_padding, imgui.get_text_line_height_with_spacing()
+    free = area.bottom - em(0.8) - top - 2 * pad.y - line - imgui.get_style().item_spacing.y
+    fits = free * aspect + 2 * pad.x
+    return min(em(17), max(most, em(9)), area.width - em(1.6), fits)
 
 
 def _is_low(session: Session, document: Document, group: int, area: PictureArea) -> bool:

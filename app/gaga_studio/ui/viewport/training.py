@@ -20,6 +20,7 @@ from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.chrome.status import time_left
 from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.modal import answer, begin_modal, body
+from gaga_studio.ui.kit.path_field import path_field
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -84,7 +85,7 @@ def draw_fields(
 def draw_setting(
     plan: ReconstructionPlan,
     name: str,
-    shown: float | str,  # value of the field; its type says which field it is
+    shown: float | str,  # value of the field; its type says which field it is: text is a path
     tip: str = "",
     *,
     steps: tuple[int, int] = (1, 100),
@@ -100,7 +101,7 @@ def draw_setting(
     else:
         widgets.field_name(about.label, em(NAMES), right)
     if isinstance(shown, str):
-        changed, text = imgui.input_text(f"##{about.label}", theme.noted(shown))
+        changed, text = path_field(f"##{about.label}", shown, Path.cwd())
         value = text.strip()
     elif isinstance(shown, float):
         form = form if shown else "automatic"
@@ -427,7 +428,8 @@ def _fields(
     plan = draw_setting(plan, "exposure", plan.config.exposure, tip)
     if found.photos is not None:
         widgets.field_name("Scene folder", em(NAMES))
-        changed, text = imgui.input_text("##Scene folder", theme.noted(str(plan.scene)))
+        here = Path.cwd()
+        changed, text = path_field("##Scene folder", str(plan.scene), here, only_folders=True)
         if changed and text.strip():
             plan = replace(plan, scene=Path(text.strip()).expanduser())
     return plan

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.geometry import fit_similarity
 from gaga_core.progress import run_stage
-from gaga_core.scene.captures.alignment import NotAlignedError, difference, trusted
+from gaga_core.scene.captures.alignment import Alignment, NotAlignedError, difference, trusted
 from gaga_core.scene.captures.by_photos import align_shared_stage, shared_of
 from gaga_core.scene.frame import carried_cameras, inverse
 from tests.core.scene.captures.scenes import any_similarity
@@ -88,3 +89,22 @@ def test_a_similarity_is_fitted_without_a_mirror() -> None:
     np.testing.assert_allclose(fit_similarity(source, target), np.tile(world[:3], (5, 1, 1)))
     mirrored = fit_similarity(source[0], target[0] * [1, 1, -1])
     assert np.linalg.det(mirrored[:, :3]) > 0
+
+
+@pytest.mark.parametrize(
+    ("degrees", "scale", "residual", "told"),
+    [
+        (0.0, 1.0, 4.63e-06, "0.00000463 units apart in the median; not turned, of the same size"),
+        (-0.02, 1.00002, 0.5, "0.5 units apart in the median; not turned, of the same size"),
+        (12.34, 1.2504, 7.0, "7 units apart in the median; turned by 12.3°, 1.25 times as large"),
+    ],
+)
+def test_how_a_capture_lies_is_told_plainly(
+    degrees: float, scale: float, residual: float, told: str
+) -> None:
+    world = np.eye(4)
+    world[:3, :3] = scale * Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    error = np.radians(0.00005)
+    found = Alignment(world, "surfaces", 40, 0.9, residual, None, error, 1e-7)
+    expected = f"40 points of the surfaces fit, {told}, known to 0.00005° and 0.00001 %."
+    assert found.sentence() == expected

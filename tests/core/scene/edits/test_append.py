@@ -179,6 +179,19 @@ def test_a_project_whose_added_file_is_gone_or_changed_says_so(room: Path, chair
         opened(where)
 
 
+def test_no_two_objects_have_one_name(room: Path, chair: Path) -> None:
+    """The same chair twice: each was called "chair", in lists and in exports."""
+    scene = opened(room).scene
+    history = History(scene)
+    for n in (1, 2, 3):
+        add(history, scene, chair)
+        assert sorted(scene.names.values()) == ["chair", "chair 2", "chair 3"][:n]
+    last = max(scene.names)
+    assert history.do(edits.rename(scene, last, "Chair 4"))
+    add(history, scene, chair)
+    assert len({name.casefold() for name in scene.names.values()}) == 4
+
+
 def test_the_recorded_edit_names_the_file_and_replays_to_the_same(room: Path, chair: Path) -> None:
     scene = opened(room).scene
     history = History(scene)
