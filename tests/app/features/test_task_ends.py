@@ -95,6 +95,18 @@ def test_one_that_is_done_says_what_it_made_and_where(
         assert shown[0].is_relative_to(tmp_path)
 
 
+@pytest.mark.parametrize("name", ["film", "film of photos", "picture"])
+def test_one_whose_amount_is_known_tells_its_time_from_its_first_share(
+    walked: Session, name: str, tmp_path: Path
+) -> None:
+    """Films and pictures told none before 15 s of their own had gone."""
+    with told.by_job() as heard:
+        _started(walked, name, tmp_path)
+        assert walked.jobs.wait()
+    (said,) = heard.values()
+    assert [step for step in said if step.total and step.left_s is None] == []
+
+
 @pytest.mark.parametrize("name", _ALL)
 def test_one_that_is_cancelled_says_so(walked: Session, name: str, tmp_path: Path) -> None:
     title, at = _started(walked, name, tmp_path), walked.need().history.cursor
