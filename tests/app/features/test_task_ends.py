@@ -66,7 +66,8 @@ _CHANGE: Mapping[str, Start] = {
     "reduce": lambda s, _: cleanup.start_reducing(s, cleanup.ReducePlan(percent=50)),
 }
 _ALL = {**_WRITE, **_CHANGE}
-_TIMED = {**{name: _ALL[name] for name in ("film", "film of photos", "picture")}, "fill": _fill}
+_ALSO = ("film", "film of photos", "picture", "labelled data")
+_TIMED = {**{name: _ALL[name] for name in _ALSO}, "fill": _fill}
 
 
 @pytest.fixture
@@ -108,7 +109,7 @@ def test_one_that_is_done_says_what_it_made_and_where(
 def test_one_whose_amount_is_known_tells_its_time_from_its_first_share(
     walked: Session, name: str, tmp_path: Path
 ) -> None:
-    """Films, pictures and *Delete and fill* told none before 15 s of their own had gone."""
+    """Films, pictures, data sets and *Delete and fill* told none in their first 15 s."""
     with told.by_job() as heard:
         _started(walked, name, tmp_path)
         assert walked.jobs.wait()
