@@ -312,11 +312,11 @@ def pictures_stage(
     engine = rasterizer or choose()
     base = yield from as_step(begin, _base_stage(project, name, engine))
     n_models = len(base.items) if "bop" in forms else 0
-    arrangements = [
-        base.room.arranged(config.seed, index, moves=moves, removes=removes)
-        for index in range(-(-config.views // config.views_each))
-        for moves, removes in [varies(config, index)]
-    ]
+    arrangements = list[Arrangement]()
+    for index in range(-(-config.views // config.views_each)):
+        yield begin
+        moves, removes = varies(config, index)
+        arrangements.append(base.room.arranged(config.seed, index, moves=moves, removes=removes))
     touched = {group for one in arrangements for group in one.touched} if config.fill else set()
     filled = config.views + _PICTURES_OF_HOLE * len(touched)
     total = filled + _PICTURES_OF_MODEL * n_models
