@@ -332,7 +332,8 @@ class _Delivery(Generic[T]):
         if latest is None:
             return None
         if latest.left_s is not None:
-            return max(latest.left_s - (now - self._heard_at), 0.0)
+            # It counts down while no word comes; what is overdue takes as long as it is, once more.
+            return abs(latest.left_s - (now - self._heard_at))
         if latest.total <= 0:
             return None
         pace = self._paces[latest.stage]
