@@ -411,7 +411,8 @@ def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, v
     stage = photo_film_stage(session.need().settled(), target, config, names)
     return session.jobs.start(
         f"Film {target.name}",
-        _drawn(session, stage, target, config.video.size, n_written, n_drawn),
+        # Most of its pictures are like the one before, and so sooner written.
+        _drawn(session, stage, target, config.video.size, n_written, n_drawn, " of photos"),
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
     )
 
@@ -458,14 +459,16 @@ def _drawn(
     size: tuple[int, int],
     n_written: int,
     n_drawn: int,
+    kind: str = "",
 ) -> Stage[Path]:
     """``stage``, which writes a film or a picture, with its time left; see `video.usual_seconds`.
 
-    Behind the kernels where the rasterizer draws: the window draws otherwise.
+    What one of a ``kind`` took says nothing of another. Behind the kernels where the rasterizer
+    draws: the window draws otherwise.
     """
     n_splats = int(session.need().scene.visible.sum())
     usual_s = video.usual_seconds(target, size, n_splats, n_written, n_drawn)
-    name = f"Write {target.suffix.lower()}"
+    name = f"Write {target.suffix.lower()}{kind}"
     if not n_drawn:
         return session.rates.timed(stage, f"{name} of the window", usual_s)
     return stages.prepared(

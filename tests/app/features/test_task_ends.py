@@ -19,7 +19,7 @@ from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline.film import FilmConfig
 from gaga_studio.features import camera, cleanup, dataset, export, fill, level_of_detail
 from gaga_studio.features.find import association, masks
-from gaga_studio.session import jobs
+from gaga_studio.session import jobs, rates
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from tests.app import told
@@ -115,6 +115,19 @@ def test_one_whose_amount_is_known_tells_its_time_from_its_first_share(
         assert walked.jobs.wait()
     (said,) = heard.values()
     assert [step for step in said if step.total and step.left_s is None] == []
+
+
+def test_a_film_of_photos_says_nothing_of_the_time_of_another_film(
+    walked: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was told to take seven times as long as it did, and others less afterwards."""
+    monkeypatch.setattr(rates, "_TELLING_S", 0.0)
+    kept = list[dict[str, float]]()
+    for name in ("film", "film of photos"):
+        _started(walked, name, tmp_path)
+        assert walked.jobs.wait()
+        kept.append(dict(walked.rates.rates))
+    assert kept[0].items() < kept[1].items()
 
 
 @pytest.mark.parametrize("name", _ALL)
