@@ -30,6 +30,9 @@ RECENT_S, _FEW_WORDS, _RECENT = 15.0, 10, 0.25
 # Share of a task, or of a step, that is done until it tells what is to come. A share that falls by
 # more is that of a step that comes back.
 TELLING = 0.05
+# Share of a step from which on its own pace is trusted more than what was expected, where it was
+# not measured for `RECENT_S` before.
+_TRUSTED = 0.3
 _TICK_S = 0.1  # how often a cancel is looked for while a thread is waited for
 _log = logging.getLogger(__name__)
 # Each thread has its own; who drives a stage sets a list here to hear what it says.
@@ -105,6 +108,25 @@ class Pace:
             return None
         (since, before), (at, share) = self._words[0], self._words[-1]
         return (at - since) / (share - before)
+
+    @property
+    def part(self) -> float:
+        """Share 0..1 that is done of what was to be done at the first word."""
+        share = self._words[-1][1] if self._words else 0.0
+        return (share - self.first) / max(1 - self.first, 1e-9)
+
+    @property
+    def trust(self) -> float:
+        """Weight 0..1 of this pace against what was expected of the step: the longer it runs the
+        more."""
+        if self._n_on < 2:
+            return 0.0
+        measured = min(self.measured_s / RECENT_S, self.part / TELLING)
+        return min(max(measured, self.part / _TRUSTED), 1.0)
+
+    def expected_left(self, guess: float, now: float) -> float:
+        """Seconds that are left of the step, of which the whole was expected to take ``guess``."""
+        return self.trust * (self.left(now) or 0.0) + (1 - self.trust) * guess * (1 - self.part)
 
     def left(self, now: float) -> float | None:
         """Seconds that are left of the step; None before two words went on.

@@ -26,7 +26,7 @@ from gaga_core.fill.chart import (
 )
 from gaga_core.fill.inpaint import Inpainter
 from gaga_core.fill.shadows import foot_cells, gains, shadow_of, splat_gains, taken_cells
-from gaga_core.fill.surfaces import FillConfig, Seen, SeenView, seen_stage, surfaces_around
+from gaga_core.fill.surfaces import AROUND, FillConfig, Seen, SeenView, seen_stage, surfaces_around
 from gaga_core.gaussians import Gaussians
 from gaga_core.progress import Progress, Stage, portion
 from gaga_core.raster.base import Frame, Rasterizer
@@ -182,11 +182,14 @@ def _colored(
 
 _STAGE = "Fill the hole"
 _STEPS = 1000  # of the whole
-# What parts cost, in the time in which a view is drawn once. On six objects of the demo a chart
-# took 1 to 5, a surface without a hole 0 to 20, one with a hole 55 to 170; and all of it 0.7 to 1.6
-# times as long as to look behind the object, which draws every view four times.
-_CHART, _SURFACE, _HOLE = 3.0, 4.0, 80.0
-_LOOKS = 0.5  # share of the whole
+# What parts cost, in the time in which a view is drawn once, on two cores. On four objects of the
+# demo and three of ycb_table: to find the surfaces 6 to 75, a chart 1 to 37, a surface without a
+# hole 8 to 12, one with a hole 110 to 190; and to look behind the object, which draws every view
+# four times, 0.3 to 0.53 of the whole.
+_FOUND, _CHART, _SURFACE, _HOLE = 40.0, 10.0, 10.0, 110.0
+_LOOKS = 0.4  # share of the whole
+# Seconds of the whole on two cores, a splat and view: those objects took 0.85 to 1.2 times as long.
+_USUAL = 2e-6
 _COLORS, _LAID = 0.2, 0.6  # of what a hole takes: until its colors, and its splats, are known
 
 
@@ -378,9 +381,9 @@ class Work:
         charts: list[Chart] = []
         planes = surfaces_around(self.gaussians, self.labels, part, usable, self.config)
         # Most often there is one hole.
-        whole_cost = (_CHART + _SURFACE) * len(planes) + _HOLE - _SURFACE
+        whole_cost = _FOUND + (_CHART + _SURFACE) * len(planes) + _HOLE - _SURFACE
         for i, plane in enumerate(planes):
-            yield _at(_CHART * i / whole_cost)
+            yield _at((_FOUND + _CHART * i) / whole_cost)
             how = self.seen.views, self.rasterizer, self.config
             charts.append(chart_of(self.gaussians, plane, own, *how))
         thick = float(np.median(self.gaussians.scales[part].min(axis=1)))
@@ -392,7 +395,7 @@ class Work:
         hidden = ~self.is_object & ~self.is_known
         n_filled = 0
         costs = np.cumsum([0.0] + [_HOLE if chart.hole.any() else _SURFACE for chart in charts])
-        begun = _CHART * len(charts) / whole_cost
+        begun = (_FOUND + _CHART * len(charts)) / whole_cost
         shares = begun + (1 - begun) * costs / max(costs[-1], 1.0)
         for whole, begin, end in zip(charts, shares, shares[1:], strict=False):
             yield _at(begin)
@@ -590,6 +593,12 @@ def fill_title(scene: Scene, indices: AnyArray) -> str:
     if len(groups) == 1 and groups[0]:
         return f"Delete and fill {group_name(scene, int(groups[0]))}"
     return "Delete and fill"
+
+
+def usual_seconds(scene: Scene, n_cameras: int, config: FillConfig) -> float:
+    """Seconds that `fill_stage` usually takes on two cores, from so many cameras."""
+    n_views = min(n_cameras, config.most_views) or AROUND
+    return _USUAL * n_views * int(scene.visible.sum())
 
 
 def fill_stage(

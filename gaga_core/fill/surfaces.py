@@ -222,7 +222,7 @@ def _plane(points: DoubleArray, plane: DoubleArray, towards: DoubleArray, label:
 # --- Views of the photos' cameras with the object in place.
 
 
-_AROUND = 32  # cameras where there are no photos
+AROUND = 32  # cameras where there are no photos
 _FROM = 3.0  # radii of the object: how far away they stand
 _UP = np.array([0.0, 0.0, 1.0])  # any: only what is in the picture counts
 _CLEAR = 0.02  # weight of the object under which a pixel does not show it
@@ -323,8 +323,8 @@ def _around(points: DoubleArray, config: FillConfig) -> tuple[Camera, ...]:
     radius = max(float(np.percentile(np.linalg.norm(points - middle, axis=1), 95)), 1e-6)
     side = config.view_pixels
     K = np.array([[side, 0, side / 2], [0, side, side / 2], [0, 0, 1.0]])
-    k = np.arange(_AROUND) + 0.5  # Fibonacci sphere
-    height, turn = 1 - 2 * k / _AROUND, np.pi * (1 + np.sqrt(5)) * k
+    k = np.arange(AROUND) + 0.5  # Fibonacci sphere
+    height, turn = 1 - 2 * k / AROUND, np.pi * (1 + np.sqrt(5)) * k
     ring = np.sqrt(1 - height**2)
     towards = np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=1)
     return tuple(

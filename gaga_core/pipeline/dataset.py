@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -53,6 +53,7 @@ from gaga_core.export.dataset.settings import (
     MOST_PHOTOS,
     DatasetConfig,
     Form,
+    planned,
     validates,
     varies,
 )
@@ -100,6 +101,9 @@ _AS_IT_IS = "as-it-is"  # placement of the scene without changes
 _NOTHING = "Photos do not cover any of these views. Lower --coverage, or take more photos."
 _MODEL_VOXELS = 64  # of a model of BOP, along its longest side
 _PICTURES_OF_MODEL = 3  # that take as long: 0.75 and 0.24 s of the processor in the demo
+_PICTURES_OF_HOLE = 80  # that take as long as to fill one: 0.1 and 8.6 s of the processor
+_EACH = 4e-7  # seconds of a picture of 640 x 480 on two cores, a splat: in the demo
+_TOUCHED = 2  # objects that are elsewhere or gone in a placement, about
 _AHEAD = 2  # pictures that wait to be written while the next one is drawn
 _FILL_VIEWS = 24  # photos that a hole is judged by
 _CLEAR = 0.05  # alpha of a pixel that shows the background alone
@@ -154,6 +158,18 @@ class DatasetReport:
             **{"by_split": dict(self.by_split), "notes": list(self.notes)},
             "failed": list(self.failed),
         }
+
+
+def usual_seconds(
+    config: DatasetConfig, forms: Sequence[Form], n_splats: int, n_objects: int
+) -> float:
+    """Seconds that a new data set of one scene usually takes on two cores."""
+    n_pictures = config.views * config.width * config.height / (640 * 480)
+    if config.fill:
+        n_pictures += _PICTURES_OF_HOLE * min(_TOUCHED * (planned(config)[0] - 1), n_objects)
+    if "bop" in forms:
+        n_pictures += _PICTURES_OF_MODEL * n_objects
+    return _EACH * n_splats * n_pictures
 
 
 def dataset_stage(
@@ -288,7 +304,7 @@ def pictures_stage(
 
     BOP alone has models of the objects, so only where it is one of ``forms`` they are made.
     """
-    # One share for all: pictures, then models, which take about as long as three pictures each.
+    # One share for all: pictures and holes, then models, by how many pictures take as long.
     begin = Progress(_STAGE, 0, config.views, "photos")
     project = scene
     if isinstance(project, Path):
@@ -296,31 +312,39 @@ def pictures_stage(
     engine = rasterizer or choose()
     base = yield from as_step(begin, _base_stage(project, name, engine))
     n_models = len(base.items) if "bop" in forms else 0
-    total = config.views + _PICTURES_OF_MODEL * n_models
+    arrangements = list[Arrangement]()
+    for index in range(-(-config.views // config.views_each)):
+        yield begin
+        moves, removes = varies(config, index)
+        arrangements.append(base.room.arranged(config.seed, index, moves=moves, removes=removes))
+    touched = {group for one in arrangements for group in one.touched} if config.fill else set()
+    filled = config.views + _PICTURES_OF_HOLE * len(touched)
+    total = filled + _PICTURES_OF_MODEL * n_models
     holes: dict[int, Hole] = {}
+    passed = set[int]()  # groups whose holes are filled, or were not needed
     splits: dict[str, Split] = {_AS_IT_IS: "train"}
     names, left_out, made = list[str](), 0, 0
     with _Writer() as writer:
-        for index in range(-(-config.views // config.views_each)):
-            moves, removes = varies(config, index)
-            arrangement = base.room.arranged(config.seed, index, moves=moves, removes=removes)
+        for index, arrangement in enumerate(arrangements):
             series = _Series(base, arrangement, index, config, splits)
             first = index * config.views_each
             painter: _Painter | None = None
             for k in range(min(config.views_each, config.views - first)):
                 view = series.name(k)
-                yield (step := Progress(_STAGE, first + k, total, view))
+                done = first + k + _PICTURES_OF_HOLE * len(passed)
+                yield (step := Progress(_STAGE, done, total, view))
                 record = series.fresh(out, k)
                 if record is None:
                     if painter is None:
-                        stage = _holes_stage(base, arrangement, config, engine, holes)
-                        yield from as_step(step, stage)
+                        groups = arrangement.touched if config.fill else ()
+                        yield from _holes_stage(base, groups, engine, holes, passed, step)
                         painter = _Painter(series, holes)
                     record, drawn = painter.picture(k)
                     made += 1
                     writer.put(partial(_finished, out, record, drawn, series.poses))
                 left_out += record.is_left_out
                 names += [] if record.is_left_out else [view]
+                passed |= touched.intersection(arrangement.touched)
     if n_models:
         yield from _models_stage(out, base, total)
     yield Progress(_STAGE, total, total)
@@ -579,25 +603,28 @@ class _Writer:
 
 def _holes_stage(
     base: _Base,
-    arrangement: Arrangement,
-    config: DatasetConfig,
+    groups: Sequence[int],
     engine: Rasterizer,
     holes: dict[int, Hole],
+    passed: set[int],
+    step: Progress,
 ) -> Stage[None]:
-    """Find what fills the places of objects that are gone or elsewhere, each once."""
-    scene = base.project.scene
-    for group in arrangement.touched if config.fill else ():
+    """Find what fills the places of ``groups``, that are gone or elsewhere, each once, as a part of
+    ``step``, which counts those that ``passed``."""
+    for group in groups:
         if group in holes:
             continue
         item = next(item for item in base.items if item.group == group)
         stage = fill_stage(
-            scene,
+            base.project.scene,
             base.shown[item.splats],
             base.cameras,
             engine,
             FillConfig(most_views=_FILL_VIEWS),
         )
-        found = yield from stage
+        width = 0 if group in passed else _PICTURES_OF_HOLE
+        found = yield from as_step(step, stage, width)
+        step = replace(step, done=step.done + width)
         rows = np.searchsorted(base.shown, found.unseen)
         stained = np.searchsorted(base.shown, found.stained)
         holes[group] = Hole(rows, found.splats, found.labels, stained, found.gains)

@@ -58,7 +58,7 @@ from gaga_core.placing.photos import (
 from gaga_core.placing.recordings import is_recording, look_at_recording
 from gaga_core.placing.undistort import ORIGINALS
 from gaga_core.placing.video import expected_frames
-from gaga_core.progress import RECENT_S, TELLING, Pace, Progress, Stage
+from gaga_core.progress import TELLING, Pace, Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.project import PROJECT_FILE, meant_in
@@ -283,9 +283,6 @@ _RATES = {
 }  # fmt: skip
 _LEARNED = 0.5  # weight of the newest run in a rate that is kept
 _MOST_OFF = 20.0  # factor: a rate that is off by more was measured while something else was wrong
-# Share of a step from which on its own rate is trusted more than what was expected, where it was
-# not measured for `RECENT_S` before.
-_TRUSTED = 0.3
 # Of what a run is off where earlier ones are known, in logarithms: what later steps share with it,
 # a slower machine; the rest is of these photos. On fox, demo and sceaux the time left is off by 1.5
 # times at most; at 0.3 by 1.7, at 1 by 3.
@@ -471,14 +468,11 @@ class Estimate:
         left = 0.0
         if self._now:
             began, first = self._began[self._now]
-            seconds = self._pace.seconds
             part = (share - first) / max(1 - first, 1e-9)
-            usual = self._expected[self._now]
-            measured = min(self._pace.measured_s / RECENT_S, part / TELLING)
-            trust = min(max(measured, part / _TRUSTED), 1.0) if seconds is not None else 0.0
+            usual, trust = self._expected[self._now], self._pace.trust
             guess = max(usual * self._off(took, expected), at - began)
-            whole = trust * (seconds or 0.0) * (1 - first) + (1 - trust) * guess
-            left = trust * (self._pace.left(at) or 0.0) + (1 - trust) * guess * (1 - part)
+            whole = trust * (self._pace.seconds or 0.0) * (1 - first) + (1 - trust) * guess
+            left = self._pace.expected_left(guess, at)
             took, expected = took + part * whole, expected + part * usual
         latest = max((STEPS.index(step) for step in self._began), default=-1)
         ahead = sum(self._expected.get(step, 0.0) for step in STEPS[latest + 1 :])

@@ -5,13 +5,15 @@ from pathlib import Path
 
 from gaga_core.errors import GagaError, counted
 from gaga_core.export.dataset.settings import FORMS, DatasetConfig, Form, planned
-from gaga_core.progress import Stage
+from gaga_core.progress import Progress, Stage
 from gaga_core.settings import setting_of
 from gaga_studio.features.base import Command, ask, busy, first_of, no_groups, no_photos
 from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
+
+_MAKES = "Make pictures"
 
 
 @dataclass
@@ -59,10 +61,22 @@ def start(session: Session, plan: DatasetPlan, out: Path) -> bool:
         raise GagaError(plan.why_not)
 
     def stage() -> Stage[str]:
-        # It draws: numba is a good part of the launch time.
-        from gaga_core.pipeline.dataset import dataset_stage
+        yield Progress(_MAKES, 0, 0, "Preparing")
+        # They draw: numba is a good part of the launch time.
+        from gaga_core.export.dataset.formats import DATASET_FILE
+        from gaga_core.pipeline.dataset import dataset_stage, usual_seconds
 
-        made = yield from dataset_stage([frozen], out, config, forms)
+        scene = frozen.scene
+        n_objects = len(set(scene.labels[scene.visible].tolist()) - {0})
+        usual_s = usual_seconds(config, forms, int(scene.visible.sum()), n_objects)
+        made = yield from stages.prepared(
+            session.rates,
+            _MAKES,
+            lambda: dataset_stage([frozen], out, config, forms),
+            parts=("window", "export"),
+            # Of one that is completed nobody knows yet what is missing.
+            usual_s=None if (out / DATASET_FILE).is_file() else usual_s,
+        )
         is_done.append(True)
         pictures = counted(made.pictures, "labelled picture")
         text = f"{pictures} in {paths.shown(out)}: {made.made:,} new."
@@ -77,7 +91,7 @@ def start(session: Session, plan: DatasetPlan, out: Path) -> bool:
 
     return session.jobs.start(
         f"Make data in {out.name}",
-        stages.prepared(session.rates, "Make pictures", stage, parts=("window", "export")),
+        stage(),
         on_done=lambda text: session.notify(Level.INFO, text, shows=out),
         on_end=end,
         waits=True,

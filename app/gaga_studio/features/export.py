@@ -33,6 +33,7 @@ from gaga_core.export.simulation.export import SimulationExport, unit_sentence
 from gaga_core.io.files import explain_os_error, safe_name
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import SplatFormat, form_of
+from gaga_core.io.video import video_suffix
 from gaga_core.pipeline import film as video
 from gaga_core.pipeline.film import FilmConfig
 from gaga_core.pipeline.film import What as FilmWhat
@@ -381,12 +382,11 @@ def export_film(
         painter=painter,
         left=video.LeftSide(earlier, left),
     )
-    has_kernels = painter is None or (config.split is not None and left is None)
+    n, n_sides = len(camera_path.frame_times(config.video.fps)), 1 if config.split is None else 2
+    n_drawn = n * (n_sides - sum(one is not None for one in (painter, left)))
     return session.jobs.start(
         f"Film {target.name}",
-        stages.prepared(session.rates, "Draw", lambda: stage, parts=("window",))
-        if has_kernels
-        else stage,
+        _drawn(session, stage, target, config.video.size, n, n_drawn),
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
     )
 
@@ -404,11 +404,15 @@ def photos_of(session: Session, views: str) -> tuple[str, ...]:
 @notifies
 def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, views: str) -> bool:
     """Write a film through photos as a job: what is chosen of them left of a line."""
+    video_suffix(target)
     names = photos_of(session, views)
+    n_written = round(len(names) * config.seconds * config.video.fps)
+    n_drawn = len(names) * (2 if config.left == "errors" else 1)
     stage = photo_film_stage(session.need().settled(), target, config, names)
     return session.jobs.start(
         f"Film {target.name}",
-        stages.prepared(session.rates, "Draw", lambda: stage, parts=("window",)),
+        # Most of its pictures are like the one before, and so sooner written.
+        _drawn(session, stage, target, config.video.size, n_written, n_drawn, " of photos"),
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
     )
 
@@ -441,12 +445,34 @@ def save_picture(
     )
     return session.jobs.start(
         f"Save {target.name}",
-        stages.prepared(session.rates, "Draw", lambda: stage, parts=("window",))
-        if painter is None
-        else stage,
+        _drawn(session, stage, target, size, 1, 1 if painter is None else 0),
         on_done=lambda path: session.notify(
             Level.INFO, f"Saved the picture to {path}.", shows=path
         ),
+    )
+
+
+def _drawn(
+    session: Session,
+    stage: Stage[Path],
+    target: Path,
+    size: tuple[int, int],
+    n_written: int,
+    n_drawn: int,
+    kind: str = "",
+) -> Stage[Path]:
+    """``stage``, which writes a film or a picture, with its time left; see `video.usual_seconds`.
+
+    What one of a ``kind`` took says nothing of another. Behind the kernels where the rasterizer
+    draws: the window draws otherwise.
+    """
+    n_splats = int(session.need().scene.visible.sum())
+    usual_s = video.usual_seconds(target, size, n_splats, n_written, n_drawn)
+    name = f"Write {target.suffix.lower()}{kind}"
+    if not n_drawn:
+        return session.rates.timed(stage, f"{name} of the window", usual_s)
+    return stages.prepared(
+        session.rates, "Draw", lambda: stage, parts=("window",), usual_s=usual_s, name=name
     )
 
 

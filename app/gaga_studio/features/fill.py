@@ -22,6 +22,7 @@ from gaga_studio.features.base import (
     no_scene,
     watch,
 )
+from gaga_studio.session import stages
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 
@@ -97,18 +98,32 @@ def start(session: Session, *, lighten: bool = True) -> None:
     # A selection that changes meanwhile changes nothing here.
     scene = replace(project.scene, state=project.scene.state.copy())
     views, at = project.training_views, document.history.state_id
+    name, rates = title(session), session.rates
     model = session.settings.inpainting_model
 
     def stage() -> "Stage[tuple[Filling, Edit | None, str]]":
-        yield Progress("Look behind the object", 0, 0)
+        yield Progress(name, 0, 0, "Preparing")
         # SciPy's and numba's import takes long: it belongs to the job.
-        from gaga_core.fill.fill import fill_stage, fill_title, fillable, filled_edit
+        from gaga_core.fill.fill import (
+            fill_stage,
+            fill_title,
+            fillable,
+            filled_edit,
+            usual_seconds,
+        )
         from gaga_core.fill.surfaces import FillConfig
         from gaga_core.raster import choose
 
         splats = fillable(scene) if taken is None else taken.splats
         config = FillConfig(lighten=lighten, model=model)
-        found = yield from fill_stage(scene, splats, views, choose(), config)
+        found = yield from stages.prepared(
+            rates,
+            name,
+            lambda: fill_stage(scene, splats, views, choose(), config),
+            parts=("window",),
+            usual_s=usual_seconds(scene, len(views), config),
+            name="Delete and fill",
+        )
         is_alone = taken is None or not taken.groups
         done_title = fill_title(scene, splats) if is_alone else named
         return found, filled_edit(scene, found, done_title), done_title
@@ -128,7 +143,7 @@ def start(session: Session, *, lighten: bool = True) -> None:
         document.show(edit, waits_as="Delete and fill")
         document.feature(Fill).take(found, edit)
 
-    session.jobs.start(title(session), stage(), on_done=done)
+    session.jobs.start(name, stage(), on_done=done)
 
 
 def _fits(found: "Filling", before: Scene, now: Scene) -> bool:

@@ -329,10 +329,13 @@ class _Delivery(Generic[T]):
         resumed training had behind it and the steps before say nothing.
         """
         now = time.monotonic()
-        if latest is None or latest.total <= 0:
+        if latest is None:
             return None
         if latest.left_s is not None:
-            return max(latest.left_s - (now - self._heard_at), 0.0)
+            # It counts down while no word comes; what is overdue takes as long as it is, once more.
+            return abs(latest.left_s - (now - self._heard_at))
+        if latest.total <= 0:
+            return None
         pace = self._paces[latest.stage]
         done = min(latest.done / latest.total, 1.0) - pace.first
         is_measured = pace.measured_s >= RECENT_S and done >= TELLING * (1 - pace.first)

@@ -5,7 +5,7 @@ import logging
 import os
 import time
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,14 +13,14 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write
 from gaga_core.io.json_file import read_json
 from gaga_core.kernels import STAGE
-from gaga_core.progress import RECENT_S, Stage
+from gaga_core.progress import RECENT_S, Pace, Progress, Share, Stage, mapped
 from gaga_core.threads import n_threads
 from gaga_studio.system import paths
 
 T = TypeVar("T")
 _FILE = "rates.json"  # in the home of gaga-studio
 _STAT = Path("/proc/stat")  # of Linux
-_TELLING_S = 5.0  # of usual time that kernels were compiled until their rate is known
+_TELLING_S = 5.0  # of kernels, or of a task, until they tell how fast this machine is
 # Between this machine and the one that was measured, at most: a rate that is farther off was of
 # kernels that came from a cache, or of a machine that slept.
 _MOST_OFF = 4.0
@@ -112,12 +112,26 @@ class KnownRates:
             _LOG.warning("rates: %s", error)
 
     def timed(self, stage: Stage[T], name: str, usual_s: float) -> Stage[T]:
-        """``stage``, whose time in parts of ``usual_s`` is kept for the next estimate."""
+        """``stage``, which usually takes ``usual_s``: it tells its time left from its first word
+        on, by what such tasks took here, and by its own pace the more the longer it runs.
+
+        What it took is kept for the next estimate, unless it is so little that most of it was its
+        start.
+        """
         start, before = time.monotonic(), _used()
-        value = yield from stage
+        pace, share = Pace(), Share()
+
+        def told(step: Progress) -> Progress:
+            now = time.monotonic()
+            pace.hear(now, share.of(step))
+            guess = max(usual_s * self.of(name), now - start)
+            return replace(step, left_s=pace.expected_left(guess, now))
+
+        value = yield from mapped(stage, told)
         took = time.monotonic() - start
         slowdown = _slowdown(before, _used(), n_threads())
-        self.keep(self.rates | {name: took / (usual_s * slowdown)})
+        if max(usual_s, took) >= _TELLING_S:
+            self.keep(self.rates | {name: took / (usual_s * slowdown)})
         return value
 
     def timed_kernels(self, kernels: Stage[None], usual_s: float) -> Stage[None]:

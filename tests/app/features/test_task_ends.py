@@ -4,6 +4,7 @@ a word: what it made and where, that it was cancelled, or why it failed."""
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gaga_core.errors import GagaError
@@ -16,9 +17,9 @@ from gaga_core.export.solids import MeshConfig
 from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline.film import FilmConfig
-from gaga_studio.features import camera, cleanup, dataset, export, level_of_detail
+from gaga_studio.features import camera, cleanup, dataset, export, fill, level_of_detail
 from gaga_studio.features.find import association, masks
-from gaga_studio.session import jobs
+from gaga_studio.session import jobs, rates
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from tests.app import told
@@ -35,6 +36,13 @@ _BODIES = SimulationExport(config=SimulationConfig(parts=1), mesh=MeshConfig(vox
 def _export(what: export.What, form: SplatFormat | CameraForm | SimulationExport) -> Start:
     suffix = form.suffix if isinstance(form, SplatFormat) and what != "objects" else ""
     return lambda s, to: export.start(s, export.ExportPlan(to / f"a{suffix}", what, form))
+
+
+def _fill(session: Session, _: Path) -> None:
+    assert session.scene is not None
+    rows = np.flatnonzero(session.scene.labels == session.scene.labels.max())
+    session.need().select(rows.astype(np.int32))
+    fill.start(session)
 
 
 _WRITE: Mapping[str, Start] = {
@@ -58,6 +66,8 @@ _CHANGE: Mapping[str, Start] = {
     "reduce": lambda s, _: cleanup.start_reducing(s, cleanup.ReducePlan(percent=50)),
 }
 _ALL = {**_WRITE, **_CHANGE}
+_ALSO = ("film", "film of photos", "picture", "labelled data")
+_TIMED = {**{name: _ALL[name] for name in _ALSO}, "fill": _fill}
 
 
 @pytest.fixture
@@ -72,7 +82,7 @@ def walked(associated: Session) -> Session:
 def _started(session: Session, name: str, to: Path) -> str:
     """Start it; returns its title. No notice is there."""
     session.notices = ()
-    _ALL[name](session, to)
+    {**_ALL, **_TIMED}[name](session, to)
     job = session.jobs.running
     assert job is not None, session.notices
     return job.title
@@ -93,6 +103,31 @@ def test_one_that_is_done_says_what_it_made_and_where(
         assert shown, "a button opens its folder"
         assert shown[0].exists()
         assert shown[0].is_relative_to(tmp_path)
+
+
+@pytest.mark.parametrize("name", _TIMED)
+def test_one_whose_amount_is_known_tells_its_time_from_its_first_share(
+    walked: Session, name: str, tmp_path: Path
+) -> None:
+    """Films, pictures, data sets and *Delete and fill* told none in their first 15 s."""
+    with told.by_job() as heard:
+        _started(walked, name, tmp_path)
+        assert walked.jobs.wait()
+    (said,) = heard.values()
+    assert [step for step in said if step.total and step.left_s is None] == []
+
+
+def test_a_film_of_photos_says_nothing_of_the_time_of_another_film(
+    walked: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was told to take seven times as long as it did, and others less afterwards."""
+    monkeypatch.setattr(rates, "_TELLING_S", 0.0)
+    kept = list[dict[str, float]]()
+    for name in ("film", "film of photos"):
+        _started(walked, name, tmp_path)
+        assert walked.jobs.wait()
+        kept.append(dict(walked.rates.rates))
+    assert kept[0].items() < kept[1].items()
 
 
 @pytest.mark.parametrize("name", _ALL)

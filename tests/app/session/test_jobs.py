@@ -191,6 +191,18 @@ def test_the_time_left_counts_down_during_a_long_step(monkeypatch: pytest.Monkey
     assert told.left(110) == pytest.approx(30, rel=0.05), "overdue"
 
 
+def test_a_time_that_a_stage_knows_grows_again_once_it_is_overdue(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A large picture, of which no word comes, had no time left for half of its time."""
+    told = _Told(monkeypatch)
+    monkeypatch.setattr(jobs, "_FOLLOWS_S", 1e-3)
+    told.word = Progress("Draw", 0, 2, left_s=30.0)
+    told._delivery.step()
+    lefts = [told.left(float(at)) for at in (0, 20, 30, 60, 150)]
+    assert lefts == pytest.approx([30, 10, 0, 30, 120])
+
+
 @pytest.mark.parametrize("prepared_s", [0.0, 0.5, 40.0])
 @pytest.mark.parametrize("word_s", [0.02, 0.3, 3.0])
 def test_a_first_word_that_waited_does_not_spoil_the_time_left(

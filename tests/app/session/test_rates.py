@@ -133,6 +133,48 @@ def test_only_of_work_whose_amount_is_known_a_rate_is_kept_and_a_time_told(
     assert (tmp_path / "rates.json").exists() is (usual_s is not None)
 
 
+@pytest.mark.parametrize("others", [0, 2])
+@pytest.mark.parametrize("off", [0.3, 1.0, 5.0])
+def test_a_task_tells_its_time_by_its_own_pace_and_the_next_one_at_once(
+    monkeypatch: pytest.MonkeyPatch, off: float, others: int
+) -> None:
+    """Of a task that takes ``off`` times as long as usual, next to other programs or not."""
+    machine, known, n = _Machine(monkeypatch, 2, 2), KnownRates(), 200
+    slower = 2 if others else 1
+    machine.run(known.load, 60, 0, others)
+
+    def stage() -> Stage[None]:
+        for k in range(n):
+            yield Progress("Draw", k, n)
+            for _ in range(3):
+                machine.now += off * slower / 3
+                machine.others += others * off * slower / 3
+                known.load.look()
+
+    for is_known in (False, True):
+        began = machine.now
+        for step in known.timed(stage(), "Draw", n):
+            true = off * slower * (n - step.done)
+            assert step.left_s is not None
+            if is_known or (machine.now - began > 15 and step.done > n / 20):
+                assert true / 1.1 <= step.left_s <= 1.1 * true
+
+
+@pytest.mark.parametrize(("took_s", "is_kept"), [(0.5, False), (50, True)])
+def test_a_task_that_is_hardly_more_than_its_start_says_nothing_of_the_next(
+    monkeypatch: pytest.MonkeyPatch, took_s: float, is_kept: bool
+) -> None:
+    """A picture of 0.1 s took 0.5, and a film was told to take five times as long as usual."""
+    machine, known = _Machine(monkeypatch, 2, 2), KnownRates()
+
+    def stage() -> Stage[None]:
+        yield Progress("Draw", 0, 1)
+        machine.now += took_s
+
+    run_stage(known.timed(stage(), "Draw", 0.1))
+    assert ("Draw" in known.rates) is is_kept
+
+
 @pytest.mark.parametrize("content", [None, "", "cpu", "cpu a b c"])
 def test_a_system_that_does_not_say_counts_as_free(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, content: str | None

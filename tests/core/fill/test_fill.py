@@ -100,7 +100,7 @@ class Counting(CpuRasterizer):
 
 
 def test_the_share_goes_as_views_are_drawn(table: Table) -> None:
-    """Looking behind the object was said to be 30 % of it and is half: the time left grew."""
+    """Looking behind the object was said to be 30 % of it and is more: the time left grew."""
     counting, shares, drawn = Counting(), [], []
     scene = Scene.of(table.gaussians, table.labels)
 
@@ -112,7 +112,7 @@ def test_the_share_goes_as_views_are_drawn(table: Table) -> None:
     run_stage(fill_stage(scene, table.labels == BOX, table.cameras, counting), heard)
     n = len(drawn) // 3
     assert n > 5
-    np.testing.assert_allclose(shares, 0.5 * np.array(drawn) / (4 * n), atol=2e-3)
+    np.testing.assert_allclose(shares, 0.4 * np.array(drawn) / (4 * n), atol=2e-3)
 
 
 def test_new_splats_are_like_those_around_and_of_their_group(table: Table, found: Filling) -> None:
