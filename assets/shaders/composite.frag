@@ -5,6 +5,8 @@ uniform sampler2D u_mask;       // shares: r selected, g hovered
 uniform vec2 u_outline;         // half widths in pixels: selected, hovered
 uniform vec3 u_accent;
 uniform vec3 u_hover;
+uniform sampler2D u_crowding;   // outlines of the length of an area's side, in each: rg as u_mask
+uniform float u_area;           // side of an area, pixels
 #endif
 uniform vec2 u_picture;         // size in pixels
 uniform vec3 u_background;
@@ -63,7 +65,10 @@ void main()
 #endif
     color = clamp(color + (1.0 - splats.a) * u_background, 0.0, 1.0);
 #ifdef MASK
-    vec4 line = edges(at);
+    // Where lines are crowded they share what so many take that are apart: the picture stays seen.
+    vec2 crowding = texture(
+        u_crowding, gl_FragCoord.xy / (u_area * vec2(textureSize(u_crowding, 0)))).rg;
+    vec4 line = edges(at) * (MOST_LINES / max(crowding, MOST_LINES)).rgrg;
     color *= 1.0 - 0.45 * max(line.b, 0.6 * line.a);
     color = mix(color, u_hover, 0.8 * line.g);
     color = mix(color, u_accent, line.r);

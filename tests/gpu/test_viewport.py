@@ -11,7 +11,7 @@ from gaga_core.arrays import UInt8Array
 from gaga_core.camera import Camera
 from gaga_core.scene.scene import Placements, Scene, State
 from gaga_studio.gpu.buffers import SceneBuffers
-from gaga_studio.gpu.overlays import Ground, Overlays
+from gaga_studio.gpu.overlays import ACCENT, Ground, Overlays
 from gaga_studio.gpu.viewport import Viewport
 from gaga_studio.session.view import Mode, ViewState
 from tests.scenes import Synthetic, objects_scene, orbit_cameras, random_gaussians
@@ -214,6 +214,26 @@ def test_selected_objects_get_an_outline_and_keep_their_color(viewport: Viewport
     assert changed.mean() < 0.1
     off = _picture(viewport, scene, view=replace(VIEW, show_outline=False)).astype(int)
     assert np.array_equal(off, plain)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_crowded_outlines_leave_the_picture_seen(viewport: Viewport, share: float) -> None:
+    """As where an added scene that is selected lies in another one: each splat had its outline."""
+    synthetic = objects_scene(per_object=600)
+    scene = Scene.of(synthetic.gaussians, synthetic.labels)
+    plain = _picture(viewport, scene).astype(int)
+    whole = (scene.labels == 1).astype(np.uint8)
+    _set(scene, "state", whole)
+    alone = _picture(viewport, scene).astype(int)
+    chosen = np.random.default_rng(3).random(len(scene)) < share
+    _set(scene, "state", chosen.astype(np.uint8))
+    crowded = _picture(viewport, scene).astype(int)
+    changes = [np.abs(picture - plain).max(axis=2) for picture in (alone, crowded)]
+    line = np.percentile(changes[0][changes[0] > 10], 90)
+    covered = (plain != plain[0, 0]).any(axis=2)
+    # Two lines of two pixels, and as much of their rims, of each 32 pixels.
+    assert changes[1][covered].mean() < 2 * 4 / 32 * line
+    assert (np.abs(alone - np.array(ACCENT) * 255).max(axis=2) < 3).any(), "a line of its own"
 
 
 @pytest.mark.parametrize(("mode", "resolution"), [(Mode.COLOR, 0.4), (Mode.DEPTH, 1.0)])

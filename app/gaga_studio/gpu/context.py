@@ -68,7 +68,7 @@ def load_program(
     ctx: moderngl.Context,
     vertex: str,
     fragment: str,
-    defines: Mapping[str, int] | None = None,
+    defines: Mapping[str, float] | None = None,
 ) -> moderngl.Program:
     """Program of two files of ``assets/shaders``, ``common.glsl`` put before each."""
     head = f"#version {GLSL_VERSION}\n"

@@ -20,6 +20,9 @@ ACCENT = (0.36, 0.66, 1.0)  # outline of what is selected
 HOVER = (1.0, 1.0, 1.0)  # outline of what is under the cursor
 _SELECTED_WIDTH = 2.0  # pixels
 _HOVER_WIDTH = 1.2
+# Of an area with more outlines than that across it, each is fainter: splats that are selected among
+# others that are not have one around each. 32 pixels at a scale of 1: as wide as 16 lines.
+_AREA, _MOST_LINES = 32.0, 2.0
 _TILE = 16  # pixels, of the squares that an outline reaches or not; any width draws the same
 _DEPTH_POLYNOMIAL = np.array(DEPTH_POLYNOMIAL, np.float32).tobytes()
 
@@ -41,6 +44,7 @@ class Compositor:
         self._ctx = ctx
         self._variants: dict[tuple[str, ...], tuple[moderngl.Program, moderngl.VertexArray]] = {}
         self._marks = Target(ctx, [(1, "f1")])
+        self._crowding = Target(ctx, [(2, "f2")], smooth=True)
 
     def draw(self, splats: Target | None, picture: Target, finish: Finish) -> None:
         """Fill ``picture``; without splats it is plain background.
@@ -57,9 +61,11 @@ class Compositor:
             return
         mask = ("u_mask", splats.textures[1])
         self._mark(mask, picture, finish)
+        self._count(mask, picture, finish)
         picture.begin()
         marks = ("u_marks", self._marks.textures[0])
-        self._pass("tiles.vert", picture, finish, [*textures, mask, marks])
+        crowding = ("u_crowding", self._crowding.textures[0])
+        self._pass("tiles.vert", picture, finish, [*textures, mask, marks, crowding])
 
     def _mark(self, mask: tuple[str, moderngl.Texture], picture: Target, finish: Finish) -> None:
         """Find the tiles that an outline reaches."""
@@ -70,6 +76,17 @@ class Compositor:
         bind_textures(program, [mask])
         reach = 2.0 * max(_SELECTED_WIDTH, _HOVER_WIDTH) * finish.pixel_scale
         set_uniforms(program, {"u_picture": (float(width), float(height)), "u_reach": reach})
+        geometry.render(moderngl.TRIANGLES, vertices=3)
+
+    def _count(self, mask: tuple[str, moderngl.Texture], picture: Target, finish: Finish) -> None:
+        """Find how many outlines there are in each area."""
+        width, height = picture.size
+        area = _AREA * finish.pixel_scale
+        self._crowding.resize(math.ceil(width / area), math.ceil(height / area))
+        self._crowding.begin()
+        program, geometry = self._variant("full.vert", "crowding.frag")
+        bind_textures(program, [mask])
+        set_uniforms(program, {"u_picture": (float(width), float(height)), "u_area": area})
         geometry.render(moderngl.TRIANGLES, vertices=3)
 
     def _pass(
@@ -97,6 +114,7 @@ class Compositor:
                 "u_depth_polynomial": _DEPTH_POLYNOMIAL,
                 "u_accent": ACCENT,
                 "u_hover": HOVER,
+                "u_area": _AREA * finish.pixel_scale,
                 "u_outline": (
                     _SELECTED_WIDTH * finish.pixel_scale,
                     _HOVER_WIDTH * finish.pixel_scale,
@@ -112,6 +130,7 @@ class Compositor:
     def release(self) -> None:
         """Give everything back."""
         self._marks.release()
+        self._crowding.release()
         for program, geometry in self._variants.values():
             geometry.release()
             program.release()
@@ -123,7 +142,10 @@ class Compositor:
         key = (vertex, fragment, *defines)
         if key not in self._variants:
             program = load_program(
-                self._ctx, vertex, fragment, {"TILE": _TILE, **dict.fromkeys(defines, 1)}
+                self._ctx,
+                vertex,
+                fragment,
+                {"TILE": _TILE, "MOST_LINES": _MOST_LINES, **dict.fromkeys(defines, 1)},
             )
             self._variants[key] = program, self._ctx.vertex_array(program, [])
         return self._variants[key]
