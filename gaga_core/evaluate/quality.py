@@ -1,18 +1,27 @@
 """Quality of each group of an association: its picture against the masks that made it."""
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from gaga_core.arrays import DoubleArray, FloatArray, IntArray
+from gaga_core.errors import GagaError
+from gaga_core.grouping.bank_file import bank_digest
 from gaga_core.grouping.memory_bank import MemoryBank, groups_of_masks
 from gaga_core.grouping.repair.view_evidence import Evidence
 from gaga_core.grouping.votes import associated_labels, splat_groups
+from gaga_core.io.files import atomic_write
+from gaga_core.io.json_file import read_json
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Rasterizer
 
+_LOG = logging.getLogger(__name__)
 STAGE = "Measure the objects"
+FILE = "quality.json"  # the last measurement, in the folder of our work in a scene folder
 SIDE = 480  # longest side in pixels of the pictures that are compared
 
 
@@ -51,6 +60,36 @@ class Quality:
         """Agreement (G,) of groups, -1 where nothing is known."""
         found = [self.groups.get(int(group)) for group in ids]
         return np.array([-1.0 if one is None else one.agreement for one in found])
+
+
+class _Kept(msgspec.Struct, frozen=True):
+    """Content of `FILE`."""
+
+    bank: str  # digest of the bank whose masks were compared
+    labels: str  # digest of the groups of the splats
+    quality: Quality
+
+
+def write_quality(work: Path, quality: Quality, bank: MemoryBank, labels_digest: str) -> None:
+    """Keep a measurement in ``work``, in place of the last one. ``GagaError``: it cannot be."""
+    with atomic_write(work / FILE) as temporary:
+        temporary.write_bytes(msgspec.json.encode(_Kept(bank_digest(bank), labels_digest, quality)))
+
+
+def read_quality(work: Path, bank: MemoryBank) -> dict[str, Quality]:
+    """Read the measurement that ``work`` has of ``bank``, by digest of the groups.
+
+    Empty without one, where it is of another bank, and where its file is damaged.
+    """
+    file = work / FILE
+    if not file.is_file():
+        return {}
+    try:
+        kept = read_json(file, _Kept, "")
+    except GagaError as error:
+        _LOG.warning("the measured quality is left out: %s", error)
+        return {}
+    return {kept.labels: kept.quality} if kept.bank == bank_digest(bank) else {}
 
 
 def quality_stage(

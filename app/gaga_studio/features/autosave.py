@@ -1,9 +1,9 @@
 """Autosave in a folder of its own, and what is left after a crash.
 
 Every minute with unsaved edits the project is written to a folder under `paths.home`, with the undo
-history and the measured quality; saving, discarding or closing removes it. A folder whose program
-does not run any more was left by a crash. What was recovered from it stays there until the edits
-are autosaved again, saved or discarded.
+history; saving, discarding or closing removes it. A folder whose program does not run any more was
+left by a crash. What was recovered from it stays there until the edits are autosaved again, saved
+or discarded.
 """
 
 import logging
@@ -16,7 +16,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 from uuid import uuid4
 
 import msgspec
@@ -39,14 +39,10 @@ from gaga_core.scene.project import (
 )
 from gaga_core.scene.scene import Revision, Scene
 from gaga_studio.features import level_of_detail
-from gaga_studio.features.find.memory_bank import ObjectQuality
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, UserQuestion
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
-
-if TYPE_CHECKING:
-    from gaga_core.evaluate.quality import Quality
 
 # --- the undo history as a file
 
@@ -132,7 +128,7 @@ def resume_history(document: Document, copied: HistoryCopy) -> None:
 
 EVERY_S = 60.0  # at most this much work is lost in a crash
 _CLOCK_S = 60.0  # a clock that is put right meanwhile is, most often, put right by less
-_NOTE, _QUALITY = "recovery.json", "quality.json"
+_NOTE = "recovery.json"
 
 
 class RecoveryNote(msgspec.Struct, frozen=True):
@@ -208,15 +204,12 @@ class Autosave:
         self._written = now
         project = replace(document.project, scene=replace(document.history.base))
         place = str(project.path) if project.path is not None else None
-        quality, history = dict(document.feature(ObjectQuality).by_labels), copy_history(document)
+        history = copy_history(document)
         note = RecoveryNote(os.getpid(), document.name, place, time.time())
 
         def write() -> None:
             save_project(project, self._folder, copies_model=True)
             write_history(self._folder, history, saved_scene(self._folder))
-            if quality:
-                with atomic_write(self._folder / _QUALITY) as temporary:
-                    temporary.write_bytes(msgspec.json.encode(quality))
             _write_note(self._folder, note)
             self._remove_copies()
 
@@ -325,7 +318,6 @@ def _recover(session: Session, found: Recovery) -> None:
         added = [item for item in project.scene.added if not item.is_made]
         names = [project.model_path, *(Path(item.path) for item in added)]
         document.copies_model = any(name.is_relative_to(found.folder) for name in names)
-        document.feature(ObjectQuality).by_labels = _read_quality(found.folder / _QUALITY)
         place = str(found.project) if found.project is not None else None
         _write_note(found.folder, RecoveryNote(os.getpid(), found.name, place, found.saved_at))
 
@@ -337,19 +329,6 @@ def _open_stage(folder: Path) -> Stage[tuple[Project, HistoryCopy | None]]:
     project = yield from open_path_stage(folder)
     yield Progress("Read the undo history", 0, 0)
     return project, read_history(folder, saved_scene(folder), project.scene)
-
-
-def _read_quality(file: Path) -> "dict[str, Quality]":
-    """Measured quality of the objects, by digest of the labels; empty when it is damaged."""
-    if not file.is_file():
-        return {}
-    from gaga_core.evaluate.quality import Quality
-
-    try:
-        return read_json(file, dict[str, Quality], "")
-    except GagaError as error:
-        _LOG.warning("recovery: %s", error)
-        return {}
 
 
 def _is_older(place: Path, saved_at: float) -> bool:

@@ -1,7 +1,9 @@
 """The memory bank: moved masks, split objects, quality, the replay, the splats of a mask."""
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -169,6 +171,43 @@ def test_quality_is_kept_for_each_state_of_the_groups(associated: Session) -> No
     assert memory_bank.shown_quality(session) == (found, False)
     session.undo()
     assert memory_bank.shown_quality(session) == (found, True)
+
+
+def test_quality_is_known_when_the_scene_is_opened_again(
+    associated: Session, new_session: Callable[[], Session], tmp_path: Path
+) -> None:
+    """Saved or not, in place or elsewhere: an old one if splats moved, none if masks did."""
+    session = associated
+    assert run("object.quality", session)
+    assert session.jobs.wait()
+    found, _ = memory_bank.shown_quality(session)
+    assert found is not None
+
+    def opened(path: Path) -> tuple[object, bool]:
+        fresh = new_session()
+        fresh.open(path)
+        assert fresh.jobs.wait()
+        after, is_now = memory_bank.shown_quality(fresh)
+        return None if after is None else dict(after.groups), is_now
+
+    root = session.need().project.source
+    assert opened(root) == (dict(found.groups), True)
+    session.save(tmp_path / "elsewhere.gaga")
+    assert session.jobs.wait()
+    assert opened(tmp_path / "elsewhere.gaga") == (dict(found.groups), True)
+    assert session.need().select(np.flatnonzero(_labels(session) == 2)[:5].astype(np.int32))
+    assert objects.assign(session, 3)
+    session.save()
+    assert session.jobs.wait()
+    assert opened(tmp_path / "elsewhere.gaga") == (dict(found.groups), False)
+    selection.select_groups(session, (2,))
+    assert objects.assign(session, 3), "its masks, too"
+    session.save()
+    assert session.jobs.wait()
+    assert opened(tmp_path / "elsewhere.gaga") == (None, False)
+    file = session.need().project.folder.work / "quality.json"  # type: ignore[union-attr]
+    file.write_bytes(file.read_bytes()[:-9])
+    assert opened(root) == (None, False)
 
 
 def test_uncertain_splats_of_the_selected_object(associated: Session) -> None:

@@ -91,10 +91,10 @@ class KnownViews:
 
 
 class ObjectQuality:
-    """Measured quality of the objects of a document."""
+    """Measured quality of the objects of a document, at first what its scene folder keeps."""
 
     def __init__(self) -> None:
-        self.by_labels: dict[str, Quality] = {}  # by digest of the labels
+        self.by_labels: dict[str, Quality] | None = None  # by digest of the labels; None: not read
 
 
 # --- Repair errors of the association: masks of other objects, two objects merged into one.
@@ -753,24 +753,42 @@ def measure_quality(session: Session) -> bool:
 
         return quality_stage(evidence, bank, labels, confidence, choose())
 
+    @notifies
+    def keep(_: Session, found: "Quality") -> None:
+        from gaga_core.evaluate.quality import write_quality
+
+        folder = document.project.folder
+        assert folder is not None  # `evidence_of` looked
+        write_quality(folder.work, found, bank, digest)
+
     def done(found: "Quality") -> None:
-        document.feature(ObjectQuality).by_labels[digest] = found
+        _measured(document)[digest] = found
+        keep(session, found)
 
     title = "Measure the objects"
     return session.jobs.start(title, stages.prepared(session.rates, title, stage), None, done)
 
 
+def _measured(document: Document) -> "dict[str, Quality]":
+    """What was measured, the newest last, by digest of the labels."""
+    state = document.feature(ObjectQuality)
+    if state.by_labels is None:
+        state.by_labels = {}
+        folder, bank = document.project.folder, document.scene.bank
+        if folder is not None and bank is not None:
+            from gaga_core.evaluate.quality import read_quality
+
+            state.by_labels = read_quality(folder.work, bank)
+    return state.by_labels
+
+
 def shown_quality(session: Session) -> "tuple[Quality | None, bool]":
     """Return the newest measurement, and whether it is of the present groups."""
-    document = session.document
-    if document is None or not document.feature(ObjectQuality).by_labels:
+    found = {} if session.document is None else _measured(session.document)
+    if session.document is None or not found:
         return None, False
-    now = document.feature(ObjectQuality).by_labels.get(document.read.labels_digest())
-    return (
-        (now, True)
-        if now is not None
-        else (list(document.feature(ObjectQuality).by_labels.values())[-1], False)
-    )
+    now = found.get(session.document.read.labels_digest())
+    return (now, True) if now is not None else (list(found.values())[-1], False)
 
 
 def quality_of(session: Session, group: int) -> "GroupQuality | None":
