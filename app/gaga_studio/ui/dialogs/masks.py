@@ -110,18 +110,23 @@ def _make(session: Session, dialog: MaskDialog) -> bool:
     if imgui.is_window_appearing() or not dialog.entries:
         dialog.entries = masks.providers()
     entry = _entry(dialog)
-    _introduction(session, dialog)
-    height, wants_model = body_height(em(37)), False
-    is_wide = imgui.get_content_region_avail().x > em(36)
-    width = imgui.get_content_region_avail().x * 0.46 if is_wide else 0.0
-    if begin_part("Who", ImVec2(width, height if is_wide else height * 0.5)):
-        wants_model = _providers(dialog)
-    imgui.end_child()
-    if is_wide:
+    wants_model = False
+    if imgui.get_content_region_avail().x > em(36):
+        _introduction(session, dialog)
+        height = body_height(em(37))
+        if begin_part("Who", ImVec2(imgui.get_content_region_avail().x * 0.46, height)):
+            wants_model = _providers(dialog)
+        imgui.end_child()
         imgui.same_line(0, em(1))
-    if begin_part("How", ImVec2(0, height if is_wide else height * 0.5)):
-        _details(session, dialog, entry)
-    imgui.end_child()
+        if begin_part("How", ImVec2(0, height)):
+            _details(session, dialog, entry)
+        imgui.end_child()
+    else:  # all of it scrolls as one
+        if begin_part("Who", ImVec2(0, body_height(em(37)))):
+            _introduction(session, dialog)
+            wants_model = _providers(dialog)
+            _details(session, dialog, entry)
+        imgui.end_child()
     _make_row(session, dialog, entry)
     return wants_model
 
