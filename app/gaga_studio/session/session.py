@@ -373,7 +373,8 @@ class Session:
         if job is None:
             self._when_saved("before gaga-studio ends", self._end)
         else:
-            self._ask_to_quit(f"{job.title} is still running; unfinished work is lost.")
+            lost = "it can go on later" if job.resumes else "unfinished work is lost"
+            self._ask_to_quit(f"{job.title} is still running; {lost}.")
 
     def _end(self) -> None:
         self.should_quit = True
