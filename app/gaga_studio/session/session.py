@@ -432,7 +432,9 @@ class Session:
             if how.copies_model:
                 document.note_files()
             document.save_state.saved(content)
-            self.notify(Level.INFO, f"Saved to {where}.")
+            waits = document.waiting
+            apart = f" The preview of {waits} is not applied, and not in it." if waits else ""
+            self.notify(Level.INFO, f"Saved to {where}.{apart}")
             if document.project.folder is None:  # a scene folder opens with what was saved
                 former = listed_path(document.project.source)
                 self.change_settings(self.settings.opened(where, former))

@@ -15,8 +15,8 @@ from gaga_studio.ui.kit.picture_area import PictureArea
 from tests.app.window.driver import fill_little
 
 # X11's name of a key, or "Button1"; whether it goes down. "Mouse": where it is, shares of the
-# picture from its top left corner. "Inside": whether it is in the window. "Close": what a window manager asks for at Alt+F4. "Rest":
-# nothing until all is drawn and seen.
+# picture from its top left corner. "Inside": whether it is in the window. "Close": what a window
+# manager asks for at Alt+F4. "Rest": nothing until all is drawn and seen.
 Stroke = tuple[str, bool | tuple[float, float]]
 _MASKS = {
     event.KeyPress: X.KeyPressMask,
