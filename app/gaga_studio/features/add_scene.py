@@ -9,6 +9,8 @@ import numpy as np
 from gaga_core.errors import GagaError
 from gaga_core.progress import Progress, Stage, joined, portion
 from gaga_core.scene.objects import group_indices
+from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import camera
 from gaga_studio.features.base import (
     Command,
@@ -22,16 +24,19 @@ from gaga_studio.features.base import (
     watch,
 )
 from gaga_studio.session import stages
+from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, choose_one, notifies
 from gaga_studio.session.session import Session
 
 if TYPE_CHECKING:
+    from gaga_core.arrays import DoubleArray
     from gaga_core.pipeline.align import Addition, Aligned
     from gaga_core.scene.captures.changes import Change
+    from gaga_core.scene.project import Project
 
 TITLE = "Add a scene"
 _OPENED = 0.03  # share of the work until the other scene is open: 2 s of a minute, of the demo
-_CHANGED = "The scene changed while the other one was aligned. Try again."
+_CHANGED = "The scene was moved meanwhile, or a preview was open. Add the other one again."
 _NO_PREVIEW = "There is no preview of an added scene. Use Add a scene first."
 
 
@@ -40,6 +45,8 @@ class Found:
     """A scene that can be added, and how it fits."""
 
     name: str
+    second: "Project"
+    world: "DoubleArray"  # (4, 4), from the other scene to the open one
     addition: "Addition"
     aligned: "Aligned | None"  # None: ``why_not``
     why_not: str = ""
@@ -104,11 +111,18 @@ def start(session: Session, path: Path) -> None:
             world = aligned.alignment.world
         except NotAlignedError as error:
             world, why = align.middle_of_first(project.scene, second.scene), str(error)
-        return Found(capture.name, align.addition_of(project.scene, second, world), aligned, why)
+        addition = align.addition_of(project.scene, second, world)
+        return Found(capture.name, second, world, addition, aligned, why)
 
-    check = watch(session, document, _CHANGED)
+    at = document.history.state_id
+    check = watch(session, document, _CHANGED, lambda: _stands(project.scene, document))
 
     def show(found: Found) -> None:
+        if document.history.state_id != at:
+            from gaga_core.pipeline.align import addition_of
+
+            scene = document.settled().scene
+            found = replace(found, addition=addition_of(scene, found.second, found.world))
         document.show(found.addition.shown, waits_as=TITLE)
         document.feature(Adding).take(found, found.addition.shown)
 
@@ -122,6 +136,16 @@ def start(session: Session, path: Path) -> None:
             show(found)
 
     session.jobs.start(f"{TITLE}: {path.name}", stage(), on_done=done)
+
+
+def _stands(before: Scene, document: Document) -> bool:
+    """Whether most splats of the scene stand where they did when the other one was aligned with
+    it: what was named, selected, hidden, copied or deleted meanwhile matters nothing."""
+    now, n = document.scene, len(before)
+    if document.history.is_previewing or len(now) < n:
+        return False
+    moved = (world_means(now)[:n] != world_means(before)).any(axis=1)
+    return float(moved.mean()) < 0.5
 
 
 @notifies

@@ -95,6 +95,7 @@ def start(session: Session, plan: DatasetPlan, out: Path) -> bool:
         on_done=lambda text: session.notify(Level.INFO, text, shows=out),
         on_end=end,
         waits=True,
+        resumes=True,
     )
 
 

@@ -207,7 +207,7 @@ def make(
                 keep_stopped(session)
 
     stage = _stage(found, plan, estimate, former)
-    if session.jobs.start(title(session), stage, progress, done, end):
+    if session.jobs.start(title(session), stage, progress, done, end, resumes=True):
         session.training = training
 
 

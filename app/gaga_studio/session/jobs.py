@@ -39,6 +39,7 @@ class Job:
     fraction: float  # 0..1 of the whole, never less than before; -1 while unknown
     eta_s: float | None  # seconds left; None while unknown
     is_cancelling: bool
+    resumes: bool  # another run goes on where it ended
 
 
 class JobRunner:
@@ -91,11 +92,13 @@ class JobRunner:
         *,
         gives_way: bool = False,
         waits: bool = False,
+        resumes: bool = False,
     ) -> bool:
         """Run ``stage`` in a thread; False, and a notice, when another job runs.
 
         A job that ``gives_way`` ends, without a value, for any other that is started; one that
-        ``waits`` starts after the one that runs, so it must work on values of its own.
+        ``waits`` starts after the one that runs, so it must work on values of its own. Of one that
+        ``resumes`` another run goes on where it ended.
 
         ``on_progress`` gets the newest payload, ``on_done`` the value; ``on_end`` is called last
         in every case: done, failed, cancelled. All are called by ``poll``.
@@ -110,7 +113,7 @@ class JobRunner:
             self._notify(Level.HINT, f"Waits for {ahead[-1].title}: {title}.")
         self._begins(title)
         worker = _Worker(title, _Delivery(stage, on_progress, on_done, on_end))
-        worker.gives_way = gives_way
+        worker.gives_way, worker.resumes = gives_way, resumes
         if self._worker is not None and self._worker.gives_way:
             self._worker.cancel()
         self._waiting.append(worker)
@@ -395,7 +398,7 @@ class _Worker(threading.Thread):
         self.title = title
         self.delivery = delivery
         self.on_error = on_error
-        self.gives_way = False
+        self.gives_way = self.resumes = False
         self.says_cancelled = False  # the user asked for it
         self.error: Exception | None = None
         self.said: list[str] = []  # sentences for the user: what readers left out, say
@@ -428,7 +431,7 @@ class _Worker(threading.Thread):
         """The current status."""
         progress = self.delivery.latest
         if progress is None:
-            return Job(self.title, self.title, "", -1.0, None, self.is_cancelling)
+            return Job(self.title, self.title, "", -1.0, None, self.is_cancelling, self.resumes)
         return Job(
             self.title,
             progress.stage,
@@ -436,4 +439,5 @@ class _Worker(threading.Thread):
             self.delivery.fraction,
             self.delivery.seconds_left(progress),
             self.is_cancelling,
+            self.resumes,
         )

@@ -373,7 +373,8 @@ class Session:
         if job is None:
             self._when_saved("before gaga-studio ends", self._end)
         else:
-            self._ask_to_quit(f"{job.title} is still running; unfinished work is lost.")
+            lost = "it can go on later" if job.resumes else "unfinished work is lost"
+            self._ask_to_quit(f"{job.title} is still running; {lost}.")
 
     def _end(self) -> None:
         self.should_quit = True
@@ -431,7 +432,9 @@ class Session:
             if how.copies_model:
                 document.note_files()
             document.save_state.saved(content)
-            self.notify(Level.INFO, f"Saved to {where}.")
+            waits = document.waiting
+            apart = f" The preview of {waits} is not applied, and not in it." if waits else ""
+            self.notify(Level.INFO, f"Saved to {where}.{apart}")
             if document.project.folder is None:  # a scene folder opens with what was saved
                 former = listed_path(document.project.source)
                 self.change_settings(self.settings.opened(where, former))

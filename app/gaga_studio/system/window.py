@@ -398,10 +398,25 @@ class Window:
         def dropped(_: _Handle, names: list[str]) -> None:
             self.hooks.dropped([Path(name) for name in names])
 
-        self._callbacks_of_glfw = dropped, _on_key, _on_button
+        place: list[tuple[float, float]] = []  # of the mouse, as GLFW said it last
+
+        def moved(window: _Handle, x: float, y: float) -> None:
+            place[:] = [(x, y)]
+            imgui.backends.glfw_cursor_pos_callback(_address(window), x, y)
+
+        def entered(window: _Handle, is_inside: int) -> None:
+            # Where it comes in where it had left, GLFW says no more, and Dear ImGui, which asked
+            # meanwhile, has it elsewhere: a click there would do nothing.
+            imgui.backends.glfw_cursor_enter_callback(_address(window), is_inside)
+            if is_inside and place:
+                imgui.backends.glfw_cursor_pos_callback(_address(window), *place[0])
+
+        self._callbacks_of_glfw = dropped, moved, entered, _on_key, _on_button
         glfw.set_drop_callback(handle, dropped)  # type: ignore[arg-type]  # names: a list
         glfw.set_key_callback(handle, _on_key)
         glfw.set_mouse_button_callback(handle, _on_button)
+        glfw.set_cursor_pos_callback(handle, moved)
+        glfw.set_cursor_enter_callback(handle, entered)
         glfw.set_window_size_limits(handle, 480, 320, glfw.DONT_CARE, glfw.DONT_CARE)
         if self._remembers and hello_imgui.load_user_pref(_MAXIMIZED) == _YES:
             free = re.fullmatch(r"(\d+) (\d+)", hello_imgui.load_user_pref(_FREE_SIZE))

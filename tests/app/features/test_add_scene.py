@@ -11,9 +11,10 @@ from gaga_core.progress import run_stage
 from gaga_core.scene.bake import bake
 from gaga_core.scene.frame import inverse
 from gaga_core.scene.project import open_path_stage, save_project
-from gaga_studio.features import add_scene, commands
+from gaga_studio.features import add_scene, commands, objects, selection, transform
 from gaga_studio.session.session import Session
 from tests.app import told
+from tests.app.looks import objects_of
 from tests.core.scene.captures.scenes import any_similarity, write_furnished, write_scene
 from tests.shares import falls
 
@@ -39,6 +40,8 @@ def test_a_scene_is_added_where_it_fits_and_changes_are_listed(
     scene, n = document.scene, len(document.scene)
     with told.by_job() as heard:
         add_scene.start(session, second)
+        group = objects_of(session)[0]
+        assert objects.rename(session, group, "kept")  # the alignment stays right
         assert session.jobs.wait(400)
     (said,) = heard.values()
     assert falls(said) == [], "one share of all, which began again at each step"
@@ -49,7 +52,6 @@ def test_a_scene_is_added_where_it_fits_and_changes_are_listed(
     assert len(scene) > n
     assert add_scene.cancel(session)
     assert len(scene) == n
-    assert not document.unsaved
 
     document.show(found.addition.shown, waits_as=add_scene.TITLE)
     document.feature(add_scene.Adding).take(found, found.addition.shown)
@@ -72,6 +74,7 @@ def test_a_scene_is_added_where_it_fits_and_changes_are_listed(
     saved = save_project(document.project)
     again = run_stage(open_path_stage(saved)).scene
     assert np.array_equal(bake(again).means, bake(scene).means)
+    assert again.names[group] == "kept"
     while session.undo():
         pass
     assert len(scene) == n
@@ -88,6 +91,12 @@ def test_what_cannot_be_aligned_is_placed_by_hand(
     session.open(first)
     assert session.jobs.wait()
     n = len(session.need().scene)
+    add_scene.start(session, tmp_path / "other")
+    selection.select_all(session)
+    assert transform.move(session, transform.shift(np.ones(3)))
+    assert session.jobs.wait(400)
+    assert session.pending_question is None, "it was aligned with a scene that stands elsewhere now"
+    assert session.undo()
     add_scene.start(session, tmp_path / "other")
     assert session.jobs.wait(400)
     assert add_scene.shown(session) is None

@@ -479,13 +479,13 @@ def test_a_save_that_fails_keeps_the_document_open(associated: Session, tmp_path
 # --- while a job runs
 
 
-def _endless(session: Session) -> None:
+def _endless(session: Session, *, resumes: bool = False) -> None:
     def stage() -> Stage[None]:
         while True:
             time.sleep(0.001)
             yield Progress("Film", 1, 3)
 
-    session.jobs.start("Film out.mp4", stage())
+    session.jobs.start("Film out.mp4", stage(), resumes=resumes)
 
 
 def test_a_mask_is_lit_while_a_job_runs(associated: Session) -> None:
@@ -542,6 +542,35 @@ def test_quitting_asks_while_a_job_runs(associated: Session) -> None:
         associated.tick(0.01)
     assert associated.should_quit
     assert not associated.unsaved
+
+
+@pytest.mark.parametrize("resumes", [False, True])
+def test_the_question_at_the_end_says_what_can_go_on(associated: Session, *, resumes: bool) -> None:
+    """Of a training, which goes on from its checkpoint, it was said that its work is lost."""
+    _endless(associated, resumes=resumes)
+    associated.quit()
+    question = associated.pending_question
+    assert question is not None
+    assert ("can go on later" in question.text) is resumes
+    assert ("is lost" in question.text) is not resumes
+    associated.answer("Cancel")
+    associated.jobs.cancel()
+
+
+@pytest.mark.parametrize("waits", ["", "Clean edges"])
+def test_saving_says_that_a_preview_is_not_in_it(associated: Session, waits: str) -> None:
+    document = associated.need()
+    if waits:
+        edit = edits.delete(document.scene, np.arange(9))
+        assert edit is not None
+        document.show(edit, waits_as=waits)
+    associated.save()
+    end = time.monotonic() + 60
+    while not any("Saved to" in notice.text for notice in associated.notices):
+        assert time.monotonic() < end
+        associated.tick(0.01)
+    (said,) = (notice.text for notice in associated.notices if "Saved to" in notice.text)
+    assert ("The preview of Clean edges is not applied" in said) is bool(waits)
 
 
 @pytest.mark.parametrize(("runs", "waits", "unsaved"), list(product([False, True], repeat=3))[1:])

@@ -245,7 +245,7 @@ def test_the_title_says_what_runs_once_a_second_and_goes_back(
     ],
 )
 def test_a_running_job_says_what_how_far_and_how_long(seconds: float, text: str) -> None:
-    job = Job("Find objects", "Find objects", "", -1.0, None, False)
+    job = Job("Find objects", "Find objects", "", -1.0, None, False, False)
     assert status.job_text(job) == "Find objects", "not known how far"
     prepares = replace(job, stage="Prepare kernels")
     assert status.job_text(prepares) == "Find objects: prepare kernels"

@@ -58,6 +58,20 @@ def test_a_typed_script_gives_the_same_result_at_any_frame_rate(
     assert after == {**before, **wanted, "selected": before["splats"]}
 
 
+def test_a_mouse_that_comes_back_where_it_left_is_there(display: str, grouped_copy: Path) -> None:
+    """GLFW says nothing of the same place: a click there did nothing until the mouse moved."""
+    script: list[Stroke] = [("Mouse", (0.25, 0.25)), ("Rest", True), ("Inside", False)]
+    script += [("Rest", True), ("Inside", True)]
+    studio = Studio(grouped_copy, session=new_session(Settings(first_steps_done=True)))
+
+    def place(_: Studio) -> tuple[float, float]:
+        return imgui.get_io().mouse_pos.x, imgui.get_io().mouse_pos.y
+
+    _, there, gone, back = type_into(studio, script, in_a_frame=1, frame_s=0.05, see=place)
+    assert gone != there
+    assert back == there
+
+
 @pytest.mark.parametrize(
     ("keys", "wanted"),
     [

@@ -15,8 +15,8 @@ from gaga_studio.ui.kit.picture_area import PictureArea
 from tests.app.window.driver import fill_little
 
 # X11's name of a key, or "Button1"; whether it goes down. "Mouse": where it is, shares of the
-# picture from its top left corner. "Close": what a window manager asks for at Alt+F4. "Rest":
-# nothing until all is drawn and seen.
+# picture from its top left corner. "Inside": whether it is in the window. "Close": what a window
+# manager asks for at Alt+F4. "Rest": nothing until all is drawn and seen.
 Stroke = tuple[str, bool | tuple[float, float]]
 _MASKS = {
     event.KeyPress: X.KeyPressMask,
@@ -50,6 +50,9 @@ class Hand:
             glfw.set_window_should_close(glfw_utils.glfw_window_hello_imgui(), True)
             self._state = 0  # the window manager was told that Alt is up, this window never
             return
+        if name == "Inside":
+            (self.enter if is_down else self.leave)()
+            return
         if isinstance(is_down, tuple):
             area = self._area
             assert area is not None
@@ -74,6 +77,10 @@ class Hand:
     def enter(self) -> None:
         """The mouse comes into the window."""
         self._window.send_event(event.EnterNotify(**self._where(), mode=0, flags=2))
+
+    def leave(self) -> None:
+        """The mouse goes out of the window."""
+        self._window.send_event(event.LeaveNotify(**self._where(), mode=0, flags=2))
 
     def _where(self) -> dict[str, Any]:
         # As a hand types: GLFW takes a press right after a release for a repeating key.

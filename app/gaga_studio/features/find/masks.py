@@ -60,6 +60,7 @@ class ModelsState:
     entries: tuple[ModelStatus, ...] = ()  # as last looked at; empty = look when it is shown
     offered: Listing | None = None  # its licence and size are shown, the user has not answered
     removing: KnownModel | None = None  # the user is asked whether
+    task: str = ""  # title of the last look at a model, or download
     problem: str = ""  # why the last one was not got, said in the sheet
     is_shown: bool = False  # a notice would stand over it or behind it
     then: Callable[[], object] | None = None  # what the offered model was wanted for
@@ -649,7 +650,8 @@ def ask_model(
         state.offered, state.then = listing, then
 
     decline_model(session)
-    session.jobs.start(f"Look at {model.title}", _told(state, look()), on_done=seen)
+    state.task = f"Look at {model.title}"
+    session.jobs.start(state.task, _told(state, look()), on_done=seen)
 
 
 T = TypeVar("T")
@@ -688,7 +690,8 @@ def accept_model(session: Session) -> None:
 
     after: list[Callable[[], object]] = []
     stage = _told(state, download(listing, consent, hub_config(session)))
-    if session.jobs.start(f"Download {listing.model.title}", stage, None, done, end):
+    state.task = f"Download {listing.model.title}"
+    if session.jobs.start(state.task, stage, None, done, end, resumes=True):
         state.offered = state.then = None
 
 

@@ -57,7 +57,7 @@ def draw(session: Session) -> None:
     )
     widgets.line(f"Models are in {paths.shown(models_folder())}.", theme.DIM)
     is_asking = state.offered is not None or state.removing is not None or bool(state.problem)
-    is_high = is_asking or session.jobs.running is not None
+    is_high = is_asking or _own_job(session) is not None
     footer = em(_FOOT if is_high else _LOW_FOOT)
     height = body_height(em(_TABLE + _FOOT))
     room = height - footer - imgui.get_style().item_spacing.y
@@ -133,9 +133,15 @@ def _seconds(entry: ModelStatus) -> str:
     return text if entry.is_measured else f"about {text}"
 
 
+def _own_job(session: Session) -> Job | None:
+    """The look at a model, or the download, that runs."""
+    job = session.jobs.running
+    return job if job is not None and job.title == session.feature(ModelsState).task else None
+
+
 def _foot(session: Session) -> None:
     """What is asked, or the progress of what runs."""
-    state, job = session.feature(ModelsState), session.jobs.running
+    state, job = session.feature(ModelsState), _own_job(session)
     if job is not None:
         _progress(session, job)
     elif state.offered is not None:
@@ -165,7 +171,8 @@ def _progress(session: Session, job: Job) -> None:
         session.jobs.cancel()
     if job.eta_s is not None:
         left = time_left(job.eta_s)
-        widgets.dim(f"{left[0].upper()}{left[1:]}. After a cancel, Get continues from here.")
+        goes_on = " After a cancel, Get continues from here." if job.resumes else ""
+        widgets.dim(f"{left[0].upper()}{left[1:]}.{goes_on}")
 
 
 def _terms(session: Session, listing: Listing) -> None:
