@@ -116,10 +116,17 @@ def needs(holds: Callable[[Session], object], text: str) -> Reason:
 
     def reason(session: Session) -> str:
         if session.document is None:
-            return "No scene is open."
+            return without_scene(session)
         return "" if holds(session) else text
 
     return reason
+
+
+def without_scene(session: Session) -> str:
+    """The reason why what needs a scene cannot be: none is open, or photos without splats are."""
+    if session.photos is None:
+        return "No scene is open."
+    return busy(session) or "There are no splats yet. Make them of the photos first."
 
 
 def busy(session: Session) -> str:

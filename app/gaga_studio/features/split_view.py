@@ -16,7 +16,7 @@ from gaga_core.scene.edits.splats import spread
 from gaga_core.scene.frame import carried_camera
 from gaga_core.scene.scene import Revision, Scene
 from gaga_studio.features import camera as navigation
-from gaga_studio.features.base import Command, busy, no_photos, watch
+from gaga_studio.features.base import Command, busy, no_photos, watch, without_scene
 from gaga_studio.features.find import association
 from gaga_studio.features.find.association import FindState
 from gaga_studio.session.notices import notifies
@@ -166,7 +166,7 @@ def why_not(session: Session, side: Side) -> str:
     """The reason why a side cannot be shown; "" when it can."""
     document = session.document
     if document is None:
-        return "No scene is open."
+        return without_scene(session)
     if side in AT_A_PHOTO and not session.cameras:
         return "This scene has no photos."
     if side in (Side.TRUTH, Side.ERRORS) and truth_folder(session) is None:

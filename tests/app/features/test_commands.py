@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from threading import Event
 
 import pytest
@@ -30,6 +31,7 @@ from gaga_studio.session.view import REGION_TOOLS, Mode, SplatLook, ToolName, Vi
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.dialogs.preferences import all_keys
 from gaga_studio.ui.kit import icons
+from tests.core.placing.photo_scenes import write_photos
 
 # What can be done with nothing open.
 _ALWAYS = {
@@ -116,6 +118,28 @@ def test_a_disabled_command_does_nothing_but_tell(new_session: Callable[[], Sess
     session = new_session()
     assert not run("edit.delete", session)
     assert session.hint == "No scene is open."
+
+
+def test_what_needs_splats_says_of_photos_that_there_are_none_yet(
+    new_session: Callable[[], Session], tmp_path: Path
+) -> None:
+    """While splats were made of photos in sight it was said that no scene is open."""
+    write_photos(tmp_path / "photos", 6)
+    session = new_session()
+    session.open(tmp_path / "photos")
+    assert session.jobs.wait()
+    assert session.photos is not None
+    assert command("edit.delete").enabled(session).startswith("There are no splats yet.")
+    ends = Event()
+
+    def waits() -> Stage[None]:
+        while not ends.wait(0.01):
+            yield Progress("Wait", 0, 1)
+
+    session.jobs.start("Wait", waits())
+    assert command("edit.delete").enabled(session) == "Wait is still running."
+    ends.set()
+    assert session.jobs.wait()
 
 
 def test_what_is_said_of_a_command_goes_when_the_selection_changes(associated: Session) -> None:

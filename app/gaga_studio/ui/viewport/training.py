@@ -126,7 +126,7 @@ def draw_placement(session: Session, placement: "PlacementReport") -> None:
         aspect = 4 / 3 if texture is None else texture[1] / texture[2]
         textures.place(texture, em(_CUT_OUT) * min(aspect * 3 / 4, 1.0), aspect)
         imgui.same_line()
-        widgets.dim("The dark background is left out", wrap=True)
+        widgets.dim("Darkened here: the background, which is left out", wrap=True)
     for name, why in list(placement.left_out.items())[:_NAMED]:
         widgets.dim(f"{name}: {why}", wrap=True)
     more = len(placement.left_out) - _NAMED
