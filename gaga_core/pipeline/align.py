@@ -48,11 +48,10 @@ from gaga_core.scene.tint import mean_color, tint_affine
 _TINT, _TINTED = (0.95, 0.55, 0.15), 0.5  # color of a second scene while it is shown, and how much
 STAGE = "Align"
 _DRAW, _FEATURES, _MATCHES = "Draw the surfaces", TITLES["features"], TITLES["match"]
-# Seconds of a photo, of a pair of them, or of two captures, of the demo on two cores. Only what
-# they are in parts of each other counts.
+# Seconds of a photo, of a pair of them, or of two captures, of halves of the demo on two cores.
 _RATES = {
-    _DRAW: 0.3, LOOKS: 0.06, _FEATURES: 1.1, _MATCHES: 0.05, by_photos.STAGE: 48.0,
-    changes.STAGE: 10.0,
+    _DRAW: 0.1, LOOKS: 0.02, _FEATURES: 0.17, _MATCHES: 0.0095, by_photos.STAGE: 5.5,
+    changes.STAGE: 1.4,
 }  # fmt: skip
 OPENING = {READS: 1.0, READS_OBJECTS: 1.0}  # of `open_capture_stage`: either of them
 _WORKSPACE = ".gaga-align"  # next to the first scene's files, while photos are matched

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from gaga_core.scene.project import Project
 
 TITLE = "Add a scene"
-_OPENED = 0.03  # share of the work until the other scene is open: 2 s of a minute, of the demo
+_OPENED = 0.08  # share of the work until the other scene is open: 2 s of 24, of the demo
 _CHANGED = "The scene was moved meanwhile, or a preview was open. Add the other one again."
 _NO_PREVIEW = "There is no preview of an added scene. Use Add a scene first."
 
