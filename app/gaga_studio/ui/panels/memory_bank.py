@@ -55,6 +55,8 @@ def draw(session: Session, state: EvidenceState) -> None:
     state.decision = document.read.decision_now(state.decision)
     if document.scene.bank is None:
         hint = "Association fills it: which mask of which photo belongs to which object."
+        if not session.cameras:
+            hint = "It says which mask of which photo belongs to which object: this scene has none."
         widgets.empty_state(icons.MEMORY, "The memory bank is empty", hint)
         return
     group = memory_bank.group_of_panel(session)
