@@ -1532,6 +1532,14 @@ def _a_film_has_a_free_name_or_replaces_when_asked(d: Driver, folder: Path) -> N
         d.keys(KEY.enter)
         assert taken[-1] == folder / ("film.mp4" if n == 1 else f"film {n}.mp4"), "asks nothing"
         taken[-1].touch()
+    (folder / "films").mkdir()
+    for typed, wanted in (("films/a.mp4", "films/a.mp4"), ("", "films/film.mp4")):
+        dialog = d.on_main(lambda: writing("Save the film", d.session, "film.mp4", (".mp4",)))
+        d.on_main(partial(d.studio.ui.files.ask, dialog, taken.append))
+        d.frames(3)
+        d.engine.key_chars(typed)
+        d.keys(KEY.enter)
+        assert taken[-1] == folder / wanted, "the next one begins where the last one went"
     dialog = FileDialog("Save", PathKind.SAVE_FILE, folder, "film.mp4", (".mp4",))
     d.on_main(lambda: d.studio.ui.files.ask(dialog, taken.append))
     d.frames(3)

@@ -375,7 +375,7 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
         s.rig.orbit(100, 0)
         d.keys(KEY.k)
         assert len(camera.path_of(s).keyframes) == 2
-        d.studio.ui.film.width, d.studio.ui.film.height = 64, 48
+        d.studio.ui.film.film_size, d.studio.ui.film.picture_size = (64, 48), (48, 36)
         d.studio.ui.film.fps = 5.0
         d.menu("Camera/Save film…")
         assert not d.studio.ui.film.through_photos
@@ -407,7 +407,7 @@ def test_cube_compare_film_and_picture(display: str, scene_folder: Path, tmp_pat
     n_frames, _ = count_frames_and_secs(str(photos))
     assert n_frames == 2 * len(open_scene_folder(scene_folder).image_paths) > 0
     with Image.open(picture) as saved:
-        assert saved.size == (64, 48)
+        assert saved.size == (48, 36)
         assert np.asarray(saved).std() > 5
     with Image.open(tmp_path / "rings.png") as saved:
         assert saved.mode == "RGBA"

@@ -61,6 +61,7 @@ class FileDialog:
     suffixes: tuple[str, ...] = ()  # (".ply",); empty = any file, for a folder none
     use_native: bool = False
     action: str = "Open"  # text of the button
+    is_anew: bool = False  # a further file, as a film: where the last one went, of a free name
     takes_folder: bool = False  # of a file: nothing named means the folder that holds such files
     is_done: bool = False
     result: Path | None = None  # None after it is done: cancelled
@@ -82,6 +83,7 @@ class FilePicker:
     dialog: FileDialog | None = None
     _then: Callable[[Path], object] | None = None
     _back: str = ""
+    _made_in: Path | None = None  # folder of the last file that was made anew
 
     def ask(self, dialog: FileDialog, then: Callable[[Path], object], back: str = "") -> None:
         """Show ``dialog``; ``then`` gets the path, and without one the sheet ``back`` comes back.
@@ -90,6 +92,10 @@ class FilePicker:
         """
         if self.dialog is None:
             dialog.use_native = self.use_native
+            if dialog.is_anew:
+                if self._made_in is not None and self._made_in.is_dir():
+                    dialog.folder = self._made_in
+                dialog.name = _free_name(dialog.folder, dialog.name)
             self.dialog, self._then, self._back = dialog, then, back
 
     def draw(self) -> None:
@@ -99,6 +105,8 @@ class FilePicker:
         draw(self.dialog)
         if self.dialog.is_done:
             path, then, back = self.dialog.result, self._then, self._back
+            if path is not None and self.dialog.is_anew:
+                self._made_in = path.parent
             self.dialog = self._then = None
             if path is not None and then is not None:
                 then(path)
@@ -538,10 +546,17 @@ def new_folder(title: str, session: Session, name: str, action: str = "Export") 
 
 
 def writing(title: str, session: Session, name: str, suffixes: tuple[str, ...]) -> FileDialog:
-    """A dialog for a file that is written: called ``name``, or "film 2.mp4" where one is there."""
-    start, path = start_folder(session), Path(name)
-    k, free = 1, name
-    while (start / free).exists():
+    """A dialog for a further file that is written, called ``name`` or by a free name."""
+    start = start_folder(session)
+    dialog = FileDialog(title, PathKind.SAVE_FILE, start, name, suffixes, action="Save")
+    dialog.is_anew = True
+    return dialog
+
+
+def _free_name(folder: Path, name: str) -> str:
+    """``name``, or "film 2.mp4" where one is there."""
+    path, k, free = Path(name), 1, name
+    while (folder / free).exists():
         k += 1
         free = f"{path.stem} {k}{path.suffix}"
-    return FileDialog(title, PathKind.SAVE_FILE, start, free, suffixes, action="Save")
+    return free

@@ -54,8 +54,8 @@ class FilmChoices:
     """What was chosen last, kept while the program runs."""
 
     what: What = "rgb"
-    width: int = 1920  # pixels
-    height: int = 1080
+    film_size: tuple[int, int] = (1920, 1080)  # pixels
+    picture_size: tuple[int, int] = (1920, 1080)
     fps: float = 30.0
     quality: int = 75
     left: Left = ""  # of the line of a film; "" = no line
@@ -70,7 +70,7 @@ class FilmChoices:
     @property
     def video(self) -> VideoConfig:
         """The file's settings; ``GagaError`` when they do not do."""
-        return VideoConfig(self.width, self.height, self.fps, self.quality)
+        return VideoConfig(*self.film_size, self.fps, self.quality)
 
     def photo_config(self, session: Session) -> PhotoFilmConfig:
         """Settings of a film through the photos; ``GagaError`` likewise."""
@@ -104,7 +104,7 @@ def draw(session: Session, choices: FilmChoices, files: FilePicker) -> None:
         if _picture(session, choices):
             name = f"{stem(session)}.png"
             dialog = writing("Save the picture", session, name, (".png", ".jpg"))
-            size, clear = (choices.width, choices.height), choices.transparent
+            size, clear = choices.picture_size, choices.transparent
             save = partial(export.save_picture, size=size, transparent=clear)
             files.ask(dialog, lambda path: save(session, path), PICTURE)
         imgui.end_popup()
@@ -119,7 +119,7 @@ def _film(session: Session, choices: FilmChoices) -> bool:
             _photos(session, choices)
         else:
             _left(session, choices)
-        _size(choices)
+        choices.film_size = _size(choices.film_size)
         widgets.field_name("Pictures a second", em(_NAMES))
         _, choices.fps = widgets.slider("##Pictures a second", choices.fps, 5.0, 60.0, "%.0f")
         widgets.field_name("Quality", em(_NAMES))
@@ -192,25 +192,25 @@ def _left(session: Session, choices: FilmChoices) -> None:
 def _picture(session: Session, choices: FilmChoices) -> bool:
     mode = session.view.mode.value
     widgets.dim(f"What the camera sees, in {mode}; .png or .jpg")
-    _size(choices)
+    choices.picture_size = _size(choices.picture_size)
     label = "Without background (transparent)"
     choices.transparent = widgets.tick(label, choices.transparent)
     return _ends(PICTURE)
 
 
-def _size(choices: FilmChoices) -> None:
+def _size(size: tuple[int, int]) -> tuple[int, int]:
     widgets.field_name("Width and height", em(_NAMES))
-    values = [choices.width, choices.height]
-    changed, values = imgui.input_int2("##Width and height", values)
+    changed, values = imgui.input_int2("##Width and height", [*size])
     if changed:
-        choices.width, choices.height = (max(16, min(value, 16384)) for value in values)
-    for position, (width, height) in enumerate(_SIZES):
-        name = f"{width} × {height}"
+        width, height = (max(16, min(value, 16384)) for value in values)
+        size = width, height
+    for position, known in enumerate(_SIZES):
+        name = f"{known[0]} × {known[1]}"
         if position:
             widgets.next_to(name)
-        is_on = (choices.width, choices.height) == (width, height)
-        if widgets.toggle(name, is_on, hint="Take this size"):
-            choices.width, choices.height = width, height
+        if widgets.toggle(name, size == known, hint="Take this size"):
+            size = known
+    return size
 
 
 def _ends(title: str) -> bool:
