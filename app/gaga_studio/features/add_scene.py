@@ -1,6 +1,7 @@
 """Add a scene of the same place: aligned, in a preview to apply or cancel, and what changed."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,7 +37,9 @@ if TYPE_CHECKING:
 
 TITLE = "Add a scene"
 _OPENED = 0.08  # share of the work until the other scene is open: 2 s of 24, of the demo
-_CHANGED = "The scene was moved meanwhile, or a preview was open. Add the other one again."
+_CHANGED = (
+    "The scene was moved or taken apart meanwhile, or a preview was open. Add the other one again."
+)
 _NO_PREVIEW = "There is no preview of an added scene. Use Add a scene first."
 
 
@@ -114,20 +117,27 @@ def start(session: Session, path: Path) -> None:
         addition = align.addition_of(project.scene, second, world)
         return Found(capture.name, second, world, addition, aligned, why)
 
-    at = document.history.state_id
     check = watch(session, document, _CHANGED, lambda: _stands(project.scene, document))
 
     def show(found: Found) -> None:
-        if document.history.state_id != at:
-            from gaga_core.pipeline.align import addition_of
-
-            scene = document.settled().scene
-            found = replace(found, addition=addition_of(scene, found.second, found.world))
         document.show(found.addition.shown, waits_as=TITLE)
         document.feature(Adding).take(found, found.addition.shown)
 
-    def done(found: Found) -> None:
+    def run(work: Stage[Found], *, waits: bool = False) -> None:
+        at, title = document.history.state_id, f"{TITLE}: {path.name}"
+        session.jobs.start(title, work, on_done=partial(done, at), waits=waits)
+
+    def again(found: Found, scene: Scene) -> Stage[Found]:
+        yield Progress(TITLE, 0, 0)
+        from gaga_core.pipeline.align import addition_of
+
+        return replace(found, addition=addition_of(scene, found.second, found.world))
+
+    def done(at: int, found: Found) -> None:
         if not check():
+            return
+        if document.history.state_id != at:  # something was selected or named meanwhile
+            run(again(found, replace(document.settled().scene)), waits=True)
             return
         if found.aligned is None:
             choices = {"Place it by hand": lambda: show(found)}
@@ -135,7 +145,7 @@ def start(session: Session, path: Path) -> None:
         else:
             show(found)
 
-    session.jobs.start(f"{TITLE}: {path.name}", stage(), on_done=done)
+    run(stage())
 
 
 def _stands(before: Scene, document: Document) -> bool:

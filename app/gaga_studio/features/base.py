@@ -126,7 +126,7 @@ def without_scene(session: Session) -> str:
     """The reason why what needs a scene cannot be: none is open, or photos without splats are."""
     if session.photos is None:
         return "No scene is open."
-    return busy(session) or "There are no splats yet. Make them of the photos first."
+    return busy(session) or "There are no splats yet. Make them from the photos first."
 
 
 def busy(session: Session) -> str:

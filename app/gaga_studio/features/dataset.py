@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from gaga_core.errors import GagaError, counted
 from gaga_core.export.dataset.settings import FORMS, DatasetConfig, Form, planned
 from gaga_core.progress import Progress, Stage
@@ -67,7 +69,7 @@ def start(session: Session, plan: DatasetPlan, out: Path) -> bool:
         from gaga_core.pipeline.dataset import dataset_stage, usual_seconds
 
         scene = frozen.scene
-        n_objects = len(set(scene.labels[scene.visible].tolist()) - {0})
+        n_objects = int(np.count_nonzero(np.unique(scene.labels[scene.visible])))
         usual_s = usual_seconds(config, forms, int(scene.visible.sum()), n_objects)
         made = yield from stages.prepared(
             session.rates,

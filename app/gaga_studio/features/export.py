@@ -406,7 +406,7 @@ def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, v
     """Write a film through photos as a job: what is chosen of them left of a line."""
     video_suffix(target)
     names = photos_of(session, views)
-    n_written = round(len(names) * config.seconds * config.video.fps)
+    n_written = len(names) * max(round(config.seconds * config.video.fps), 1)
     n_drawn = len(names) * (2 if config.left == "errors" else 1)
     stage = photo_film_stage(session.need().settled(), target, config, names)
     return session.jobs.start(

@@ -122,7 +122,7 @@ def start(session: Session, *, lighten: bool = True) -> None:
             lambda: fill_stage(scene, splats, views, choose(), config),
             parts=("window",),
             usual_s=usual_seconds(scene, len(views), config),
-            name="Delete and fill",
+            name="Delete and fill, by a model" if model else "Delete and fill",
         )
         is_alone = taken is None or not taken.groups
         done_title = fill_title(scene, splats) if is_alone else named

@@ -13,7 +13,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -79,8 +79,14 @@ class JobRunner:
 
     @property
     def at_risk(self) -> Job | None:
-        """The job that is lost when the program ends now; saves are waited for."""
-        return next((one.describe() for one in self._ahead()), None)
+        """The job that is lost when the program ends now; saves are waited for.
+
+        It ``resumes`` where all that wait for it do, too.
+        """
+        ahead = self._ahead()
+        if not ahead:
+            return None
+        return replace(ahead[0].describe(), resumes=all(one.resumes for one in ahead))
 
     def start(
         self,

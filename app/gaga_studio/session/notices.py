@@ -84,9 +84,9 @@ def notifies(action: Callable[Concatenate[S, P], object]) -> Callable[Concatenat
 class UserQuestion:
     """Something that must be answered before the session goes on; the window shows it as a modal.
 
-    The last choice is the one that changes nothing (Escape); Enter takes the first one, but where
-    each of the others ``loses`` something. ``is_past`` says that its text is no longer true,
-    because a task has ended for example: then ``again`` asks a new question.
+    The last choice is the one that changes nothing (Escape); Enter takes the first one, except
+    where each of the others ``loses`` something. ``is_past`` says that its text is no longer
+    true, because a task has ended for example: then ``again`` asks a new question.
     """
 
     text: str
@@ -112,7 +112,7 @@ def choose_one(
 ) -> UserQuestion:
     """Build the question that does one of ``choices``, or nothing ("Cancel").
 
-    ``loses``: each of them does away with something, so Enter is "Cancel".
+    ``loses``: each of them loses something, so Enter is "Cancel".
     """
 
     def chosen(choice: str) -> None:

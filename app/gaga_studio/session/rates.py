@@ -24,6 +24,7 @@ _TELLING_S = 5.0  # of kernels, or of a task, until they tell how fast this mach
 # Between this machine and the one that was measured, at most: a rate that is farther off was of
 # kernels that came from a cache, or of a machine that slept.
 _MOST_OFF = 4.0
+_MOST_OFF_TASK = 20.0  # the same of a task, as of the steps of a reconstruction
 _LOOK_S = 2.0  # from one look at the load to the next
 _LOG = logging.getLogger(__name__)
 
@@ -130,8 +131,10 @@ class KnownRates:
         value = yield from mapped(stage, told)
         took = time.monotonic() - start
         slowdown = _slowdown(before, _used(), n_threads())
-        if max(usual_s, took) >= _TELLING_S:
-            self.keep(self.rates | {name: took / (usual_s * slowdown)})
+        if took >= _TELLING_S and usual_s > 0:
+            rate = took / (usual_s * slowdown)
+            rate = min(max(rate, 1 / _MOST_OFF_TASK), _MOST_OFF_TASK)
+            self.keep(self.rates | {name: rate})
         return value
 
     def timed_kernels(self, kernels: Stage[None], usual_s: float) -> Stage[None]:

@@ -225,7 +225,7 @@ class Session:
 
     @property
     def _state(self) -> tuple[Document | None, int, str]:
-        document, job = self.document, self.jobs.running
+        document, job = self.document, self.jobs.at_risk
         state_id = document.history.state_id if document is not None else 0
         return document, state_id, job.title if job is not None else ""
 

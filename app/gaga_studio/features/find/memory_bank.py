@@ -753,17 +753,18 @@ def measure_quality(session: Session) -> bool:
 
         return quality_stage(evidence, bank, labels, confidence, choose())
 
-    @notifies
-    def keep(_: Session, found: "Quality") -> None:
+    def done(found: "Quality") -> None:
         from gaga_core.evaluate.quality import write_quality
 
+        measured = _measured(document)
+        measured.pop(digest, None)
+        measured[digest] = found
         folder = document.project.folder
         assert folder is not None  # `evidence_of` looked
-        write_quality(folder.work, found, bank, digest)
-
-    def done(found: "Quality") -> None:
-        _measured(document)[digest] = found
-        keep(session, found)
+        try:
+            write_quality(folder.work, found, bank, digest)
+        except GagaError as error:
+            session.notify(Level.WARNING, f"The measurement is shown, but not kept: {error}")
 
     title = "Measure the objects"
     return session.jobs.start(title, stages.prepared(session.rates, title, stage), None, done)

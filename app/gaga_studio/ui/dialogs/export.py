@@ -401,7 +401,7 @@ def _place(sheet: ExportSheet, files: FilePicker) -> None:
     label = "Choose…"
     room = imgui.calc_text_size(label).x + em(2)
     widgets.field_name("Folder" if is_folder else "File", em(NAMES), right=room)
-    changed, sheet.path = path_field("##Path", sheet.path, Path.cwd(), only_folders=is_folder)
+    changed, sheet.path = path_field("##Path", sheet.path, Path(), only_folders=is_folder)
     widgets.tooltip(sheet.path)
     if changed:
         _follow_name(sheet)

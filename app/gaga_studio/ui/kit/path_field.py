@@ -53,15 +53,14 @@ def completed(folder: Path, text: str, suffixes: tuple[str, ...], only_folders: 
     """
     place, begin = (text[: text.rfind("/") + 1], text[text.rfind("/") + 1 :])
     try:
-        here = list((folder / Path(place or ".").expanduser()).iterdir())
-    except (OSError, RuntimeError):  # not there, or the home of nobody
+        names = [
+            f"{p.name}/" if p.is_dir() else p.name
+            for p in (folder / Path(place or ".").expanduser()).iterdir()
+            if (p.is_dir() or (not only_folders and (not suffixes or p.suffix.lower() in suffixes)))
+            and p.name.startswith(".") == begin.startswith(".")
+        ]
+    except (OSError, RuntimeError):  # not there, not allowed, or the home of nobody
         return text
-    names = [
-        f"{p.name}/" if p.is_dir() else p.name
-        for p in here
-        if (p.is_dir() or (not only_folders and (not suffixes or p.suffix.lower() in suffixes)))
-        and p.name.startswith(".") == begin.startswith(".")
-    ]
     fitting = [name for name in names if name.startswith(begin)]
     low = begin.casefold()
     fitting = fitting or [name for name in names if name.casefold().startswith(low)]

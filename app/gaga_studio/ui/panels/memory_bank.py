@@ -56,7 +56,7 @@ def draw(session: Session, state: EvidenceState) -> None:
     if document.scene.bank is None:
         hint = "Association fills it: which mask of which photo belongs to which object."
         if not session.cameras:
-            hint = "It says which mask of which photo belongs to which object: this scene has none."
+            hint = "It says which mask of which photo belongs to which object. No photos are here."
         widgets.empty_state(icons.MEMORY, "The memory bank is empty", hint)
         return
     group = memory_bank.group_of_panel(session)
@@ -105,8 +105,10 @@ def _head(document: Document, group: int, whole: int, decisions: Sequence[Decisi
 def _chosen(session: Session, document: Document, state: EvidenceState, n_bars: int) -> None:
     """The chosen mask: its splats in the picture, and the share of them that each group holds."""
     decision = state.decision
-    if decision is None or commands.command("view.lights_masks").enabled(session):
-        widgets.dim("Click a mask: its splats light up, and bars show whose they are.", wrap=True)
+    why_not = commands.command("view.lights_masks").enabled(session)
+    if decision is None or why_not:
+        hint = "Click a mask: its splats light up, and bars show whose they are."
+        widgets.dim(why_not if decision is not None else hint, wrap=True)
         return
     view = session.view
     hint = "Light up the splats of this mask in the picture"

@@ -35,7 +35,8 @@ class SelectBy:
 def draw(session: Session, held: SelectBy) -> None:
     """The whole panel."""
     if session.document is None:
-        widgets.empty_state(icons.CHART, "No scene is open", "")
+        what = "No scene is open" if session.photos is None else "No splats yet"
+        widgets.empty_state(icons.CHART, what, "")
         return
     _by_number(session, held)
     _by_color(session, held)

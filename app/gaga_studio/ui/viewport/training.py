@@ -101,7 +101,7 @@ def draw_setting(
     else:
         widgets.field_name(about.label, em(NAMES), right)
     if isinstance(shown, str):
-        changed, text = path_field(f"##{about.label}", shown, Path.cwd())
+        changed, text = path_field(f"##{about.label}", shown, Path())
         value = text.strip()
     elif isinstance(shown, float):
         form = form if shown else "automatic"
@@ -428,8 +428,7 @@ def _fields(
     plan = draw_setting(plan, "exposure", plan.config.exposure, tip)
     if found.photos is not None:
         widgets.field_name("Scene folder", em(NAMES))
-        here = Path.cwd()
-        changed, text = path_field("##Scene folder", str(plan.scene), here, only_folders=True)
+        changed, text = path_field("##Scene folder", str(plan.scene), Path(), only_folders=True)
         if changed and text.strip():
             plan = replace(plan, scene=Path(text.strip()).expanduser())
     return plan
