@@ -5,8 +5,10 @@ uniform sampler2D u_mask;       // shares: r selected, g hovered
 uniform vec2 u_outline;         // half widths in pixels: selected, hovered
 uniform vec3 u_accent;
 uniform vec3 u_hover;
+#ifdef MOST_LINES
 uniform sampler2D u_crowding;   // outlines of the length of an area's side, in each: rg as u_mask
 uniform float u_area;           // side of an area, pixels
+#endif
 #endif
 uniform vec2 u_picture;         // size in pixels
 uniform vec3 u_background;
@@ -65,10 +67,13 @@ void main()
 #endif
     color = clamp(color + (1.0 - splats.a) * u_background, 0.0, 1.0);
 #ifdef MASK
+    vec4 line = edges(at);
+#ifdef MOST_LINES
     // Where lines are crowded they share what so many take that are apart: the picture stays seen.
     vec2 crowding = texture(
         u_crowding, gl_FragCoord.xy / (u_area * vec2(textureSize(u_crowding, 0)))).rg;
-    vec4 line = edges(at) * (MOST_LINES / max(crowding, MOST_LINES)).rgrg;
+    line *= (MOST_LINES / max(crowding, MOST_LINES)).rgrg;
+#endif
     color *= 1.0 - 0.45 * max(line.b, 0.6 * line.a);
     color = mix(color, u_hover, 0.8 * line.g);
     color = mix(color, u_accent, line.r);

@@ -43,7 +43,8 @@ def test_a_scene_is_added_where_it_fits_and_changes_are_listed(
         group = objects_of(session)[0]
         assert objects.rename(session, group, "kept")  # the alignment stays right
         assert session.jobs.wait(400)
-    (said,) = heard.values()
+    said, added_anew = heard.values()
+    assert added_anew, "to the scene as it is now"
     assert falls(said) == [], "one share of all, which began again at each step"
     assert len({word.done for word in said}) > 40
     found = add_scene.shown(session)

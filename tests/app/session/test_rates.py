@@ -108,7 +108,7 @@ def test_kernels_tell_by_those_that_are_compiled(
 def test_only_of_work_whose_amount_is_known_a_rate_is_kept_and_a_time_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, usual_s: float | None
 ) -> None:
-    """A film of 10 min has the name of a picture's task, for which 10 min were told next."""
+    """A film of 5 min has the name of a picture's task, for which 5 min were told next."""
     monkeypatch.setenv("GAGA_HOME", str(tmp_path))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))  # as in a new installation
     known, machine = KnownRates(), _Machine(monkeypatch, 2, 2)
@@ -120,16 +120,16 @@ def test_only_of_work_whose_amount_is_known_a_rate_is_kept_and_a_time_told(
 
     def stage() -> Stage[None]:
         yield Progress("Draw", 0, 1)
-        machine.now += 600
+        machine.now += 300
 
     monkeypatch.setattr(stages, "kernels_stage", kernels)
     for n in range(2):
         steps = list(stages.prepared(known, "Draw", stage, parts=("window",), usual_s=usual_s))
         lefts = [step.left_s for step in steps if "Prepare kernels" in step.message]
-        work_s = 0 if usual_s is None else (20, 600)[n]
+        work_s = 0 if usual_s is None else (20, 300)[n]
         assert lefts[0] == pytest.approx(kernels_s + work_s)
         assert lefts[-1] == pytest.approx(work_s)
-    assert known.rates == ({} if usual_s is None else {"Draw": 30.0})
+    assert known.rates == ({} if usual_s is None else {"Draw": 15.0})
     assert (tmp_path / "rates.json").exists() is (usual_s is not None)
 
 

@@ -18,6 +18,7 @@ from gaga_core.scene.scene import State
 from gaga_studio.features import export, selection, transform
 from gaga_studio.features.camera import go_to_view
 from gaga_studio.features.find import association
+from gaga_studio.session import rates
 from gaga_studio.session.rates import KnownRates
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import ToolName
@@ -27,7 +28,10 @@ from tests.app.window.driver import KEY, Driver, drive
 pytestmark = pytest.mark.window
 
 
-def test_from_masks_to_an_edited_file(display: str, tmp_path: Path) -> None:
+def test_from_masks_to_an_edited_file(
+    display: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rates, "_TELLING_S", 0.0)  # of so small a scene, too
     folder, target = tmp_path / "balls", tmp_path / "edited.ply"
     made = write_scene(folder)
     walk = _Walk(made.gaussians.means.astype(np.float64), made.labels)

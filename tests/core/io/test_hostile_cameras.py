@@ -49,7 +49,7 @@ def test_points_that_cannot_be_are_left_out_and_said(
     found = read_colmap(tmp_path)
     assert found.points.tolist() == [[1, 1, 1]] * 4
     assert len(found.point_colors) == 4
-    assert "1 points with" in caplog.text
+    assert "1 point with" in caplog.text
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "1e300", "-50", "0", "1e12"])

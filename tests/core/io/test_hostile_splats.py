@@ -163,7 +163,7 @@ def test_sizes_beyond_all_range_and_rotations_of_no_length_are_said(
     assert found is not None
     assert found.quats[2:4].tolist() == [[1, 0, 0, 0]] * 2
     assert len(found) == N - 1
-    assert "1 splats with" in caplog.text
+    assert "1 splat with" in caplog.text
     assert "2 rotations of no length" in caplog.text
 
 

@@ -339,15 +339,13 @@ def switches_width(columns: RowColumns) -> float:
 # --- One line of the object list: color, picture, name, numbers, switches.
 
 _HIGH, _LOW = 50.0, 25.0  # of a row, with a picture of 48, and in a low list; pixels at 96 dpi
-_ENOUGH = 5  # rows that a list must have room for, unless they are as low as their text
+_ENOUGH = 5  # high rows that a list must have room for
 _GOOD, _FAIR = 0.75, 0.5  # agreements
 
 
 def height(room: float) -> float:
     """Of a row in a list ``room`` pixels high, in pixels of this screen."""
-    line = imgui.get_text_line_height()
-    heights = (theme.scaled(_HIGH), theme.scaled(_LOW), line)
-    return next((high for high in heights if room > _ENOUGH * high), line)
+    return theme.scaled(_HIGH if room > _ENOUGH * theme.scaled(_HIGH) else _LOW)
 
 
 @dataclass(frozen=True, eq=False)
