@@ -405,8 +405,8 @@ class Window:
             imgui.backends.glfw_cursor_pos_callback(_address(window), x, y)
 
         def entered(window: _Handle, is_inside: int) -> None:
-            # Where it comes in where it had left, GLFW says no more, and Dear ImGui, which asked
-            # meanwhile, has it elsewhere: a click there would do nothing.
+            # GLFW does not tell the same place twice. Dear ImGui asks for the place while the mouse
+            # is outside, so where it comes back to the old one, a click there would do nothing.
             imgui.backends.glfw_cursor_enter_callback(_address(window), is_inside)
             if is_inside and place:
                 imgui.backends.glfw_cursor_pos_callback(_address(window), *place[0])

@@ -61,7 +61,7 @@ class FileDialog:
     suffixes: tuple[str, ...] = ()  # (".ply",); empty = any file, for a folder none
     use_native: bool = False
     action: str = "Open"  # text of the button
-    is_anew: bool = False  # a further file, as a film: where the last one went, of a free name
+    is_further: bool = False  # film or picture: begins in the folder of the last, with a free name
     takes_folder: bool = False  # of a file: nothing named means the folder that holds such files
     is_done: bool = False
     result: Path | None = None  # None after it is done: cancelled
@@ -83,7 +83,7 @@ class FilePicker:
     dialog: FileDialog | None = None
     _then: Callable[[Path], object] | None = None
     _back: str = ""
-    _made_in: Path | None = None  # folder of the last file that was made anew
+    _made_in: Path | None = None  # folder of the last film or picture
 
     def ask(self, dialog: FileDialog, then: Callable[[Path], object], back: str = "") -> None:
         """Show ``dialog``; ``then`` gets the path, and without one the sheet ``back`` comes back.
@@ -92,7 +92,7 @@ class FilePicker:
         """
         if self.dialog is None:
             dialog.use_native = self.use_native
-            if dialog.is_anew:
+            if dialog.is_further:
                 if self._made_in is not None and self._made_in.is_dir():
                     dialog.folder = self._made_in
                 dialog.name = _free_name(dialog.folder, dialog.name)
@@ -105,7 +105,7 @@ class FilePicker:
         draw(self.dialog)
         if self.dialog.is_done:
             path, then, back = self.dialog.result, self._then, self._back
-            if path is not None and self.dialog.is_anew:
+            if path is not None and self.dialog.is_further:
                 self._made_in = path.parent
             self.dialog = self._then = None
             if path is not None and then is not None:
@@ -549,7 +549,7 @@ def writing(title: str, session: Session, name: str, suffixes: tuple[str, ...]) 
     """A dialog for a further file that is written, called ``name`` or by a free name."""
     start = start_folder(session)
     dialog = FileDialog(title, PathKind.SAVE_FILE, start, name, suffixes, action="Save")
-    dialog.is_anew = True
+    dialog.is_further = True
     return dialog
 
 
