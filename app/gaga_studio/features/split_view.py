@@ -261,6 +261,13 @@ def scene_of_version(session: Session) -> Scene | None:
     return document.read.once("version", version, lambda: _scene_at(history, at))
 
 
+def is_earlier(session: Session, u: float, width: int) -> bool:
+    """Whether the column ``u`` of the picture shows the scene as it was, which no click edits."""
+    view = session.view
+    is_left = view.compare is PhotoCompareMode.SWIPE and u < view.swipe * width
+    return is_left and view.sides[0] in (Side.BEFORE, Side.VERSION)
+
+
 def name_of_version(session: Session) -> str:
     """The last edit of the state that is compared, as the history calls it; "" when it is gone."""
     document, version = session.document, session.view.version

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from gaga_core.arrays import DoubleArray
-from gaga_studio.features import camera, measure, selection
-from gaga_studio.session.notices import Request, notifies
+from gaga_studio.features import camera, measure, selection, split_view
+from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.tools.base import PathShape, RectShape, Tool, ViewportPoint
@@ -14,6 +14,8 @@ from gaga_studio.tools.paint import BrushTool, CloneTool, ColorTool, EraseTool
 from gaga_studio.tools.pick import GroundTool, MeasureTool, ObjectTool, PickTool
 from gaga_studio.tools.region import LassoTool, PolygonTool, RectTool
 from gaga_studio.tools.sphere import SphereTool
+
+_EARLIER = "Left of the line is the scene as it was. Click right of the line."
 
 
 class ToolController:
@@ -88,13 +90,19 @@ class ToolController:
         looks = session.rig.is_flying or bool(keys.held and not keys.ctrl)
         tool, is_open = self.tool(session), session.document is not None
         waits = session.document is not None and bool(session.document.waiting)
-        drags = tool.takes_drag and is_open and not waits
+        takes_drag = tool.takes_drag and is_open and not waits
         for state in (*way, pointer):
+            drags = takes_drag and not split_view.is_earlier(session, state.u, state.width)
             for action in self._gestures.update(state, keys, tool_drags=drags, looks=looks):
                 if _move_camera(session, action) or not is_open:
                     continue
+                is_earlier = split_view.is_earlier(session, action.u, state.width)
                 if waits and action.act in (Act.CLICK, Act.MENU):
                     _say_that_it_waits(session)
+                elif is_earlier and action.act is Act.HOVER:
+                    _rest(session, tool, None)
+                elif is_earlier and action.act in (Act.CLICK, Act.DOUBLE_CLICK, Act.MENU):
+                    session.notify(Level.HINT, _EARLIER)
                 else:
                     _use(session, tool, action, state)
         move, speed = fly_move(keys, session.rig.is_flying)

@@ -15,7 +15,7 @@ from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_volume import SurfacePoint, map_between
 from gaga_core.scene.tint import mean_color
-from gaga_studio.features import objects, selection
+from gaga_studio.features import objects, selection, split_view, transform
 from gaga_studio.features.commands import command, for_shortcut, run
 from gaga_studio.features.find import association, click_object, memory_bank
 from gaga_studio.session.session import NO_GROUPS, Session
@@ -60,6 +60,21 @@ def test_click_selects_the_whole_object(associated: Session) -> None:
     )
     assert titles(associated)[-1] == f"Select group {group}"
     assert associated.focus == group
+
+
+def test_what_shows_an_earlier_scene_is_only_looked_at(associated: Session) -> None:
+    session, hand = associated, Hand(associated)
+    group, at = _apart(session)
+    selection.select_groups(session, (group,))
+    assert transform.recolor(session, (0.0, 1.0, 0.0))
+    split_view.compare_version(session, 0)
+    for line, selected in ((1.0, ()), (0.0, (group,))):  # right of the object, then left of it
+        session.view.swipe = line
+        selection.select_groups(session, ())
+        session.notices = ()
+        hand.click_at(at)
+        assert session.selected_groups() == selected
+        assert ["as it was" in notice.text for notice in session.notices] == [True] * (not selected)
 
 
 def test_shift_adds_control_removes_and_a_click_on_nothing_clears(associated: Session) -> None:
