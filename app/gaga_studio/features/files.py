@@ -39,7 +39,9 @@ def save_script(session: Session, path: Path) -> bool:
     recorded = document.history.recorded()
     with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(recorded, indent=1), encoding="utf-8")
-    session.notify(Level.INFO, f"Recorded {len(recorded)} edits in {path}.", shows=path)
+    edits = counted(len(recorded), "edit")
+    text = f"Recorded {edits}, all since the scene was opened, in {path}."
+    session.notify(Level.INFO, text, shows=path)
     return True
 
 
@@ -127,7 +129,10 @@ def recent(session: Session) -> tuple[Command, ...]:
     return tuple(map(open_it, session.settings.recent))
 
 
-_no_edits = needs(lambda session: session.need().history.can_undo, "Nothing has been edited yet.")
+_no_edits = needs(
+    lambda session: session.need().history.can_undo,
+    "Nothing was edited since the scene was opened.",
+)
 COMMANDS: tuple[Command, ...] = (
     ask("file.open_folder", "Open scene folder…", Request.OPEN_FOLDER, "Ctrl+O", enabled=busy),
     ask("file.open_file", "Open splat file…", Request.OPEN_FILE, "Ctrl+Shift+O", enabled=busy),

@@ -174,7 +174,7 @@ def why_not(session: Session, side: Side) -> str:
     if side in (Side.GROUPS, Side.ERRORS) and not document.read.has_groups():
         return session.no_groups_text
     if side is Side.BEFORE and not _contents(document.history):
-        return "Nothing has been edited yet."
+        return "Nothing was edited since the scene was opened."
     if side is Side.VERSION and session.view.version not in document.history.state_ids:
         return "Right-click an entry of the History, then Compare."
     if side is Side.PRESET and (document.scene.bank is None or len(session.masks) == 0):

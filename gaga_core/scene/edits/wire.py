@@ -53,6 +53,10 @@ _DAMAGED = (
 _Ints = Literal["int8", "uint8", "int16", "uint16", "int32", "uint32", "int64"]
 
 
+class _OtherSceneError(ValueError):
+    """An edit is of more splats than there are."""
+
+
 class SetEntry(Struct, frozen=True):
     """A set of splats as it is stored: one of its three forms is there."""
 
@@ -73,8 +77,10 @@ class SetEntry(Struct, frozen=True):
 
     def index_set(self, most: int) -> IndexSet:
         """The set, of a scene of at most ``most`` splats; ``ValueError`` when it is damaged."""
-        if self.n > most or self.count > self.n:
-            raise ValueError(f"a set of {self.count:,} splats of {self.n:,}, at most {most:,}")
+        if self.n > most:
+            raise _OtherSceneError(f"of {self.n:,} splats, here are {most:,} at most")
+        if self.count > self.n:
+            raise ValueError(f"a set of {self.count:,} splats of {self.n:,}")
         damaged, rows = ValueError(f"a set of {self.count} splats of {self.n}"), np.zeros(0, int)
         if not isinstance(self.runs, UnsetType):
             # Counted first, so that no more rows are made than there can be.
@@ -186,6 +192,12 @@ def of_json(
         for part in parts_of(edit):
             _check(part)
     except _DAMAGED as error:
+        other = error if isinstance(error, _OtherSceneError) else error.__cause__
+        if isinstance(other, _OtherSceneError):
+            raise GagaError(
+                f"An edit of the script was recorded on another scene ({other}). Run it on the "
+                "scene that was opened then."
+            ) from error
         raise GagaError(
             f"A recorded edit of the script is damaged ({explain_json_error(error)}). "
             "Record it again."

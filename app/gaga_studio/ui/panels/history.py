@@ -25,7 +25,11 @@ def draw(session: Session, state: HistoryState) -> None:
     """The whole panel."""
     document = session.document
     if document is None or not document.history.entries():
-        widgets.empty_state(icons.HISTORY, "No edits yet", _HINT if document else "")
+        widgets.empty_state(
+            icons.HISTORY,
+            "No edits since it was opened" if document else "No edits",
+            _HINT if document else "",
+        )
         return
     history = document.history
     entries = history.entries()

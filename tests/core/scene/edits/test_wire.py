@@ -79,12 +79,13 @@ def test_every_kind_of_edit_comes_back_from_a_file_as_it_was(tmp_path: Path) -> 
     assert {*kinds, Edits} == set(get_args(AnyEdit))
 
 
-def test_a_script_of_another_scene_is_told_so() -> None:
+@pytest.mark.parametrize("n", [200, 301])
+def test_a_script_of_another_scene_is_told_so(n: int) -> None:
     scene = walk_scene(300)
     history = History(scene)
     history.do(edits.hide(scene, np.arange(5)))
     with pytest.raises(GagaError, match="recorded on another scene"):
-        run_script(walk_scene(301), history.recorded())
+        run_script(walk_scene(n), history.recorded())
 
 
 @pytest.mark.parametrize(
