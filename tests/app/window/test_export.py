@@ -134,7 +134,9 @@ def test_files_are_of_the_form_that_was_chosen(display: str, tmp_path: Path) -> 
         d.settle()
         assert (session.need().history.undo_title or "").startswith("Reduce splats of ")
         run("edit.undo", session)
+        assert sheet.options.centre
         d.menu("File/###Export scene…")
+        assert not sheet.options.centre, "where one object was to stand says nothing of the scene"
         d.click("**/###Choose a place")
         assert d.studio.ui.files.dialog is not None
         d.keys(KEY.escape)

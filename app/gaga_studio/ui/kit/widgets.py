@@ -34,10 +34,11 @@ _LOW = 0.5  # share of the panel's height below which a section that opens comes
 def tooltip(text: str, shortcut: str = "", *, of_row: bool = False) -> None:
     """Explain the item drawn last when the mouse rests on it, also when it is disabled.
 
-    That of a row of a list stands next to the list, where it covers no other row.
+    That of a row of a list stands next to the list, where it covers no other row. An item that is
+    held has none: what it does is looked at.
     """
     flags = imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled
-    if not text or not imgui.is_item_hovered(flags):
+    if not text or imgui.is_item_active() or not imgui.is_item_hovered(flags):
         return
     _place_tooltip(text, bool(shortcut), of_row=of_row)
     if imgui.begin_tooltip():

@@ -57,7 +57,8 @@ def _scrub(session: Session, path: CameraPath) -> None:
     if widgets.icon_button("Play", icon, hint="Play or stop", why_not=why_not, shortcut="Shift+K"):
         camera.toggle_playing(session)
     imgui.same_line()
-    width = em(5.5)
+    of_all = "%.1f s in all"
+    width = imgui.calc_text_size(of_all % path.seconds).x + 2 * imgui.get_style().frame_padding.x
     imgui.set_next_item_width(imgui.get_content_region_avail().x - width - em(0.6))
     end = max(path.seconds, 1e-3)
     changed, at = widgets.slider("##Time", playback.at, 0.0, end, "%.2f s", ticks=path.times())
@@ -66,7 +67,7 @@ def _scrub(session: Session, path: CameraPath) -> None:
         camera.scrub(session, at)
     imgui.same_line()
     imgui.set_next_item_width(width)
-    changed, total = imgui.drag_float("##Total", path.seconds, 0.05, 0.1, 3600, "%.1f s in all")
+    changed, total = imgui.drag_float("##Total", path.seconds, 0.05, 0.1, 3600, of_all)
     widgets.tooltip("Duration of the whole path; all times scale with it")
     if changed:
         camera.set_total_seconds(session, total)

@@ -586,7 +586,8 @@ class ObjectRow:
         lines = [widgets.elided(self.name, room)]
         if self.is_partly_selected:
             n, of = self.rows.table.n_selected[self.row], self.rows.table.counts[self.row]
-            lines.append(f"{n:,} of {of:,}")
+            count, share = f"{n:,} of {of:,}", f"{max(100 * n // of, 1)} %"
+            lines.append(count if imgui.calc_text_size(count).x <= room else share)
         elif lines[0] != self.name and self.height >= 2 * imgui.get_text_line_height():
             lines = widgets.few_lines(self.name, room)
         lower(self.height, len(lines))
