@@ -18,7 +18,6 @@ from gaga_studio.features.base import (
     Preview,
     ask,
     first_of,
-    needs,
     no_scene,
     not_saveable,
     preview_waits,
@@ -64,6 +63,7 @@ class ListedChanges:
     """What changed between the open scene and the one that was added last."""
 
     name: str = ""  # of that one
+    is_compared: bool = False  # with the scene here; not, where one has no objects
     found: "tuple[tuple[Change, tuple[int, ...]], ...]" = ()  # with the groups here that show it
 
 
@@ -166,10 +166,11 @@ def apply(session: Session) -> bool:
         return False
     document = session.need()
     session.cancel_preview()
-    changes = () if found.aligned is None else found.aligned.changes or ()
+    changes = None if found.aligned is None else found.aligned.changes
     here = found.addition.groups
     listed = document.feature(ListedChanges)
-    listed.name, listed.found = found.name, tuple((c, _groups(c, here)) for c in changes)
+    listed.name, listed.is_compared = found.name, changes is not None
+    listed.found = tuple((c, _groups(c, here)) for c in changes or ())
     done = document.do(found.addition.edit)
     session.notify(
         Level.INFO,
@@ -214,9 +215,15 @@ def _no_preview(session: Session) -> str:
     return "" if shown(session) is not None else no_scene(session) or _NO_PREVIEW
 
 
-_no_changes = needs(
-    lambda session: changes(session).found,
-    "No changes are known. Add a scene of the same place first.",
+def _no_list(session: Session) -> str:
+    listed = changes(session)
+    if listed.is_compared:
+        return f"Nothing came, went or moved between this scene and {listed.name}."
+    return "No changes are known. Add a scene of the same place first."
+
+
+_no_changes = first_of(
+    no_scene, lambda session: "" if changes(session).found else _no_list(session)
 )
 COMMANDS: tuple[Command, ...] = (
     ask(

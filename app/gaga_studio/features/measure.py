@@ -51,8 +51,9 @@ def begin(session: Session) -> None:
 
 
 def begin_scale(session: Session) -> None:
-    """Start the tool to type a length: two clicks, then its number."""
-    begin(session)
+    """Start the tool to type a length: two clicks, or the points of a measurement, its number."""
+    if session.tool is not ToolName.MEASURE:
+        begin(session)
     clicked(session).asks_length = True
 
 

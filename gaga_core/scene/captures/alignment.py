@@ -77,7 +77,7 @@ class Alignment:
         apart = decimal_text(self.residual)
         text = f"{self.n_points:,} {what} fit, {apart} units apart in the median"
         if self.pixels is not None:
-            text += f" ({self.pixels:.1f} pixels)"
+            text += f", and {self.pixels:.1f} pixels off where the photos show them"
         angle, scale = f"{np.degrees(self.angle):.1f}", decimal_text(self.scale, 4)
         turned = "not turned" if angle == "0.0" else f"turned by {angle}°"
         size = "of the same size" if scale == "1" else f"{scale} times as large"

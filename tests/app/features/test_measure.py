@@ -65,6 +65,8 @@ def test_a_known_length_sets_the_scale_of_everything_and_the_picture_stays(
     assert "two points" in session.notices[-1].text
     for corner in _CORNERS[:2]:
         measure.add(session, corner)
+    assert run("tool.set_scale", session)
+    assert len(measure.clicked(session).points) == 2, "what was measured is the known length"
     n = len(session.need().history.entries())
     points = world_means(scene)[::40].astype(np.float64)
     pixels = session.rig.camera(640, 480).project(points)[0]

@@ -71,7 +71,7 @@ def test_what_shows_an_earlier_scene_is_only_looked_at(associated: Session) -> N
     for line, selected in ((1.0, ()), (0.0, (group,))):  # right of the object, then left of it
         session.view.swipe = line
         selection.select_groups(session, ())
-        session.notices = ()
+        session.notices = session.notices[:0]
         hand.click_at(at)
         assert session.selected_groups() == selected
         assert ["as it was" in notice.text for notice in session.notices] == [True] * (not selected)

@@ -572,16 +572,15 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea, mo
     corner, size = ImVec2(area.left, area.top + bar), ImVec2(area.width, area.height - bar)
     top, ends = corner.y + em(0.7), corner.y
     if preview_badge(session):
-        top = _badge(preview_badge(session), corner)
+        top = _badge(preview_badge(session), corner, size.x)
         if not area.has_inspector:
             top = ends = _ends_of_preview(session, corner.x, top)
     elif session.tool is ToolName.GROUND and session.document is not None:
-        top = _badge(
-            align_ground.ground_prompt(session), corner, align_ground.GROUND_HELP, size.x - em(8)
-        )
+        prompt = align_ground.ground_prompt(session)
+        top = _badge(prompt, corner, size.x, align_ground.GROUND_HELP)
     elif mode is not Mode.COLOR and not bar and session.training is None:
         badge = mode_badge(session, mode)
-        top = _badge(badge, corner) if badge else top
+        top = _badge(badge, corner, size.x) if badge else top
     area.head_bottom = toolbar.draw_card(session, area, top)
     overlays.draw_card(session, state.measure, corner, size)
     area.chip_bottom = max(_way_out_of_isolation(session, corner, size), ends)
@@ -655,23 +654,26 @@ def mode_badge(session: Session, mode: Mode) -> str:
     return _BADGES[mode]
 
 
-def _badge(text: str, corner: ImVec2, more: str = "", room: float = 0.0) -> float:
-    """Says that the colors are not the scene's own, or what to click; ``more`` in ``room``.
+_CUBE = 7.0  # width of the cube, to the right of it, ems
+
+
+def _badge(text: str, corner: ImVec2, room: float, more: str = "") -> float:
+    """Says in a picture of width ``room`` that the colors are not its own, or what to click.
 
     Returns the y of what is free below.
     """
-    pad = ImVec2(em(0.6), em(0.3))
-    extent = imgui.calc_text_size(text)
-    wide = max(extent.x, room - 2 * pad.x)
-    below = imgui.calc_text_size(more, wrap_width=wide) if more else ImVec2(0, 0)
+    pad, drawing = ImVec2(em(0.6), em(0.3)), imgui.get_window_draw_list()
+    most = room - em(0.7 + _CUBE) - 2 * pad.x
+    size, font, font_size = ImVec2(0, 0), imgui.get_font(), imgui.get_font_size()
+    lines = [(text, theme.TEXT), *([(more, theme.DIM)] if more else [])]
+    for line, _ in lines:
+        extent = imgui.calc_text_size(line, wrap_width=most)
+        size = ImVec2(max(size.x, extent.x), size.y + extent.y)
     low = ImVec2(corner.x + em(0.7), corner.y + em(0.7))
-    width, height = max(extent.x, below.x), extent.y + below.y
-    high = ImVec2(low.x + width + 2 * pad.x, low.y + height + 2 * pad.y)
-    drawing = imgui.get_window_draw_list()
+    high = ImVec2(low.x + size.x + 2 * pad.x, low.y + size.y + 2 * pad.y)
     drawing.add_rect_filled(low, high, theme.u32(theme.BACK, 0.75), em(0.3))
-    drawing.add_text(ImVec2(low.x + pad.x, low.y + pad.y), theme.u32(theme.TEXT), text)
-    if more:
-        at = ImVec2(low.x + pad.x, low.y + pad.y + extent.y)
-        font, size = imgui.get_font(), imgui.get_font_size()
-        drawing.add_text(font, size, at, theme.u32(theme.DIM), more, wide)
+    at = low.y + pad.y
+    for line, color in lines:
+        drawing.add_text(font, font_size, ImVec2(low.x + pad.x, at), theme.u32(color), line, most)
+        at += imgui.calc_text_size(line, wrap_width=most).y
     return high.y + em(0.5)
