@@ -39,6 +39,9 @@ _FULL = 0.5
 _LOW, _HELD = 0.25, 0.5
 _LAYER = 0.02  # of the object's size: height of the layer of splats that a plane is fitted to
 _N_SUPPORT = 30  # splats: fewer are no surface
+# Share of a surface on either side of any line under the middle of what stands on it. In the demo
+# that of all objects that stand is 0.08 and more, that of a copy in the air next to flowers 0.001.
+_BESIDE = 0.02
 _STEEPEST = np.cos(np.radians(20.0))  # of a plane that something stands on
 _GAP = 0.15  # of the object's height: a foot that ends higher over its support does not touch it
 _CUT = 2.0  # voxels over the support from which on downwards the underside is made flat
@@ -174,7 +177,8 @@ def upright_place(up: Sequence[float], scale: float) -> DoubleArray:
 def support_of(points: DoubleArray, others: DoubleArray) -> Plane | None:
     """The plane under an object with centres ``points`` (K, 3) among those of ``others`` (M, 3).
 
-    World of the simulation. None: nothing level is there.
+    World of the simulation. None: nothing level is there, or only beside it: a body stands where its
+    middle is over what carries it.
     """
     lo, hi = np.percentile(points, 1, axis=0), np.percentile(points, 99, axis=0)
     size = float((hi - lo).max())
@@ -182,13 +186,19 @@ def support_of(points: DoubleArray, others: DoubleArray) -> Plane | None:
     near = ((others[:, :2] > lo[:2] - reach) & (others[:, :2] < hi[:2] + reach)).all(axis=1)
     layer, foot = _LAYER * size, others[near]
     stands = foot[np.abs(foot[:, 2] - lo[2]) < _NEAR * size]
-    plane = _level_plane(stands, 1.0, layer)
+    middle = np.median(points, axis=0)
+    plane = _level_plane(stands, 1.0, layer, middle)
     # What hangs in the air falls on the highest of several surfaces.
-    return plane or _level_plane(foot[foot[:, 2] < lo[2]], _FULL, layer)
+    return plane or _level_plane(foot[foot[:, 2] < lo[2]], _FULL, layer, middle)
 
 
-def _level_plane(cloud: DoubleArray, share: float, layer: float) -> Plane | None:
-    """The plane of the highest ``layer`` with this ``share`` of the points of the fullest one."""
+def _level_plane(
+    cloud: DoubleArray, share: float, layer: float, middle: DoubleArray
+) -> Plane | None:
+    """The plane of the highest ``layer`` with this ``share`` of the points of the fullest one.
+
+    None also where it does not lie around ``middle`` (3,).
+    """
     if len(cloud) < _N_SUPPORT:
         return None
     rows = np.sort(cloud[:, 2])
@@ -203,11 +213,19 @@ def _level_plane(cloud: DoubleArray, share: float, layer: float) -> Plane | None
         fit = np.linalg.lstsq(design[inside], cloud[inside, 2], rcond=None)[0]
         inside = np.abs(design @ fit - cloud[:, 2]) < layer
     normal = np.array([-fit[0], -fit[1], 1.0]) / np.sqrt(fit[0] ** 2 + fit[1] ** 2 + 1)
-    if normal[2] < _STEEPEST:
+    if normal[2] < _STEEPEST or _least_side(cloud[inside, :2] - middle[:2]) < _BESIDE:
         return None
-    middle = np.median(cloud[inside], axis=0)
-    on_it = fit[0] * (middle[0] - corner[0]) + fit[1] * (middle[1] - corner[1]) + fit[2]
-    return Plane(np.array([middle[0], middle[1], on_it]), normal)
+    at = np.median(cloud[inside], axis=0)
+    on_it = fit[0] * (at[0] - corner[0]) + fit[1] * (at[1] - corner[1]) + fit[2]
+    return Plane(np.array([at[0], at[1], on_it]), normal)
+
+
+def _least_side(points: DoubleArray) -> float:
+    """Share of ``points`` (K, 2) on the emptier side of the line through 0 that parts them most
+    unevenly: 0 where they do not surround it (Tukey's depth)."""
+    angles = np.sort(np.arctan2(points[:, 1], points[:, 0]))
+    half = np.searchsorted(np.r_[angles, angles + 2 * np.pi], angles + np.pi)
+    return float((half - np.arange(len(angles))).min() / len(angles))
 
 
 def _solid_of(mesh: TriangleMesh) -> Any:
