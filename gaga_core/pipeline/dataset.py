@@ -340,7 +340,7 @@ def pictures_stage(
                         yield from _holes_stage(base, groups, engine, holes, passed, step)
                         painter = _Painter(series, holes)
                     record, drawn = painter.picture(k)
-                    made += 1
+                    made += not record.is_left_out
                     writer.put(partial(_finished, out, record, drawn, series.poses))
                 left_out += record.is_left_out
                 names += [] if record.is_left_out else [view]

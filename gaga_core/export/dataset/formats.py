@@ -265,8 +265,10 @@ def _yolo_stage(source: Source, staging: Path) -> Stage[None]:
     row_of = source.row_of()
     for split in SPLITS:
         (staging / "labels" / split).mkdir(parents=True)
+    used = set[str]()
     for done, record in enumerate(source.records()):
         yield Progress(_STAGE, done, len(source), "YOLO")
+        used.add(record.split)
         size = np.array([record.width, record.height] * 2)
         lines = []
         for one in record.objects:
@@ -281,7 +283,9 @@ def _yolo_stage(source: Source, staging: Path) -> Stage[None]:
         f"  {row.id - 1}: {json.dumps(row.name, ensure_ascii=False)}\n"
         for row in source.tables.classes
     )
-    text = f"path: .\ntrain: images/train\nval: images/val\nnames:\n{names}"
+    # Its trainers refuse a data set without a folder of each.
+    val = "images/val" if "val" in used else "images/train  # no picture is for validation"
+    text = f"path: .\ntrain: images/train\nval: {val}\nnames:\n{names}"
     (staging / "data.yaml").write_text(text, encoding="utf-8")
 
 

@@ -222,6 +222,7 @@ def test_only_what_is_stale_is_made_again(project: Project, tmp_path: Path) -> N
     """A rename changes tables; a merge the pictures that show the merged; ids stay."""
     out, config = tmp_path / "set", changed(moved=0.0, removed=0.0, coverage=0.3)
     assert made(project, out, config).made == 12
+    assert "\nval: images/train " in (out / "data.yaml").read_text(), "none is for validation"
     before, files = json.loads((out / "dataset.json").read_text()), contents(out)
     assert made(project, out, config).made == 0
     now = contents(out)
@@ -444,6 +445,13 @@ def test_of_few_photos_views_are_kept_that_photos_would_be(tmp_path: Path) -> No
     project.scene.labels = scene.labels
     report = made(project, tmp_path / "set", changed(coverage=0.8, moved=0.0, views=24))
     assert report.left_out <= 2
+
+def test_what_is_left_out_counts_as_no_picture(project: Project, tmp_path: Path) -> None:
+    """No view shows only what photos saw from the same side."""
+    report = made(project, tmp_path / "set", changed(coverage=1.0, width=32, height=32))
+    assert 0 < report.left_out < 12
+    assert report.made == report.pictures == 12 - report.left_out
+    assert report.kept == 0
 
 
 def test_views_of_what_photos_looked_at_are_as_far_as_photos(
