@@ -711,7 +711,8 @@ def _apart(
 # --- The edit that removes an object and fills what it hid.
 
 
-_LEVELS = 16  # of lightening: each takes one row of the table of placements
+_LEVELS = 256  # of lightening, at most: each takes one row of the table of placements
+_STEP = 0.1  # log of a factor of a channel between two levels; larger where there were more levels
 
 
 def filled_edit(scene: Scene, found: Filling, title: str) -> Edit | None:
@@ -731,11 +732,12 @@ def filled_edit(scene: Scene, found: Filling, title: str) -> Edit | None:
 
     add(delete(scratch, np.concatenate([found.removed, found.unseen]), title))
     if len(found.stained):  # splats that are lightened alike
-        gains = found.gains.astype(np.float64)
-        key = np.log(gains @ LUMA)
-        level = np.digitize(key, np.linspace(key.min(), key.max() + 1e-9, _LEVELS + 1))
-        for k in np.unique(level):
-            factors = np.diag(gains[level == k].mean(axis=0))
+        log, step, n = np.log(found.gains.astype(np.float64)), _STEP, _LEVELS + 1
+        while n > _LEVELS:
+            steps, level = np.unique(np.rint(log / step), axis=0, return_inverse=True)
+            n, step = len(steps), 2 * step
+        for k in range(n):
+            factors = np.diag(np.exp(log[level == k].mean(axis=0)))
             affine = np.column_stack([factors, np.zeros(3)])
             add(recolor(scratch, found.stained[level == k], affine, title="Lighten the shadow"))
     add(append_made(scratch, found.splats, found.labels, title, State(0)))

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.color import LUMA
@@ -356,14 +357,27 @@ def splat_gains(
 ) -> DoubleArray:
     """Factors (N, 3) of splats of colors ``rgb`` (N, 3) at ``local`` (N, 3) on the plane.
 
-    None becomes brighter than the splats that are not stained.
+    None becomes brighter than the splats of its hue that are not stained: a dark red flower on
+    pale paper is no shadow over one of a brighter red than there is.
     """
     result = chart.at(factors, local)
     clean = result.max(axis=1) < _CLEAN
     if not clean.any():
         return result
     top = np.percentile(rgb[clean], _BRIGHT, axis=0)
-    return np.clip(np.minimum(result, top / np.maximum(rgb, _DARK)), 1.0, None)
+    result = np.clip(np.minimum(result, top / np.maximum(rgb, _DARK)), 1.0, None)
+    log, more = np.log(np.maximum(rgb, _DARK)), np.log(result)
+    hues, brightness = _hues(log[clean]), log[clean].mean(axis=1)
+    _, near = cKDTree(hues).query(_hues(log + more), _FEW, distance_upper_bound=_PULL * _box()[1])
+    top = np.append(brightness, -np.inf)[near].max(axis=1)  # of its hue; none has it: not lightened
+    way = np.maximum(more.mean(axis=1), 1e-9)
+    share = np.clip((top - log.mean(axis=1)) / way, 0.0, 1.0)
+    return result ** share[:, None]
+
+
+def _hues(log: DoubleArray) -> DoubleArray:
+    """What of log colors (N, 3) light does not change (N, 3)."""
+    return log - log.mean(axis=1, keepdims=True)
 
 
 def taken_cells(chart: Chart, points: DoubleArray, height: float) -> BoolArray:

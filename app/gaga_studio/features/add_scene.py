@@ -219,6 +219,8 @@ def _no_list(session: Session) -> str:
     listed = changes(session)
     if listed.is_compared:
         return f"Nothing came, went or moved between this scene and {listed.name}."
+    if listed.name:
+        return f"Find objects here and in {listed.name} first, then add it: objects are compared."
     return "No changes are known. Add a scene of the same place first."
 
 

@@ -31,6 +31,7 @@ from gaga_studio.features.base import Command, no_scene, no_selection
 from gaga_studio.features.blender_keys import BLENDER, Keys
 from gaga_studio.features.find import association, click_object, masks, memory_bank, search
 from gaga_studio.session.camera_rig import FLY_KEYS
+from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import PhotoCompareMode, ToolName
@@ -247,9 +248,12 @@ def run(command_id: str, session: Session) -> bool:
 
 
 def run_one(chosen: Command, session: Session) -> bool:
-    """Run a command of `all_menus`, as `run` does."""
+    """Run a command of `all_menus`, as `run` does. Of a dialog that does not open the reason is a
+    notice, too: what is typed for it would be commands."""
     session.hint = chosen.enabled(session)
     if session.hint:
+        if chosen.title.endswith("…"):
+            session.notify(Level.HINT, session.hint)
         return False
     if chosen.run(session) is not False:
         session.answered_by(chosen.id)

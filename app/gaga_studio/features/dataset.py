@@ -81,7 +81,7 @@ def start(session: Session, plan: DatasetPlan, out: Path) -> bool:
         )
         is_done.append(True)
         pictures = counted(made.pictures, "labelled picture")
-        text = f"{pictures} in {paths.shown(out)}: {made.made:,} new."
+        text = f"{pictures} in {out.name}, {made.made:,} of them new."
         return " ".join([text, *made.notes])
 
     def end() -> None:

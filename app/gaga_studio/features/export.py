@@ -185,6 +185,10 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
         lost = export_losses(scene, plan.form, what=what, options=options)  # type: ignore[arg-type]
         if plan.form is not SplatFormat.HTML and scene.labels[splats].any():
             lost = (*lost, _NO_OBJECTS)
+        n_hidden = int((scene.has(State.HIDDEN) & ~scene.has(State.DELETED)).sum())
+        if n_hidden and plan.what == "scene":
+            are = "is" if n_hidden == 1 else "are"
+            lost = (f"{counted(n_hidden, 'splat')} {are} hidden, and not exported.", *lost)
     degree = scene.gaussians.sh_degree
     if options.sh_degree is not None:
         degree = min(degree, options.sh_degree)

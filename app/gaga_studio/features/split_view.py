@@ -175,7 +175,7 @@ def why_not(session: Session, side: Side) -> str:
         return session.no_groups_text
     if side is Side.BEFORE and not _contents(document.history):
         return "Nothing was edited since the scene was opened."
-    if side is Side.VERSION and session.view.version not in document.history.state_ids:
+    if side is Side.VERSION and version_is_gone(session):
         return "Right-click an entry of the History, then Compare."
     if side is Side.PRESET and (document.scene.bank is None or len(session.masks) == 0):
         return "There are no masks and groups to compare. Use Find objects first."
@@ -254,11 +254,17 @@ def scene_of_version(session: Session) -> Scene | None:
     Always the same value: another one is black until it is drawn.
     """
     document, version = session.document, session.view.version
-    if document is None or version not in document.history.state_ids:
+    if document is None or version_is_gone(session):
         return None
     history = document.history
     at = history.state_ids.index(version)
     return document.read.once("version", version, lambda: _scene_at(history, at))
+
+
+def version_is_gone(session: Session) -> bool:
+    """Whether the history has the compared version no longer: an edit after Undo dropped it."""
+    document = session.document
+    return document is not None and session.view.version not in document.history.state_ids
 
 
 def is_earlier(session: Session, u: float, width: int) -> bool:
@@ -271,7 +277,7 @@ def is_earlier(session: Session, u: float, width: int) -> bool:
 def name_of_version(session: Session) -> str:
     """The last edit of the state that is compared, as the history calls it; "" when it is gone."""
     document, version = session.document, session.view.version
-    if document is None or version not in document.history.state_ids:
+    if document is None or version_is_gone(session):
         return ""
     at = document.history.state_ids.index(version)
     return f"After {document.history.entries()[at - 1].title}" if at else "As opened"

@@ -177,8 +177,8 @@ def upright_place(up: Sequence[float], scale: float) -> DoubleArray:
 def support_of(points: DoubleArray, others: DoubleArray) -> Plane | None:
     """The plane under an object with centres ``points`` (K, 3) among those of ``others`` (M, 3).
 
-    World of the simulation. None: nothing level is there, or only beside it: a body stands where its
-    middle is over what carries it.
+    World of the simulation. None: nothing level is there, or only beside it: what stands has its
+    middle over what carries it.
     """
     lo, hi = np.percentile(points, 1, axis=0), np.percentile(points, 99, axis=0)
     size = float((hi - lo).max())

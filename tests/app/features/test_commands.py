@@ -118,6 +118,9 @@ def test_a_disabled_command_does_nothing_but_tell(new_session: Callable[[], Sess
     session = new_session()
     assert not run("edit.delete", session)
     assert session.hint == "No scene is open."
+    assert not session.notices
+    assert not run("file.export_scene", session)
+    assert session.notices[-1].text == "No scene is open.", "no dialog opens"
 
 
 def test_what_needs_splats_says_of_photos_that_there_are_none_yet(

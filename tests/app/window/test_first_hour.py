@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from imgui_bundle import ImVec2, imgui
 
+from gaga_core.scene import edits
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
@@ -146,6 +147,13 @@ def _two_versions_are_compared(d: Driver) -> None:
     shown = split_view.scene_of_version(d.session)
     d.keys(KEY.mod_ctrl, KEY.z)
     assert split_view.scene_of_version(d.session) is shown, "it is not drawn again, from black"
+    d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.z)
+    at = d.history.cursor
+    d.on_main(lambda: split_view.compare_version(d.session, at))
+    d.keys(KEY.mod_ctrl, KEY.z)
+    d.on_main(lambda: d.session.need().do(edits.hide(d.scene, np.arange(9))))  # in its place
+    d.until(lambda: d.session.view.compare is PhotoCompareMode.OFF, "what is gone is not compared")
+    assert any("is gone" in notice.text for notice in d.session.notices)
     d.keys(KEY.escape)
     d.keys(KEY.escape)
     assert d.session.selected_groups() == ()

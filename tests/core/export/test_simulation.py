@@ -133,8 +133,9 @@ def test_a_support_is_found_under_an_object_and_not_beside_a_wall() -> None:
     assert abs(plane.heights(np.zeros((1, 3)))[0]) < 0.001
     assert support_of(points, wall) is None
     assert support_of(points, table[:10]) is None
-    shelf = table[table[:, 0] < -0.05] + [0, 0, 0.5]  # next to what hangs in the air
-    hanging = points + [0, 0, 0.5]
+    above = np.array([0.0, 0.0, 0.5])
+    shelf = table[table[:, 0] < -0.05] + above  # next to what hangs in the air
+    hanging = points + above
     assert support_of(hanging, shelf) is None
     found = support_of(hanging, np.concatenate([shelf, table]))
     assert found is not None

@@ -210,6 +210,21 @@ def test_no_splat_becomes_brighter_than_those_in_the_light() -> None:
     assert found.max() < 0.81
 
 
+def test_no_splat_becomes_a_color_of_a_hue_that_is_only_darker_elsewhere() -> None:
+    """Dark red buds on pale paper, at the edge of what looks like a shadow."""
+    flat = chart(np.full((SIDE, SIDE, 3), 0.4))
+    factors = np.where(disc(20)[:, :, None], 3.0, 1.0) * np.ones(3)
+    paper = np.tile([[5.0, 5.0, 0]], (40, 1))
+    local = np.concatenate([[[45.0, 45.0, 0], [46.0, 45.0, 0]], paper])
+    red, pale = np.array([0.24, 0.04, 0.04]), np.array([0.9, 0.85, 0.8])
+    for last in (red, pale):  # another bud in the light, or none
+        rest = np.concatenate([np.tile(pale, (39, 1)), [last]])
+        rgb = np.concatenate([[red, pale / 3], rest])
+        found = splat_gains(flat, factors, local, rgb) * rgb
+        np.testing.assert_allclose(found[0], red, rtol=0.02)
+        np.testing.assert_allclose(found[1], pale, rtol=0.02)
+
+
 def plain_table() -> DoubleArray:
     grain = np.random.default_rng(1).normal(size=(SIDE, SIDE, 1))
     return LIGHT * (1 + 0.02 * ndimage.gaussian_filter(grain, (0.8, 0.8, 0)))

@@ -446,6 +446,7 @@ def test_of_few_photos_views_are_kept_that_photos_would_be(tmp_path: Path) -> No
     report = made(project, tmp_path / "set", changed(coverage=0.8, moved=0.0, views=24))
     assert report.left_out <= 2
 
+
 def test_what_is_left_out_counts_as_no_picture(project: Project, tmp_path: Path) -> None:
     """No view shows only what photos saw from the same side."""
     report = made(project, tmp_path / "set", changed(coverage=1.0, width=32, height=32))

@@ -33,7 +33,7 @@ class Backend:
     @property
     def sentence(self) -> str:
         """What a tooltip says."""
-        return f"Finding objects runs on {self.name}: {self.reason}."
+        return f"Objects are found on the {self.name}: {self.reason}."
 
 
 def backend() -> Backend:

@@ -12,6 +12,7 @@ from gaga_core.evaluate.photo_film import truth_picture
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import split_view
 from gaga_studio.features.split_view import PhotoPlacement
+from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import PhotoCompareMode, Side
 from gaga_studio.ui.kit import icons, textures, theme, widgets
@@ -49,6 +50,10 @@ def draw(
     if view.holds_photo and not (imgui.is_key_down(imgui.Key.g) and io.key_shift):
         view.holds_photo = False
     if view.compare is PhotoCompareMode.OFF and not view.holds_photo:
+        return False
+    if Side.VERSION in view.sides and is_split(session) and split_view.version_is_gone(session):
+        view.compare = PhotoCompareMode.OFF
+        session.notify(Level.INFO, "The version that was compared is gone: an edit replaced it.")
         return False
     is_divided = is_split(session)
     needs_photo = not is_divided or bool(split_view.AT_A_PHOTO & set(view.sides))

@@ -91,8 +91,9 @@ def _draw_next_stage(session: Session, state: PictureState, area: PictureArea) -
     document = session.document
     if offer is None or document is None or state.is_offer_closed:
         return
-    if any(one.shown(session) is not None for one in (cleanup, fill, add_scene)):
-        return  # it would cover a preview that is to be looked at
+    is_preview = any(one.shown(session) is not None for one in (cleanup, fill, add_scene))
+    if is_preview or session.tool is ToolName.MEASURE:
+        return  # it would cover what is to be looked at, or lengths
     is_low = area.height < em(_LOW_AREA)
     if not offer.command and (is_low or session.tool is ToolName.OBJECT):
         return  # it only advises: what is being done, or all over a low picture
@@ -443,9 +444,12 @@ class ViewportPanel:
             follow.show(session, camera, (pointer.u, pointer.v))
             self._follow = follow  # unless that failed: nothing would end it
         is_cancelled = imgui.is_key_pressed(imgui.Key.escape, False) or pointer.right
-        if is_cancelled or pointer.left or widgets.enter_pressed():
+        saves = imgui.get_io().key_ctrl and imgui.is_key_pressed(imgui.Key.s, False)
+        if is_cancelled or pointer.left or saves or widgets.enter_pressed():
             session.cancel_preview() if is_cancelled else session.commit_preview()
             self._follow, self._is_ignored = None, pressed
+        if saves:  # all else that keys mean waits for its end
+            commands.run("file.save", session)
         return True
 
     def cancel(self, session: Session) -> bool:
