@@ -196,6 +196,9 @@ _NEARLY_NONE = 1e-3  # cells of a color, under which it is not led on
 _FEW = 30  # cells of surroundings with which nothing can be said
 _SOFT = 1.0  # cells over which a factor fades at its edge
 _BRIGHT = 98  # percentile of the splats of the surroundings: none is made brighter than that
+# Splats of a hue among which the brightest counts: with 30 the fill of the demo gains 11.7 dB, with
+# 1,000 11.8, with no limit of a hue 11.9, but a dark rose on fox becomes neon red.
+_OF_A_HUE = 1000
 _CLEAN = 1.02  # factor under which a splat is no stain
 _PULL = 2.5  # bins: colors so near are taken for the same
 _PULLS = 4  # steps towards them
@@ -368,7 +371,8 @@ def splat_gains(
     result = np.clip(np.minimum(result, top / np.maximum(rgb, _DARK)), 1.0, None)
     log, more = np.log(np.maximum(rgb, _DARK)), np.log(result)
     hues, brightness = _hues(log[clean]), log[clean].mean(axis=1)
-    _, near = cKDTree(hues).query(_hues(log + more), _FEW, distance_upper_bound=_PULL * _box()[1])
+    some = np.arange(1, min(_OF_A_HUE, len(hues)) + 1)
+    _, near = cKDTree(hues).query(_hues(log + more), some, distance_upper_bound=_PULL * _box()[1])
     top = np.append(brightness, -np.inf)[near].max(axis=1)  # of its hue; none has it: not lightened
     way = np.maximum(more.mean(axis=1), 1e-9)
     share = np.clip((top - log.mean(axis=1)) / way, 0.0, 1.0)
