@@ -5,6 +5,7 @@ camera path, stays in the frame in which the scene was opened and is carried whe
 """
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -101,3 +102,15 @@ def length_text(length: float, *, is_metric: bool) -> str:
     if is_metric:
         return lengths_text([length], is_metric=True)
     return f"{decimal_text(length)} units" if 0 < abs(length) < 100 else f"{length:,.1f} units"
+
+
+_METRES = {"": 1.0, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+_LENGTH = re.compile(r"([0-9]*[.,]?[0-9]+|[0-9]+[.,])\s*([a-z]*)")
+
+
+def metres_of(text: str) -> float | None:
+    """A typed length in metres: "1.5", "1,5 m", "80 cm", "12 in"; None where it is no length."""
+    found = _LENGTH.fullmatch(text.strip().lower())
+    if found is None or found[2] not in _METRES:
+        return None
+    return float(found[1].replace(",", ".")) * _METRES[found[2]] or None

@@ -8,7 +8,7 @@ import numpy as np
 from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.scene import edits
-from gaga_core.scene.frame import inverse, length_text, lengths_text
+from gaga_core.scene.frame import inverse, length_text, lengths_text, metres_of
 from gaga_core.scene.orientation import ground_map
 from gaga_studio.features.base import Command, no_scene, nothing_pointed
 from gaga_studio.session.notices import Level, notifies
@@ -153,6 +153,15 @@ def set_scale(session: Session, metres: float) -> bool:
     if not lengths:
         raise GagaError("Click two points first: the length between them is the known one.")
     return session.edit(lambda scene: edits.set_scale(scene, lengths[0], metres, np.zeros(3)))
+
+
+@notifies
+def set_typed_scale(session: Session, typed: str) -> bool:
+    """`set_scale` by a length as it was typed: "80 cm"; a number alone is metres."""
+    metres = metres_of(typed)
+    if metres is None:
+        raise GagaError(f'"{typed}" is no length. Type one as 1.5 m, 80 cm, 12 in or 5 ft.')
+    return set_scale(session, metres)
 
 
 @notifies

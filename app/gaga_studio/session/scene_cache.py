@@ -23,7 +23,6 @@ from gaga_core.scene.tint import mean_color
 
 T = TypeVar("T")
 _SAMPLE = 50_000  # splats looked at for a box
-SHARE = 0.98  # of the splats that a box of the selection holds, along each axis
 _PLACED = "splats state placement placements"  # of the revision: where the selection stands
 SortKey = Literal["id", "name", "splats", "views", "quality"]
 
@@ -111,7 +110,7 @@ class SceneCache:
         """Box lo, hi (3,) of the selection, world; during a drag: as before it."""
 
         def compute() -> tuple[DoubleArray, DoubleArray]:
-            return robust_box(self._selected_means(), SHARE)
+            return robust_box(*self._selected_points())
 
         return self._placed("box", is_previewing, (), compute)
 
@@ -128,7 +127,8 @@ class SceneCache:
         """Sides (3,) of the selection's box along ``axes`` (3, 3), columns; as before a drag."""
 
         def compute() -> DoubleArray:
-            lo, hi = robust_box(self._selected_means() @ axes, SHARE)
+            points, share = self._selected_points()
+            lo, hi = robust_box(points @ axes, share)
             return hi - lo
 
         return self._placed("sizes", is_previewing, axes.tobytes(), compute)
@@ -137,12 +137,12 @@ class SceneCache:
         """The smallest box around the selection; during a drag: as before it."""
 
         def compute() -> OrientedBox | None:
-            return oriented_box(self._selected_means(), SHARE)
+            return oriented_box(*self._selected_points())
 
         return self._placed("oriented box", is_previewing, (), compute)
 
-    def _selected_means(self) -> FloatArray:
-        """Centres (K, 3) of the selection without floaters, world; of a part when it is large."""
+    def _selected_points(self) -> tuple[FloatArray, float]:
+        """Centres of the selection as `object_points`; of a part when it is large."""
         return self._by(
             "points", _PLACED, lambda: object_points(self._scene, self.selected_indices(), _SAMPLE)
         )

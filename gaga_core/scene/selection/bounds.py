@@ -100,14 +100,30 @@ def main_parts(points: AnyArray, mass: AnyArray) -> BoolArray:
     return kept
 
 
-def object_points(scene: Scene, rows: IntArray, most: int = _BOUNDS_SAMPLE) -> FloatArray:
+SHARE = 0.98  # of an object's splats that its box holds, along each axis
+
+
+def object_points(
+    scene: Scene, rows: IntArray, most: int = _BOUNDS_SAMPLE
+) -> tuple[FloatArray, float]:
     """Centres (M, 3), world, of splats (K,) without floaters; of at most so many that say as much.
 
-    What position, box and size of an object count, in the window, in scripts and in exports.
+    Also the share of them that a box is to hold, along each axis: of several objects all, as each
+    one has lost its own strays; among all a small one would count as such. What position, box and
+    size of objects count, in the window, in scripts and in exports.
     """
     some = rows[:: max(1, -(-len(rows) // most))]
-    means = world_means(scene, some)
-    return means[main_parts(means, splat_mass(scene.gaussians, some))]
+    means, mass = world_means(scene, some), splat_mass(scene.gaussians, some)
+    order = np.argsort(scene.labels[some], kind="stable")
+    objects = np.split(order, 1 + np.flatnonzero(np.diff(scene.labels[some][order])))
+    if len(objects) == 1:
+        return means[main_parts(means, mass)], SHARE
+    kept = np.zeros(len(some), np.bool_)
+    for rows_of in objects:
+        own = rows_of[main_parts(means[rows_of], mass[rows_of])]
+        if len(own):
+            kept[own] = within(means[own], *_middle(means[own].astype(np.float64), SHARE))
+    return means[kept], 1.0
 
 
 def splat_mass(gaussians: Gaussians, rows: IntArray | None = None) -> DoubleArray:
@@ -121,8 +137,8 @@ def splat_mass(gaussians: Gaussians, rows: IntArray | None = None) -> DoubleArra
 
 
 def object_box(scene: Scene, rows: IntArray) -> tuple[DoubleArray, DoubleArray]:
-    """The box lo, hi (3,) of the middle 98 % of splats (K,), world, without floaters."""
-    return robust_box(object_points(scene, rows), 0.98)
+    """The box lo, hi (3,) of splats (K,), world, without strays and floaters."""
+    return robust_box(*object_points(scene, rows))
 
 
 def whole_box(scene: Scene) -> tuple[DoubleArray, DoubleArray]:

@@ -9,6 +9,7 @@ import pytest
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene import edits
+from gaga_studio.features import transform
 from gaga_studio.features.commands import command, for_shortcut, run
 from gaga_studio.features.find import click_object
 from gaga_studio.features.find.click_object import ClickState
@@ -128,6 +129,16 @@ def test_a_click_before_the_scene_was_looked_at_is_answered_later(session: Sessi
     assert not click_object.waiting(session)
 
 
+def test_a_click_that_waits_does_not_replace_what_is_selected_meanwhile(session: Session) -> None:
+    session.tool = ToolName.OBJECT
+    Hand(session).click_at(balls(session)[0][0])
+    assert session.need().select(np.arange(9, dtype=np.int32))
+    assert session.jobs.wait()
+    assert session.selected_indices().tolist() == list(range(9))
+    assert not click_object.waiting(session)
+    assert "dropped" in session.notices[-1].text
+
+
 @pytest.mark.parametrize("ends", ["is done", "is cancelled"])
 def test_a_click_waits_for_the_job_that_took_the_place_of_the_look(
     session: Session, ends: str
@@ -157,14 +168,14 @@ def test_a_click_waits_for_the_job_that_took_the_place_of_the_look(
 def test_a_click_is_answered_in_the_scene_that_the_other_job_left(session: Session) -> None:
     """The look at the scene that waited began before splats moved."""
     session.tool = ToolName.OBJECT
+    session.edit(lambda scene: edits.select(scene, np.arange(10), "set"))
     Hand(session).click_at(balls(session)[0][0])
 
     def moves() -> Stage[None]:
         yield Progress("Move", 0, 1)
 
     def move(_: None) -> None:
-        session.edit(lambda scene: edits.select(scene, np.arange(10), "set"))
-        assert run("edit.duplicate", session)
+        assert transform.move(session, transform.shift(np.ones(3)))
 
     assert session.jobs.start("Move", moves(), on_done=move)
     assert session.jobs.wait()

@@ -292,7 +292,11 @@ def test_a_length_is_clicked_and_made_a_metre(
             d.capture(Path(_PICTURES) / f"measure_{size[0]}.png")
         d.keys(KEY.backspace)
         assert len(measure.clicked(session).points) == 2
-        d.type_into("**/##Known length", "2.5")
+        d.type_into("**/##Known length", "about 2")
+        d.click("**/###Set scale")
+        assert any("is no length" in notice.text for notice in d.session.notices)
+        d.keys(KEY.escape)  # closes it
+        d.type_into("**/##Known length", "250 cm")
         d.click("**/###Set scale")
         d.settle()
         assert session.need().history.undo_title == "Set scale"

@@ -22,6 +22,7 @@ from gaga_core.scene.frame import (
     inverse,
     length_text,
     lengths_text,
+    metres_of,
     scale_of,
 )
 from gaga_core.scene.objects import group_indices
@@ -130,6 +131,26 @@ def test_a_saved_project_keeps_how_the_scene_was_moved(tmp_path: Path) -> None:
     assert again.bookmarks == project.bookmarks
     assert again.placed_film == project.placed_film
     assert again.placed_film.keyframes[0].shot == carried_shot(shot, _similarity(1))
+
+
+@pytest.mark.parametrize(
+    ("typed", "metres"),
+    [
+        ("2", 2.0),
+        (" 1,5 M", 1.5),
+        ("80cm", 0.8),
+        ("12 in", 0.3048),
+        (".5 ft", 0.1524),
+        ("3 mm", 3e-3),
+    ],
+)
+def test_a_length_is_read_with_its_unit(typed: str, metres: float) -> None:
+    assert metres_of(typed) == pytest.approx(metres)
+
+
+@pytest.mark.parametrize("typed", ["", "m", "0", "-2 m", "2 parsecs", "1 2", "nan", "1e400"])
+def test_what_is_no_length_is_none(typed: str) -> None:
+    assert metres_of(typed) is None
 
 
 def test_lengths_are_told_in_the_unit_that_is_known() -> None:

@@ -11,6 +11,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, quats_to_matrices
 from gaga_core.scene.edits.values import joined
 from gaga_core.scene.frame import carried_cameras
+from gaga_core.scene.objects import group_indices
 from gaga_core.scene.orientation import (
     clearest_view,
     estimate_up,
@@ -108,6 +109,20 @@ def test_the_up_of_cameras_follows_a_scene_that_is_turned_but_not_one_that_is_le
         found = up_of_moved(cameras, carried_cameras(cameras, world))
         expected = world[:3, :3] @ up if follows else up
         np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_the_box_of_several_objects_holds_each_of_theirs() -> None:
+    """Also that of a small object next to a large one, of which it is no floater."""
+    counts, places = (20_000, 300, 40), np.array([[0, 0, 0], [8, 0, 0], [0, -5, 3.0]])
+    parts = [random_gaussians(n, seed=n) for n in counts]
+    for part, place in zip(parts, places, strict=True):
+        part.means[:] += place.astype(np.float32)
+    scene = Scene.of(joined(joined(*parts[:2]), parts[2]), np.repeat([1, 2, 3], counts))
+    boxes = np.array([object_box(scene, group_indices(scene, g)) for g in (1, 2, 3)])
+    lo, hi = object_box(scene, np.arange(len(scene), dtype=np.int32))
+    spacing = 0.02 * np.ptp(boxes, axis=(0, 1)).max()  # of the outermost splats
+    np.testing.assert_allclose(lo, boxes[:, 0].min(axis=0), atol=spacing)
+    np.testing.assert_allclose(hi, boxes[:, 1].max(axis=0), atol=spacing)
 
 
 @pytest.mark.parametrize("n", [30, 400, 20_000])

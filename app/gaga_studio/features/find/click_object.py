@@ -42,7 +42,8 @@ class ClickState:
         self.is_preparing = False
         self.answers: dict[int, Answer] = {}  # by state of the history
         self.views: dict[int, Camera] = {}  # of the last click on the object, by state
-        self.waiting: list[tuple[Click, Camera]] = []  # clicked before the graph was ready
+        # Clicked before the graph was ready, from where, and the selection at that time.
+        self.waiting: list[tuple[Click, Camera, IntArray]] = []
         self.is_asking = False  # a model, in the background
         self.asks_again = False  # as soon as the model has stopped: there are more clicks
 
@@ -243,7 +244,7 @@ def prompt(session: Session) -> str:
 def waiting(session: Session) -> list["Click"]:
     """The clicks that are answered when the scene is analysed."""
     state = session.need().feature(ClickState)
-    return [clicked for clicked, _ in state.waiting]
+    return [clicked for clicked, *_ in state.waiting]
 
 
 def has_clicks(session: Session) -> bool:
@@ -294,11 +295,16 @@ def _prepare(session: Session, *, waits: bool = False) -> bool:
         is_outdated = not state.is_ready(document.settled().scene)
         if is_outdated:
             return
-        waiting, state.waiting = state.waiting, []
-        for click, camera in waiting:
+        now, waiting, state.waiting = session.selected_indices(), state.waiting, []
+        still = [(click, camera) for click, camera, then in waiting if np.array_equal(then, now)]
+        for click, camera in still:
             _answer(document, click, camera)
-        if waiting:
+        if still:
             ask_model(session)
+        elif waiting:
+            session.notify(
+                Level.HINT, "A click that waited is dropped: other things were selected."
+            )
 
     def end() -> None:
         state.is_preparing = False
@@ -344,7 +350,7 @@ def click(session: Session, u: float, v: float, width: int, height: int, *, is_o
         ask_model(session)
         return done
     if prepare(session) or document.feature(ClickState).is_preparing:
-        document.feature(ClickState).waiting.append((clicked, camera))
+        document.feature(ClickState).waiting.append((clicked, camera, session.selected_indices()))
     return False
 
 

@@ -179,7 +179,7 @@ _LOW = 14.0  # em: in a lower picture the card has what is said neither there no
 class MeasureState:
     """The known length as it is typed."""
 
-    metres: float = 1.0
+    typed: str = "1 m"
 
 
 def draw_marks(
@@ -244,13 +244,13 @@ def _known_length(session: Session, state: MeasureState) -> None:
         imgui.set_keyboard_focus_here()
     imgui.set_next_item_width(em(5))
     flags = imgui.InputTextFlags_.auto_select_all
-    _, state.metres = imgui.input_float("##Known length", state.metres, 0, 0, "%.3f m", flags)
+    _, state.typed = imgui.input_text("##Known length", state.typed, flags)
     is_typed = imgui.is_item_deactivated() and widgets.enter_pressed()
-    widgets.tooltip("The true length from point 1 to point 2")
+    widgets.tooltip("The true length from point 1 to point 2: 1.5 m, 80 cm, 12 in")
     imgui.same_line()
     hint = "Scale the whole scene so that 1 to 2 has this length; lengths are metres then"
     if widgets.button("Set scale", hint=hint) or is_typed:
-        measure.set_scale(session, state.metres)
+        measure.set_typed_scale(session, state.typed)
 
 
 def _label(text: str, place: Rect) -> None:
