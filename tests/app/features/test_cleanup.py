@@ -20,6 +20,8 @@ from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, PreviewWaitsError
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
+from gaga_studio.tools.controller import ToolController
+from gaga_studio.ui.chrome.status import status_text
 from tests.app.floaters import GROUP, PER, planted
 from tests.app.looks import finish, snapshot
 from tests.scenes import objects_scene
@@ -67,6 +69,10 @@ def test_apply_is_one_entry_that_undo_restores(floating: tuple[Session, np.ndarr
     preview(session)
     found = cleanup.shown(session)
     assert found is not None
+    tool = ToolController().tool(session)
+    assert status_text(session, tool).startswith("Enter applies")
+    assert not objects.hide(session)
+    assert status_text(session, tool).startswith("Apply or cancel"), "why nothing was hidden"
     assert run("object.clean_apply", session)
     assert cleanup.shown(session) is None
     assert history.cursor == cursor + 1

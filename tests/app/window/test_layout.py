@@ -24,7 +24,15 @@ from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.training.train import Measured, TrainUpdate
-from gaga_studio.features import camera, commands, measure, objects, selection, transform
+from gaga_studio.features import (
+    camera,
+    commands,
+    measure,
+    objects,
+    selection,
+    split_view,
+    transform,
+)
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.session.notices import Level
@@ -1993,6 +2001,13 @@ def test_names_of_the_sides_of_a_split_view_are_read(
                         assert "…" not in text
                     if scale == 1.0:
                         assert said["##Left side"][0] == photo_compare._NAMES[left]
+            d.on_main(lambda: objects.rename(d.session, 1, "long name " * 9))
+            d.on_main(lambda: split_view.compare_version(d.session, d.history.cursor))
+            d.frames(3)
+            text, wide, room = said["##Right side"]
+            assert text == "Picture"
+            assert wide <= room, "the longer name is cut"
+            assert said["##Left side"][0].startswith("After")
 
     settings = Settings(first_steps_done=True, ui_scale=scale)
     drive(walk, path=grouped_copy, size=size, settings=settings)

@@ -9,6 +9,7 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.errors import counted
 from gaga_core.raster import backend_report
 from gaga_studio.features import add_scene, cleanup, fill
+from gaga_studio.features.base import preview_waits
 from gaga_studio.features.find.association import in_minutes
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
@@ -62,6 +63,8 @@ def status_text(session: Session, tool: Tool, *, is_typing: bool = False) -> str
         return "Open a scene folder or a file of splats, or drop one here."
     if session.rig.is_flying:
         return "W A S D fly, Q down, E up, Shift fast, Alt slow; drag looks around. V ends flying."
+    if session.hint and session.hint == preview_waits(session):  # something else was asked for
+        return session.hint
     previews = (cleanup, fill, add_scene)
     if is_typing and any(one.shown(session) is not None for one in previews):
         return "Enter and Esc belong to the field. Apply or Cancel ends the preview."

@@ -246,8 +246,11 @@ def _widths(session: Session, room: float) -> tuple[float, float]:
         imgui.calc_text_size(_SHORT.get(side, _name(session, side))).x + _frame()
         for side in session.view.sides
     )
-    spare = (room - left - right) / 2
-    return max(left + spare, em(3)), max(right + spare, em(3))
+    if left + right <= room:
+        spare = (room - left - right) / 2
+        return left + spare, right + spare
+    short = min(left, right, room / 2)  # the longer name is cut
+    return (short, room - short) if left < right else (room - short, short)
 
 
 def _frame() -> float:

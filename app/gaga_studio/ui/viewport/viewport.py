@@ -575,16 +575,17 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea, mo
     bar = photo_compare.bar_height(session)
     corner, size = ImVec2(area.left, area.top + bar), ImVec2(area.width, area.height - bar)
     top, ends = corner.y + em(0.7), corner.y
+    room = size.x - gizmo.height(session, size)  # the view cube, as wide, stands at the right
     if preview_badge(session):
-        top = _badge(preview_badge(session), corner, size.x)
+        top = _badge(preview_badge(session), corner, room)
         if not area.has_inspector:
             top = ends = _ends_of_preview(session, corner.x, top)
     elif session.tool is ToolName.GROUND and session.document is not None:
         prompt = align_ground.ground_prompt(session)
-        top = _badge(prompt, corner, size.x, align_ground.GROUND_HELP)
+        top = _badge(prompt, corner, room, align_ground.GROUND_HELP)
     elif mode is not Mode.COLOR and not bar and session.training is None:
         badge = mode_badge(session, mode)
-        top = _badge(badge, corner, size.x) if badge else top
+        top = _badge(badge, corner, room) if badge else top
     area.head_bottom = toolbar.draw_card(session, area, top)
     overlays.draw_card(session, state.measure, corner, size)
     area.chip_bottom = max(_way_out_of_isolation(session, corner, size), ends)
@@ -658,16 +659,13 @@ def mode_badge(session: Session, mode: Mode) -> str:
     return _BADGES[mode]
 
 
-_CUBE = 7.0  # width of the cube, to the right of it, ems
-
-
 def _badge(text: str, corner: ImVec2, room: float, more: str = "") -> float:
     """Says in a picture of width ``room`` that the colors are not its own, or what to click.
 
     Returns the y of what is free below.
     """
     pad, drawing = ImVec2(em(0.6), em(0.3)), imgui.get_window_draw_list()
-    most = room - em(0.7 + _CUBE) - 2 * pad.x
+    most = room - em(0.7) - 2 * pad.x
     size, font, font_size = ImVec2(0, 0), imgui.get_font(), imgui.get_font_size()
     lines = [(text, theme.TEXT), *([(more, theme.DIM)] if more else [])]
     for line, _ in lines:
