@@ -10,7 +10,7 @@ import numpy as np
 
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError, counted
-from gaga_core.io.folder.scene_folder import place_aside
+from gaga_core.io.folder.scene_folder import find_model, place_aside
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.camera_path import CameraPath, turntable
 from gaga_core.scene.orientation import upright_basis
@@ -294,9 +294,18 @@ def _say_where(session: Session, aside: Path) -> None:
         session.notify(Level.INFO, text, shows=aside)
 
 
+def has_former(session: Session) -> bool:
+    """Whether the folder of the training that was stopped has splats of an earlier one."""
+    found = session.photos
+    return found is not None and find_model(found.scene) is not None
+
+
 def leave_stopped(session: Session) -> None:
-    """Go back to the photos; the training can still be continued."""
+    """Go back to the scene that the training went on from, else to the photos; the training can
+    still be continued."""
     session.training = None
+    if session.photos is not None and has_former(session):
+        session.open(session.photos.scene)
 
 
 @notifies

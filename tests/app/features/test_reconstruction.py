@@ -168,6 +168,15 @@ def test_stop_here_keeps_a_scene_and_the_training_goes_on_to_the_same_splats(
     assert session.pending_question is not None, "edits are not lost without a question"
     session.answer("Save")
     until(session, lambda: session.training is not None)
+    session.jobs.cancel()
+    assert session.jobs.wait(300)
+    assert session.document is None
+    reconstruction.leave_stopped(session)
+    until(session, lambda: session.scene is not None)
+    assert len(session.scene) == kept, "a cancelled training leaves the scene as it was"
+    assert run("file.go_on_training", session)
+    session.answer("Go on")
+    until(session, lambda: session.training is not None)
     assert session.jobs.wait(300)
     session.tick(0.1)
     assert session.scene is not None, session.notices
