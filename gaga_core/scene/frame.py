@@ -105,12 +105,17 @@ def length_text(length: float, *, is_metric: bool) -> str:
 
 
 _METRES = {"": 1.0, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+_METRES |= {"metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0}
+_METRES |= {"inch": 0.0254, "inches": 0.0254, "foot": 0.3048, "feet": 0.3048}
 _LENGTH = re.compile(r"([0-9]*[.,]?[0-9]+|[0-9]+[.,])\s*([a-z]*)")
+_THOUSANDS = re.compile(r"[0-9]{1,3}(,[0-9]{3})+")  # or a comma for a point: not clear which
 
 
 def metres_of(text: str) -> float | None:
-    """A typed length in metres: "1.5", "1,5 m", "80 cm", "12 in"; None where it is no length."""
+    """A typed length in metres: "1.5", "1,5 m", "80 cm", "12 in"; None where it is none, as 0 and
+    "1,000", which is one or a thousand."""
     found = _LENGTH.fullmatch(text.strip().lower())
-    if found is None or found[2] not in _METRES:
+    if found is None or found[2] not in _METRES or _THOUSANDS.fullmatch(found[1]):
         return None
-    return float(found[1].replace(",", ".")) * _METRES[found[2]] or None
+    metres = float(found[1].replace(",", ".")) * _METRES[found[2]]
+    return metres if 0 < metres < math.inf else None

@@ -63,7 +63,7 @@ class ListedChanges:
     """What changed between the open scene and the one that was added last."""
 
     name: str = ""  # of that one
-    is_compared: bool = False  # with the scene here; not, where one has no objects
+    why_none: str = "No changes are known. Add a scene of the same place first."
     found: "tuple[tuple[Change, tuple[int, ...]], ...]" = ()  # with the groups here that show it
 
 
@@ -169,7 +169,7 @@ def apply(session: Session) -> bool:
     changes = None if found.aligned is None else found.aligned.changes
     here = found.addition.groups
     listed = document.feature(ListedChanges)
-    listed.name, listed.is_compared = found.name, changes is not None
+    listed.name, listed.why_none = found.name, _why_none(found)
     listed.found = tuple((c, _groups(c, here)) for c in changes or ())
     done = document.do(found.addition.edit)
     session.notify(
@@ -215,17 +215,16 @@ def _no_preview(session: Session) -> str:
     return "" if shown(session) is not None else no_scene(session) or _NO_PREVIEW
 
 
-def _no_list(session: Session) -> str:
-    listed = changes(session)
-    if listed.is_compared:
-        return f"Nothing came, went or moved between this scene and {listed.name}."
-    if listed.name:
-        return f"Find objects here and in {listed.name} first, then add it: objects are compared."
-    return "No changes are known. Add a scene of the same place first."
+def _why_none(found: Found) -> str:
+    if found.aligned is None:
+        return f"{found.name} was placed by hand; only scenes that were aligned are compared."
+    if found.aligned.changes is None:
+        return f"Find objects here and in {found.name}, and add it again: objects are compared."
+    return f"Nothing came, went or moved between this scene and {found.name}."
 
 
 _no_changes = first_of(
-    no_scene, lambda session: "" if changes(session).found else _no_list(session)
+    no_scene, lambda session: "" if changes(session).found else changes(session).why_none
 )
 COMMANDS: tuple[Command, ...] = (
     ask(

@@ -248,8 +248,11 @@ def run(command_id: str, session: Session) -> bool:
 
 
 def run_one(chosen: Command, session: Session) -> bool:
-    """Run a command of `all_menus`, as `run` does. Of a dialog that does not open the reason is a
-    notice, too: what is typed for it would be commands."""
+    """Run a command of `all_menus`, as `run` does.
+
+    Why a dialog does not open is a notice, too: a person who does not see it types on, and the
+    letters are shortcuts.
+    """
     session.hint = chosen.enabled(session)
     if session.hint:
         if chosen.title.endswith("…"):

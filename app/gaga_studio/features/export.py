@@ -185,7 +185,8 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
         lost = export_losses(scene, plan.form, what=what, options=options)  # type: ignore[arg-type]
         if plan.form is not SplatFormat.HTML and scene.labels[splats].any():
             lost = (*lost, _NO_OBJECTS)
-        n_hidden = int((scene.has(State.HIDDEN) & ~scene.has(State.DELETED)).sum())
+        hidden = np.flatnonzero(scene.has(State.HIDDEN) & ~scene.has(State.DELETED))
+        n_hidden = len(options.inside(scene, hidden.astype(np.int32)))
         if n_hidden and plan.what == "scene":
             are = "is" if n_hidden == 1 else "are"
             lost = (f"{counted(n_hidden, 'splat')} {are} hidden, and not exported.", *lost)

@@ -130,7 +130,7 @@ def recent(session: Session) -> tuple[Command, ...]:
 
 
 _no_edits = needs(
-    lambda session: session.need().history.can_undo,
+    lambda session: session.need().history.is_recorded,
     "Nothing was edited since the scene was opened.",
 )
 COMMANDS: tuple[Command, ...] = (

@@ -51,7 +51,7 @@ def begin(session: Session) -> None:
 
 
 def begin_scale(session: Session) -> None:
-    """Start the tool to type a length: two clicks, or the points of a measurement, its number."""
+    """Start the tool to type a length: two clicks, or points that are measured, then its number."""
     if session.tool is not ToolName.MEASURE:
         begin(session)
     clicked(session).asks_length = True
@@ -160,7 +160,7 @@ def set_typed_scale(session: Session, typed: str) -> bool:
     """`set_scale` by a length as it was typed: "80 cm"; a number alone is metres."""
     metres = metres_of(typed)
     if metres is None:
-        raise GagaError(f'"{typed}" is no length. Type one as 1.5 m, 80 cm, 12 in or 5 ft.')
+        raise GagaError(f'"{typed}" cannot be read. Type a length as 1.5 m, 80 cm, 12 in or 5 ft.')
     return set_scale(session, metres)
 
 

@@ -19,7 +19,7 @@ from gaga_studio.features import camera as navigation
 from gaga_studio.features.base import Command, busy, no_photos, watch, without_scene
 from gaga_studio.features.find import association
 from gaga_studio.features.find.association import FindState
-from gaga_studio.session.notices import notifies
+from gaga_studio.session.notices import Level, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, PhotoCompareMode, Side, ViewState
 
@@ -262,16 +262,39 @@ def scene_of_version(session: Session) -> Scene | None:
 
 
 def version_is_gone(session: Session) -> bool:
-    """Whether the history has the compared version no longer: an edit after Undo dropped it."""
+    """Whether the history has the compared version no longer: an edit after Undo dropped it, or
+    the memory for undo is full."""
     document = session.document
     return document is not None and session.view.version not in document.history.state_ids
 
 
-def is_earlier(session: Session, u: float, width: int) -> bool:
-    """Whether the column ``u`` of the picture shows the scene as it was, which no click edits."""
+def end_without_version(session: Session) -> bool:
+    """End comparing with a version that is gone, and say so; whether it was."""
     view = session.view
-    is_left = view.compare is PhotoCompareMode.SWIPE and u < view.swipe * width
-    return is_left and view.sides[0] in (Side.BEFORE, Side.VERSION)
+    is_shown = view.compare is PhotoCompareMode.SWIPE and Side.VERSION in view.sides
+    if not is_shown or not version_is_gone(session):
+        return False
+    view.compare = PhotoCompareMode.OFF
+    session.notify(Level.INFO, "The version that was compared is no longer in the history.")
+    return True
+
+
+def earlier_to(session: Session, width: int, height: int) -> float:
+    """The column up to which the picture shows the scene as it was, which is only looked at; 0
+    where it does not."""
+    view = session.view
+    left, right = view.sides
+    earlier = {Side.BEFORE: scene_before, Side.VERSION: scene_of_version}.get(left)
+    is_split = view.compare is PhotoCompareMode.SWIPE and not view.holds_photo
+    if not is_split or earlier is None or earlier(session) is None:
+        return 0.0
+    if right not in AT_A_PHOTO:
+        return view.swipe * width
+    photo = compared_photo(session)
+    if photo is None:
+        return 0.0
+    place = place_photo(photo, session.rig.camera(width, height))
+    return place.x + view.swipe * place.width
 
 
 def name_of_version(session: Session) -> str:

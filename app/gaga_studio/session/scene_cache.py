@@ -23,7 +23,7 @@ from gaga_core.scene.tint import mean_color
 
 T = TypeVar("T")
 _SAMPLE = 50_000  # splats looked at for a box
-_PLACED = "splats state placement placements"  # of the revision: where the selection stands
+_PLACED = "splats state labels placement placements"  # of the revision: where the selection stands
 SortKey = Literal["id", "name", "splats", "views", "quality"]
 
 

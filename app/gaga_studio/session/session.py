@@ -243,10 +243,7 @@ class Session:
         With the command ``otherwise`` it is a question, which stays until it is answered. It takes
         the place of one that says the same.
         """
-        notice = Notice(level, plain_text(text), command, shows=shows, otherwise=otherwise)
-        if level is Level.HINT and self.document is not None and self.document.waiting:
-            self.hint = notice.text  # small windows have no room for notices next to a preview
-        self._tell(notice)
+        self._tell(Notice(level, plain_text(text), command, shows=shows, otherwise=otherwise))
 
     def _tell(self, notice: Notice) -> None:
         waits = self.document is not None and self.document.waiting

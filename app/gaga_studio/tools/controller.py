@@ -1,6 +1,7 @@
 """Join mouse, keys, tools and camera: one call a frame for the picture."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from gaga_core.arrays import DoubleArray
 from gaga_studio.features import camera, measure, selection, split_view
@@ -92,17 +93,22 @@ class ToolController:
         waits = session.document is not None and bool(session.document.waiting)
         takes_drag = tool.takes_drag and is_open and not waits
         for state in (*way, pointer):
-            drags = takes_drag and not split_view.is_earlier(session, state.u, state.width)
+            line = split_view.earlier_to(session, state.width, state.height)
+            drags = takes_drag and state.u >= line
             for action in self._gestures.update(state, keys, tool_drags=drags, looks=looks):
                 if _move_camera(session, action) or not is_open:
                     continue
-                is_earlier = split_view.is_earlier(session, action.u, state.width)
+                is_earlier = action.u < line
                 if waits and action.act in (Act.CLICK, Act.MENU):
                     _say_that_it_waits(session)
                 elif is_earlier and action.act is Act.HOVER:
                     _rest(session, tool, None)
                 elif is_earlier and action.act in (Act.CLICK, Act.DOUBLE_CLICK, Act.MENU):
                     session.notify(Level.HINT, _EARLIER)
+                elif is_earlier and action.act is Act.TOOL_DRAG:
+                    continue  # a stroke ends at the line
+                elif is_earlier and action.act is Act.TOOL_RELEASE:
+                    _use(session, tool, replace(action, u=line), state)
                 else:
                     _use(session, tool, action, state)
         move, speed = fly_move(keys, session.rig.is_flying)

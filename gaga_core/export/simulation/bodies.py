@@ -187,20 +187,25 @@ def support_of(points: DoubleArray, others: DoubleArray) -> Plane | None:
     layer, foot = _LAYER * size, others[near]
     stands = foot[np.abs(foot[:, 2] - lo[2]) < _NEAR * size]
     middle = np.median(points, axis=0)
-    plane = _level_plane(stands, 1.0, layer, middle)
-    # What hangs in the air falls on the highest of several surfaces.
-    return plane or _level_plane(foot[foot[:, 2] < lo[2]], _FULL, layer, middle)
+    plane, _ = _level_plane(stands, 1.0, layer, middle)
+    below = foot[foot[:, 2] < lo[2]]
+    while plane is None and len(below) >= _N_SUPPORT:
+        # What hangs in the air falls on the highest of several surfaces that lie under it.
+        plane, low = _level_plane(below, _FULL, layer, middle)
+        below = below[below[:, 2] < low]
+    return plane
 
 
 def _level_plane(
     cloud: DoubleArray, share: float, layer: float, middle: DoubleArray
-) -> Plane | None:
-    """The plane of the highest ``layer`` with this ``share`` of the points of the fullest one.
+) -> tuple[Plane | None, float]:
+    """The plane of the highest ``layer`` with this ``share`` of the points of the fullest one, and
+    the height of its lowest points.
 
     None also where it does not lie around ``middle`` (3,).
     """
     if len(cloud) < _N_SUPPORT:
-        return None
+        return None, 0.0
     rows = np.sort(cloud[:, 2])
     in_layer = np.searchsorted(rows, rows + layer, side="right") - np.arange(len(rows))
     start = rows[np.flatnonzero(in_layer >= share * in_layer.max())[-1]]
@@ -208,16 +213,16 @@ def _level_plane(
     corner, fit = cloud.min(axis=0), np.array([0.0, 0.0, start + layer / 2])
     for _ in range(3):
         if inside.sum() < _N_SUPPORT:
-            return None
+            return None, float(start)
         design = np.column_stack([cloud[:, :2] - corner[:2], np.ones(len(cloud))])
         fit = np.linalg.lstsq(design[inside], cloud[inside, 2], rcond=None)[0]
         inside = np.abs(design @ fit - cloud[:, 2]) < layer
     normal = np.array([-fit[0], -fit[1], 1.0]) / np.sqrt(fit[0] ** 2 + fit[1] ** 2 + 1)
     if normal[2] < _STEEPEST or _least_side(cloud[inside, :2] - middle[:2]) < _BESIDE:
-        return None
+        return None, float(start)
     at = np.median(cloud[inside], axis=0)
     on_it = fit[0] * (at[0] - corner[0]) + fit[1] * (at[1] - corner[1]) + fit[2]
-    return Plane(np.array([at[0], at[1], on_it]), normal)
+    return Plane(np.array([at[0], at[1], on_it]), normal), float(start)
 
 
 def _least_side(points: DoubleArray) -> float:
@@ -225,7 +230,7 @@ def _least_side(points: DoubleArray) -> float:
     unevenly: 0 where they do not surround it (Tukey's depth)."""
     angles = np.sort(np.arctan2(points[:, 1], points[:, 0]))
     half = np.searchsorted(np.r_[angles, angles + 2 * np.pi], angles + np.pi)
-    return float((half - np.arange(len(angles))).min() / len(angles))
+    return float((half - np.arange(len(angles)) - 1).min() / len(angles))
 
 
 def _solid_of(mesh: TriangleMesh) -> Any:

@@ -160,6 +160,11 @@ class History:
             for i, step in enumerate(self._steps)
         )
 
+    @property
+    def is_recorded(self) -> bool:
+        """Whether `recorded` has an edit."""
+        return self.can_undo or len(self._dropped) > 0
+
     def recorded(self) -> list[EditJson]:
         """All that is done since the scene was opened, as a script for ``gaga edit``.
 

@@ -101,6 +101,7 @@ def main_parts(points: AnyArray, mass: AnyArray) -> BoolArray:
 
 
 SHARE = 0.98  # of an object's splats that its box holds, along each axis
+_WHOLE_OBJECT = 0.5  # share of an object's splats from which on it is among splats as a whole
 
 
 def object_points(
@@ -114,8 +115,9 @@ def object_points(
     """
     some = rows[:: max(1, -(-len(rows) // most))]
     means, mass = world_means(scene, some), splat_mass(scene.gaussians, some)
-    order = np.argsort(scene.labels[some], kind="stable")
-    objects = np.split(order, 1 + np.flatnonzero(np.diff(scene.labels[some][order])))
+    labels = _whole(scene, rows)[scene.labels[some]]
+    order = np.argsort(labels, kind="stable")
+    objects = np.split(order, 1 + np.flatnonzero(np.diff(labels[order])))
     if len(objects) == 1:
         return means[main_parts(means, mass)], SHARE
     kept = np.zeros(len(some), np.bool_)
@@ -124,6 +126,18 @@ def object_points(
         if len(own):
             kept[own] = within(means[own], *_middle(means[own].astype(np.float64), SHARE))
     return means[kept], 1.0
+
+
+def _whole(scene: Scene, rows: IntArray) -> IntArray:
+    """For each group, by id: itself where splats (K,) hold most of it, else the largest of those:
+    loose splats and edges of neighbours are judged with that as its own strays are."""
+    top = int(scene.labels.max(initial=0)) + 1
+    n = np.bincount(scene.labels[rows], minlength=top)
+    n_all = np.bincount(scene.labels[scene.visible], minlength=top)
+    whole = n > _WHOLE_OBJECT * n_all
+    whole[0] = False
+    largest = int(np.argmax(np.where(whole, n, -1)))
+    return np.where(whole, np.arange(len(n)), largest).astype(np.int32)
 
 
 def splat_mass(gaussians: Gaussians, rows: IntArray | None = None) -> DoubleArray:

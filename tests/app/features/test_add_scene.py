@@ -74,8 +74,6 @@ def test_a_scene_is_added_where_it_fits_and_changes_are_listed(
         assert (rows >= n).any() == (change.kind != "went")
     why_no_list = commands.command("scene.changes").enabled
     assert why_no_list(session) == ""
-    add_scene.changes(session).found = ()  # as of a scene that is the same
-    assert "Nothing came, went or moved" in why_no_list(session)
     saved = save_project(document.project)
     again = run_stage(open_path_stage(saved)).scene
     assert np.array_equal(bake(again).means, bake(scene).means)
@@ -113,4 +111,4 @@ def test_what_cannot_be_aligned_is_placed_by_hand(
     assert add_scene.apply(session)
     assert len(session.need().scene) > n
     assert not add_scene.changes(session).found
-    assert "Find objects here and in" in commands.command("scene.changes").enabled(session)
+    assert "placed by hand" in commands.command("scene.changes").enabled(session)

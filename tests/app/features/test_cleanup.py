@@ -73,6 +73,9 @@ def test_apply_is_one_entry_that_undo_restores(floating: tuple[Session, np.ndarr
     assert status_text(session, tool).startswith("Enter applies")
     assert not objects.hide(session)
     assert status_text(session, tool).startswith("Apply or cancel"), "why nothing was hidden"
+    assert cleanup.cancel(session)
+    assert not status_text(session, tool).startswith("Apply or cancel"), "nothing waits any more"
+    preview(session)
     assert run("object.clean_apply", session)
     assert cleanup.shown(session) is None
     assert history.cursor == cursor + 1

@@ -128,6 +128,9 @@ def test_an_export_says_before_what_it_loses(session: Session, tmp_path: Path) -
     assert not export.summary(session, ExportPlan(tmp_path / "out.ply")).lost
     inside = replace(plan, options=ExportOptions(crop=((-1, -1, -1), (0, 1, 1)), scale=3.0))
     assert 0 < export.summary(session, inside).n_splats < told.n_splats
+    session.need().do(edits.hide(session.need().scene, np.arange(7, dtype=np.int32)))
+    hidden = export.summary(session, ExportPlan(tmp_path / "out.ply")).lost
+    assert hidden == ("7 splats are hidden, and not exported.",)
 
 
 def test_an_export_of_a_scene_says_that_its_objects_are_not_in_the_file(

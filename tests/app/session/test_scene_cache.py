@@ -69,6 +69,11 @@ def test_nothing_is_computed_twice_and_nothing_is_stale() -> None:
     moved = read.selected_box(False)
     np.testing.assert_allclose(moved[0] - lo, [1, 0, 0], atol=1e-6)
     np.testing.assert_allclose(moved[1] - hi, [1, 0, 0], atol=1e-6)
+    history.do(edits.select(scene, np.flatnonzero(scene.labels > 0)))
+    as_objects = read.selected_box(False)
+    history.do(edits.merge_groups(scene, np.unique(scene.labels[scene.labels > 0]).tolist()))
+    as_one = read.selected_box(False)
+    assert not np.allclose(as_one, as_objects), "strays are judged in other objects now"
 
 
 def test_during_a_drag_the_list_and_the_handles_stand_still() -> None:

@@ -19,7 +19,8 @@ from gaga_studio.features import objects, selection, split_view, transform
 from gaga_studio.features.commands import command, for_shortcut, run
 from gaga_studio.features.find import association, click_object, memory_bank
 from gaga_studio.session.session import NO_GROUPS, Session
-from gaga_studio.session.view import ToolName
+from gaga_studio.session.view import PhotoCompareMode, Side, ToolName
+from gaga_studio.tools.base import RectShape
 from gaga_studio.tools.controller import ToolController
 from gaga_studio.tools.gestures import KeyState
 from gaga_studio.ui.chrome.status import status_text
@@ -75,6 +76,35 @@ def test_what_shows_an_earlier_scene_is_only_looked_at(associated: Session) -> N
         hand.click_at(at)
         assert session.selected_groups() == selected
         assert ["as it was" in notice.text for notice in session.notices] == [True] * (not selected)
+    session.view.swipe = 1.0
+    session.view.holds_photo = True
+    assert split_view.earlier_to(session, W, H) == 0, "the photo lies over both"
+    session.view.holds_photo = False
+    session.view.sides = Side.BEFORE, Side.PICTURE
+    assert split_view.earlier_to(session, W, H) == W
+    while session.undo():
+        pass
+    assert split_view.earlier_to(session, W, H) == 0, "nothing earlier is drawn"
+
+
+def test_a_rectangle_ends_at_the_line_of_compare(associated: Session) -> None:
+    session, hand = associated, Hand(associated)
+    assert session.need().do(edits.hide(session.need().scene, np.arange(3, dtype=np.int32)))
+    split_view.compare_version(session, 0)
+    session.view.swipe, session.tool = 0.5, ToolName.RECT
+    session.view.takes_splats = True
+    right, left = np.array([W - 5.0, 5.0]), np.array([5.0, H - 5.0])
+    hand.press(*right)
+    hand.move(0.6 * W, 0.5 * H)
+    hand.move(*left)
+    shape = hand.controller.overlay
+    assert isinstance(shape, RectShape)
+    assert min(shape.u0, shape.u1) == 0.6 * W, "it shows where it was right of the line"
+    hand.release()
+    first = session.selected_indices()
+    session.view.compare = PhotoCompareMode.OFF
+    hand.drag(right, np.array([0.5 * W, H - 5.0]))
+    np.testing.assert_array_equal(first, session.selected_indices())
 
 
 def test_shift_adds_control_removes_and_a_click_on_nothing_clears(associated: Session) -> None:

@@ -294,7 +294,7 @@ def test_a_length_is_clicked_and_made_a_metre(
         assert len(measure.clicked(session).points) == 2
         d.type_into("**/##Known length", "about 2")
         d.click("**/###Set scale")
-        assert any("is no length" in notice.text for notice in d.session.notices)
+        assert any("cannot be read" in notice.text for notice in d.session.notices)
         d.keys(KEY.escape)  # closes it
         d.type_into("**/##Known length", "250 cm")
         d.click("**/###Set scale")

@@ -281,6 +281,7 @@ _CLICK: list[Stroke] = [("Button1", True), ("Button1", False)]
         (strokes("g x 9 Escape g x 2 Return"), (2.0, 0.0, 0.0)),  # the mouse has not moved
         (strokes("r z 9 0 Escape"), None),
         (strokes("g x 2 Control_L+s"), (2.0, 0.0, 0.0)),  # applied and saved
+        (strokes("g x 2 Control_L+Shift_L+s Return"), (2.0, 0.0, 0.0)),
         ([*strokes("g z"), ("Mouse", (0.6, 0.3)), ("Rest", True), *_CLICK], "up"),
     ],
 )
@@ -305,8 +306,9 @@ def test_g_r_and_s_of_blender_follow_the_mouse_and_no_key_deletes(
         assert shown[-1].startswith("Move -1.5 along Y: Enter applies")
     assert (is_previewing, hint) == (False, "")
     assert n_done == (1 if moved is None else 2)
-    if any(key == "Control_L" for key, _ in script):
-        assert not session.need().unsaved, "Ctrl+S applies and saves"
+    keys = {key for key, _ in script}
+    if "Control_L" in keys:
+        assert session.need().unsaved is ("Shift_L" in keys), "Ctrl+S applies and saves, no other"
     way = centre - before[0]
     if moved == "up":
         assert np.abs(way[:2]).max() < 1e-6

@@ -137,9 +137,15 @@ def test_a_support_is_found_under_an_object_and_not_beside_a_wall() -> None:
     shelf = table[table[:, 0] < -0.05] + above  # next to what hangs in the air
     hanging = points + above
     assert support_of(hanging, shelf) is None
-    found = support_of(hanging, np.concatenate([shelf, table]))
-    assert found is not None
-    assert abs(found.heights(np.zeros((1, 3)))[0]) < 0.001, "it falls on the table"
+    few = shelf[:40]
+    assert len(few) == 40
+    assert support_of(hanging, few) is None, "few splats next to it, neither"
+    for height in (0.1, 0.3, 0.45, 0.49, 0.5, 0.6):
+        for dense in (1, 6):
+            beside = np.repeat(shelf, dense, axis=0) + np.array([0, 0, height - 0.5])
+            found = support_of(hanging, np.concatenate([beside, table]))
+            assert found is not None
+            assert abs(found.heights(np.zeros((1, 3)))[0]) < 0.001, "it falls on the table"
     corner = table[(table[:, 0] < 0.04) & (table[:, 1] < 0.04)]  # it overhangs at two edges
     assert support_of(points, corner) is not None
 

@@ -125,6 +125,17 @@ def test_the_box_of_several_objects_holds_each_of_theirs() -> None:
     np.testing.assert_allclose(hi, boxes[:, 1].max(axis=0), atol=spacing)
 
 
+@pytest.mark.parametrize("label", [0, 2])
+def test_loose_splats_and_edges_of_neighbours_are_no_objects(label: int) -> None:
+    """A rectangle holds an object, and far away some splats of none, or a few of another one."""
+    ball, far = random_gaussians(6000, seed=1), random_gaussians(1000, seed=2)
+    far = replace(far, means=(far.means + np.array([9, 0, 0])).astype(np.float32))
+    scene = Scene.of(joined(ball, far), np.repeat([1, label], [6000, 1000]))
+    alone = object_box(scene, group_indices(scene, 1))
+    some = np.concatenate([group_indices(scene, 1), np.arange(6000, 6060, dtype=np.int32)])
+    np.testing.assert_allclose(object_box(scene, some), alone, atol=0.05)
+
+
 @pytest.mark.parametrize("n", [30, 400, 20_000])
 def test_floaters_change_neither_the_box_nor_the_middle_of_an_object(n: int) -> None:
     """A share of floaters that is larger than the tails of the box, on one side; any density."""

@@ -287,6 +287,11 @@ def _prepare(session: Session, *, waits: bool = False) -> bool:
         views = click_views(cameras, algebra.world_means(scene, algebra.everything(scene)))
         return click_graph_stage(scene, views, choose())
 
+    def dropped(n: int, why: str) -> None:
+        if n:
+            waited = "The click that waited is" if n == 1 else f"The {n} clicks that waited are"
+            session.notify(Level.HINT, f"{waited} dropped. {why}")
+
     def done(graph: "ClickGraph") -> None:
         nonlocal is_outdated
         if session.document is not up_to_date:
@@ -301,10 +306,7 @@ def _prepare(session: Session, *, waits: bool = False) -> bool:
             _answer(document, click, camera)
         if still:
             ask_model(session)
-        elif waiting:
-            session.notify(
-                Level.HINT, "A click that waited is dropped: other things were selected."
-            )
+        dropped(len(waiting) - len(still), "Other things were selected meanwhile.")
 
     def end() -> None:
         state.is_preparing = False
@@ -314,9 +316,7 @@ def _prepare(session: Session, *, waits: bool = False) -> bool:
             _prepare(session, waits=True)
         else:
             waiting, state.waiting = state.waiting, []
-            n = len(waiting)
-            waited = "The click that waited is" if n == 1 else f"The {n} clicks that waited are"
-            session.notify(Level.HINT, f"{waited} dropped. Click again.")
+            dropped(len(waiting), "Click again.")
 
     started = session.jobs.start(
         TITLE, stage(), on_done=done, on_end=end, gives_way=True, waits=waits

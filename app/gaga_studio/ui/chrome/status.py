@@ -63,11 +63,12 @@ def status_text(session: Session, tool: Tool, *, is_typing: bool = False) -> str
         return "Open a scene folder or a file of splats, or drop one here."
     if session.rig.is_flying:
         return "W A S D fly, Q down, E up, Shift fast, Alt slow; drag looks around. V ends flying."
-    if session.hint and session.hint == preview_waits(session):  # something else was asked for
-        return session.hint
     previews = (cleanup, fill, add_scene)
     if is_typing and any(one.shown(session) is not None for one in previews):
         return "Enter and Esc belong to the field. Apply or Cancel ends the preview."
+    waits = preview_waits(session)
+    if waits and session.notices and session.notices[-1].text == waits:
+        return waits  # in small windows there is no room for the notice next to the preview
     if cleanup.shown(session) is not None:
         return "Enter applies the cleaning, Esc discards it. Drag orbits."
     if fill.shown(session) is not None:

@@ -237,8 +237,8 @@ class ExportSheet:
     chosen_for: tuple[str, Path] | None = None  # the scene that they are for: its name and folder
     waits: FileDialog | None = None  # the sheet comes back when a place was chosen
 
-    def choose(self, what: What) -> None:
-        """Export ``what``: where another part was to stand says nothing of it."""
+    def turn_to(self, what: What) -> None:
+        """Export ``what``, where it stands: *Middle at the origin* was said of the former part."""
         if what != self.what:
             self.options = replace(self.options, centre=False, ground=False)
         self.what = what
@@ -254,7 +254,7 @@ def opens(
     """Open the sheet for ``what``; a page and meshes are asked for by name."""
     if session.document is None:
         return
-    sheet.choose(what)
+    sheet.turn_to(what)
     # Other requests go back to splats.
     other = SplatFormat.PLY if sheet.form is SplatFormat.HTML else sheet.form
     sheet.form = other if form is None else form
@@ -371,7 +371,7 @@ def _what_and_form(session: Session, sheet: ExportSheet) -> None:
     choices = [(what, icon, label, hint) for what, icon, label, hint, _ in _WHATS]
     what = widgets.segmented("What", choices, sheet.what, why_not=off, wraps=True)
     if what != sheet.what:
-        sheet.choose(what)
+        sheet.turn_to(what)
         _propose(session, sheet)
     if sheet.what == "cameras":
         cameras = _form("Camera form", _CAMERA_FORMS, sheet.cameras)

@@ -34,11 +34,12 @@ _LOW = 0.5  # share of the panel's height below which a section that opens comes
 def tooltip(text: str, shortcut: str = "", *, of_row: bool = False) -> None:
     """Explain the item drawn last when the mouse rests on it, also when it is disabled.
 
-    That of a row of a list stands next to the list, where it covers no other row. An item that is
-    held has none: what it does is looked at.
+    That of a row of a list stands next to the list, where it covers no other row. An item that the
+    mouse holds has none: what it does is looked at.
     """
     flags = imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled
-    if not text or imgui.is_item_active() or not imgui.is_item_hovered(flags):
+    is_held = imgui.is_item_active() and imgui.is_mouse_down(imgui.MouseButton_.left)
+    if not text or is_held or not imgui.is_item_hovered(flags):
         return
     _place_tooltip(text, bool(shortcut), of_row=of_row)
     if imgui.begin_tooltip():

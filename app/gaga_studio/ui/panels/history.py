@@ -27,7 +27,7 @@ def draw(session: Session, state: HistoryState) -> None:
     if document is None or not document.history.entries():
         widgets.empty_state(
             icons.HISTORY,
-            "No edits since it was opened" if document else "No edits",
+            "No edits since the scene was opened" if document else "No edits",
             _HINT if document else "",
         )
         return

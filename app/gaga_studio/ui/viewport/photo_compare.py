@@ -12,7 +12,6 @@ from gaga_core.evaluate.photo_film import truth_picture
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import split_view
 from gaga_studio.features.split_view import PhotoPlacement
-from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import PhotoCompareMode, Side
 from gaga_studio.ui.kit import icons, textures, theme, widgets
@@ -51,9 +50,7 @@ def draw(
         view.holds_photo = False
     if view.compare is PhotoCompareMode.OFF and not view.holds_photo:
         return False
-    if Side.VERSION in view.sides and is_split(session) and split_view.version_is_gone(session):
-        view.compare = PhotoCompareMode.OFF
-        session.notify(Level.INFO, "The version that was compared is gone: an edit replaced it.")
+    if split_view.end_without_version(session):
         return False
     is_divided = is_split(session)
     needs_photo = not is_divided or bool(split_view.AT_A_PHOTO & set(view.sides))
@@ -235,7 +232,8 @@ def _choices(session: Session, corner: ImVec2, size: ImVec2, text: str) -> bool:
 
 
 def _widths(session: Session, room: float) -> tuple[float, float]:
-    """Widths of both fields within ``room``: each holds its name, in short where it must."""
+    """Widths of both fields within ``room``: each holds its name, in short where it must; where
+    that is not enough the longer one is cut."""
     left, right = (
         max(imgui.calc_text_size(_name(session, side)).x + _frame(), em(_FIELD))
         for side in session.view.sides
@@ -249,7 +247,8 @@ def _widths(session: Session, room: float) -> tuple[float, float]:
     if left + right <= room:
         spare = (room - left - right) / 2
         return left + spare, right + spare
-    short = min(left, right, room / 2)  # the longer name is cut
+    room = max(room, em(6))
+    short = min(left, right, room / 2)
     return (short, room - short) if left < right else (room - short, short)
 
 

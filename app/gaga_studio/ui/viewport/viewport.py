@@ -444,7 +444,9 @@ class ViewportPanel:
             follow.show(session, camera, (pointer.u, pointer.v))
             self._follow = follow  # unless that failed: nothing would end it
         is_cancelled = imgui.is_key_pressed(imgui.Key.escape, False) or pointer.right
-        saves = imgui.get_io().key_ctrl and imgui.is_key_pressed(imgui.Key.s, False)
+        io = imgui.get_io()
+        is_plain = io.key_ctrl and not (io.key_shift or io.key_alt)
+        saves = is_plain and imgui.is_key_pressed(imgui.Key.s, False)
         if is_cancelled or pointer.left or saves or widgets.enter_pressed():
             session.cancel_preview() if is_cancelled else session.commit_preview()
             self._follow, self._is_ignored = None, pressed
