@@ -313,6 +313,9 @@ def test_masks_are_of_what_is_selected(associated: Session) -> None:
     selection.select_none(associated)
     assert associated.focus
     assert memory_bank.group_of_panel(associated) == 0
+    selection.select_groups(associated, (group,))
+    associated.need().focus = 0
+    assert memory_bank.group_of_panel(associated) == group, "the only one that is selected"
 
 
 def test_drag_with_the_pick_tool_orbits_and_edits_nothing(associated: Session) -> None:

@@ -272,8 +272,10 @@ def watch_objects(session: Session, document: Document) -> Callable[[], bool]:
 
 
 def group_of_panel(session: Session) -> int:
-    """Return the object whose masks are shown: the one in the inspector; 0 with none selected."""
-    return session.focus if session.focus in session.selected_groups() else 0
+    """Return the object whose masks are shown: the one in the inspector, or the only one that is
+    selected; 0 without."""
+    groups = session.selected_groups()
+    return session.focus if session.focus in groups else groups[0] if len(groups) == 1 else 0
 
 
 def made_from(session: Session, group: int) -> int:
