@@ -153,7 +153,7 @@ def _two_versions_are_compared(d: Driver) -> None:
     d.keys(KEY.mod_ctrl, KEY.z)
     d.on_main(lambda: d.session.need().do(edits.hide(d.scene, np.arange(9))))  # in its place
     d.until(lambda: d.session.view.compare is PhotoCompareMode.OFF, "what is gone is not compared")
-    assert any("is gone" in notice.text for notice in d.session.notices)
+    assert any("no longer in the history" in notice.text for notice in d.session.notices)
     d.keys(KEY.escape)
     d.keys(KEY.escape)
     assert d.session.selected_groups() == ()
