@@ -30,7 +30,7 @@ from gaga_core.io.json_file import read_json
 from gaga_core.io.masks.label_maps import RECORD, MaskRecord, read_labels, view_key, write_labels
 from gaga_core.masks import resize_labels
 from gaga_core.pipeline.settings import SegmentConfig
-from gaga_core.progress import Progress, Stage, part
+from gaga_core.progress import Progress, Stage, part, portion
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.segmentation.base import ModelProvider, Picture, Provider, fingerprint_of
@@ -206,7 +206,7 @@ def segment_scene(
     cues = _Cues(folder, rasterizer, (yield from _model_id(folder)) if wants_depth else "")
     by_coverage = config.order == "coverage" or (config.order == "auto" and provider.card.source)
     if by_coverage and folder.model_path is not None:
-        order = yield from coverage_order((yield from cues.splats()), cameras)
+        order = yield from portion(_by_coverage(cues, cameras), 0, 0, STAGE)
         cameras = tuple(cameras[i] for i in order)
     done = _Done()
     for i, camera in enumerate(cameras):
@@ -253,6 +253,10 @@ def segment_scene(
         tuple(c.name for c in cameras if c.name not in {*done.names, *done.failed}),
         tuple(done.flat),
     )
+
+
+def _by_coverage(cues: _Cues, cameras: Sequence[Camera]) -> Stage[IntArray]:
+    return (yield from coverage_order((yield from cues.splats()), cameras))
 
 
 @dataclass

@@ -11,6 +11,7 @@ from gaga_core.progress import run_stage
 from tests.app.folders import write_scene
 from tests.core.segmentation.fake_provider import Quarters
 from tests.scenes import objects_scene
+from tests.shares import falls
 
 
 def test_every_photo_adds_most_to_those_before_it() -> None:
@@ -56,3 +57,11 @@ def test_a_run_that_stops_early_keeps_the_telling_photos(tmp_path: Path) -> None
     rest = run_stage(segment_scene(few_photos, Quarters(), config=ordered))
     assert rest.kept == stopped.made
     assert rest.left == ()
+
+
+def test_reading_splats_for_the_order_takes_no_share_back(tmp_path: Path) -> None:
+    write_scene(tmp_path / "balls", masks=False)
+    config = SegmentConfig(order="coverage")
+    heard = list(segment_scene(open_scene_folder(tmp_path / "balls"), Quarters(), config=config))
+    assert any(word.message.endswith(".ply") for word in heard), "splats are read for it"
+    assert falls(heard) == []
