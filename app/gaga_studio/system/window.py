@@ -405,8 +405,8 @@ class Window:
             imgui.backends.glfw_cursor_pos_callback(_address(window), x, y)
 
         def entered(window: _Handle, is_inside: int) -> None:
-            # GLFW does not tell the same place twice. Dear ImGui asks for the place while the mouse
-            # is outside, so where it comes back to the old one, a click there would do nothing.
+            # GLFW does not report the same position twice. Dear ImGui reads another one while the
+            # mouse is outside, so a click where the mouse comes back would be taken for elsewhere.
             imgui.backends.glfw_cursor_enter_callback(_address(window), is_inside)
             if is_inside and place:
                 imgui.backends.glfw_cursor_pos_callback(_address(window), *place[0])

@@ -41,7 +41,7 @@ _LAYER = 0.02  # of the object's size: height of the layer of splats that a plan
 _N_SUPPORT = 30  # splats: fewer are no surface
 # Share of a surface on either side of any line under the middle of what stands on it. In the demo
 # that of all objects that stand is 0.08 and more, that of a copy in the air next to flowers 0.001.
-_BESIDE = 0.02
+_LEAST_SHARE = 0.02
 _STEEPEST = np.cos(np.radians(20.0))  # of a plane that something stands on
 _GAP = 0.15  # of the object's height: a foot that ends higher over its support does not touch it
 _CUT = 2.0  # voxels over the support from which on downwards the underside is made flat
@@ -177,8 +177,8 @@ def upright_place(up: Sequence[float], scale: float) -> DoubleArray:
 def support_of(points: DoubleArray, others: DoubleArray) -> Plane | None:
     """The plane under an object with centres ``points`` (K, 3) among those of ``others`` (M, 3).
 
-    World of the simulation. None: nothing level is there, or only beside it: what stands has its
-    middle over what carries it.
+    World of the simulation. None: nothing level is there, or none of it under the middle of the
+    object.
     """
     lo, hi = np.percentile(points, 1, axis=0), np.percentile(points, 99, axis=0)
     size = float((hi - lo).max())
@@ -218,7 +218,7 @@ def _level_plane(
         fit = np.linalg.lstsq(design[inside], cloud[inside, 2], rcond=None)[0]
         inside = np.abs(design @ fit - cloud[:, 2]) < layer
     normal = np.array([-fit[0], -fit[1], 1.0]) / np.sqrt(fit[0] ** 2 + fit[1] ** 2 + 1)
-    if normal[2] < _STEEPEST or _least_side(cloud[inside, :2] - middle[:2]) < _BESIDE:
+    if normal[2] < _STEEPEST or _least_side(cloud[inside, :2] - middle[:2]) < _LEAST_SHARE:
         return None, float(start)
     at = np.median(cloud[inside], axis=0)
     on_it = fit[0] * (at[0] - corner[0]) + fit[1] * (at[1] - corner[1]) + fit[2]

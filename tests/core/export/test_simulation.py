@@ -142,8 +142,8 @@ def test_a_support_is_found_under_an_object_and_not_beside_a_wall() -> None:
     assert support_of(hanging, few) is None, "few splats next to it, neither"
     for height in (0.1, 0.3, 0.45, 0.49, 0.5, 0.6):
         for dense in (1, 6):
-            beside = np.repeat(shelf, dense, axis=0) + np.array([0, 0, height - 0.5])
-            found = support_of(hanging, np.concatenate([beside, table]))
+            raised = np.repeat(shelf, dense, axis=0) + np.array([0, 0, height - 0.5])
+            found = support_of(hanging, np.concatenate([raised, table]))
             assert found is not None
             assert abs(found.heights(np.zeros((1, 3)))[0]) < 0.001, "it falls on the table"
     corner = table[(table[:, 0] < 0.04) & (table[:, 1] < 0.04)]  # it overhangs at two edges
