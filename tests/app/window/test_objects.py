@@ -17,7 +17,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.values import joined
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
-from gaga_studio.features import folders, object_list, objects, selection
+from gaga_studio.features import folders, object_list, objects, selection, split_view
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.find.search import SearchState
@@ -551,6 +551,28 @@ def test_a_click_on_the_handles_moves_nothing(display: str, grouped_scene: Path)
         assert not d.session.unsaved
         d.drag_picture((u, v - 40), (0, -30))
         assert d.history.cursor == cursor + 1
+
+    drive(walk, path=grouped_scene)
+
+
+def test_handles_are_not_taken_where_an_earlier_version_is_shown(
+    display: str, grouped_scene: Path
+) -> None:
+    """A drag there moved what stands there now, which that side does not show."""
+
+    def walk(d: Driver) -> None:
+        d.select(int(d.session.objects().ids[1]))
+        d.keys(KEY.mod_ctrl, KEY.d)
+        split_view.compare_version(d.session, 0)
+        d.keys(KEY._1)
+        handles, cursor = MoveTool().handles(d.session), d.history.cursor
+        assert handles is not None
+        for swipe, n_edits in ((1.0, 0), (0.0, 1)):
+            d.session.view.swipe = swipe
+            d.frames(3)
+            u, v = d.project(handles[:3, 3])  # the first drag turns the camera
+            d.drag_picture((u, v - 40), (0, -30))
+            assert d.history.cursor == cursor + n_edits
 
     drive(walk, path=grouped_scene)
 

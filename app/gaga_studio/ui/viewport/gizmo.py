@@ -7,6 +7,7 @@ from imgui_bundle import ImVec2, ImVec4, imgui, imguizmo
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
+from gaga_studio.features import split_view
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.tools.gestures import CLICK_PIXELS
@@ -34,13 +35,21 @@ class Gizmo:
     def draw(
         self, session: Session, tool: MoveTool, camera: Camera, corner: ImVec2, size: ImVec2
     ) -> bool:
-        """Draw the handles, pass a drag on to ``tool``; whether the mouse belongs to them."""
+        """Draw the handles, pass a drag on to ``tool``; whether the mouse belongs to them.
+
+        Where the left of the picture shows an earlier version, they are neither drawn nor taken.
+        """
         at = tool.handles(session) if self._matrix is None else self._matrix
         self.is_shown = at is not None
         if at is None:
             return False
         values = _matrix16(at)
         _guizmo.begin_frame()  # needed here: without it the mouse is not seen
+        line = split_view.earlier_to(session, camera.width, camera.height) / camera.width
+        first = corner.x + line * size.x
+        drawing = imgui.get_window_draw_list()
+        drawing.push_clip_rect(ImVec2(first, corner.y), corner + size, True)
+        _guizmo.enable(self._matrix is not None or imgui.get_io().mouse_pos.x >= first)
         _guizmo.set_drawlist()
         _guizmo.set_rect(corner.x, corner.y, size.x, size.y)
         _guizmo.set_gizmo_size_clip_space(0.16)
@@ -53,6 +62,7 @@ class Gizmo:
             None,
             _step(tool.name, camera, at) if session.view.snaps else None,
         )
+        drawing.pop_clip_rect()
         held = _guizmo.is_using()
         if held and not self._ignored:
             if not tool.is_dragging:
