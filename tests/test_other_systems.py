@@ -3,12 +3,14 @@
 What runs on other machines, the workflow and the hooks before a commit, names only what is there.
 """
 
+import os
 import re
 import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
 
+import pytest
 import yaml
 
 _ROOT = Path(__file__).resolve().parents[1]
@@ -81,3 +83,27 @@ def test_workflow_and_hooks_name_only_what_is_there() -> None:
             folder, _, tool = hook["entry"].split()[0].rpartition("/")
             assert folder == ".venv/bin"
             assert list(tools.glob(f"{tool}*")), tool
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="system packages of Debian")
+def test_a_library_that_is_there_is_not_asked_for(tmp_path: Path) -> None:
+    """A long list of libraries was read to the first hit, and its writer's failure counted."""
+    listed = tmp_path / "ldconfig"
+    script = (_ROOT / ".ci" / "system-libraries").read_text(encoding="utf-8")
+    names = [name.replace("\\", "") for name in re.findall(r"has '(.+?)'", script)]
+    assert "libX11.so.6" in names
+    lines = "\n".join([*names, *(f"libother{i}.so" for i in range(20_000))])
+    listed.write_text(f"#!/bin/sh\ncat <<'END'\n{lines}\nEND\n", encoding="utf-8")
+    asked = tmp_path / "apt-get"
+    asked.write_text('#!/bin/sh\necho "$@"\nexit 1\n', encoding="utf-8")
+    for command in (listed, asked):
+        command.chmod(0o755)
+    done = subprocess.run(
+        [_ROOT / ".ci" / "system-libraries", "window"],
+        env=os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHON": sys.executable},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
