@@ -496,7 +496,8 @@ def look_at_photos(path: Path) -> PhotoFind | None:
     """
     outside, scene = source_of(path)
     if find_model(scene) is not None:
-        return None if outside is None else PhotoFind(outside, scene, 0, (1, 1))
+        is_it = scene.absolute() == path.absolute()
+        return None if is_it else PhotoFind(outside, scene, 0, (1, 1))
     return _photos_of(outside, scene)
 
 
@@ -555,12 +556,12 @@ def _poses_near(source: Path) -> str:
 def scene_of(photos: Path) -> Path:
     """Scene folder for photos or a video that lie outside one, where the user names none.
 
-    Next to them, with "-scene" behind the name; for SCENE/images and SCENE/input it is SCENE. A
-    folder whose name says nothing, as THING/photos, has that of the folder that it is in before it;
-    one that was begun under its own stays.
+    Next to them, with "-scene" behind the name; for SCENE/images and SCENE/input it is SCENE, where
+    that was begun. A folder whose name says nothing, as THING/photos, has that of the folder that
+    it is in before it; one that was begun under its own stays.
     """
     photos = photos.absolute()
-    if photos.is_dir() and photos.name in ("images", ORIGINALS):
+    if photos.is_dir() and photos.name in ("images", ORIGINALS) and _is_begun(photos.parent):
         return photos.parent
     if photos.is_file():
         return photos.with_name(f"{photos.stem}-scene")
@@ -568,6 +569,22 @@ def scene_of(photos: Path) -> Path:
     told = _told_name(photos)
     is_own = own.is_dir() or told == photos.name
     return own if is_own else photos.with_name(f"{told}-{own.name}")
+
+
+def _is_begun(folder: Path) -> bool:
+    """Whether a scene was begun in ``folder``: its pictures and cameras are written there."""
+    return find_sparse(folder) is not None or (folder / WORKSPACE).is_dir()
+
+
+def _is_of_others(folder: Path) -> bool:
+    """Whether another program's poses are of ``folder``/images: they would not fit pictures without
+    distortion, which a scene folder has there."""
+    if _is_begun(folder) or not (folder / "images").is_dir() or find_model(folder) is not None:
+        return False
+    try:
+        return find_poses(folder / "images") is not None
+    except GagaError:  # there are some, which is said when they are to be read
+        return True
 
 
 # What cameras and programs call a folder of photos, whatever they show.
@@ -588,10 +605,14 @@ def source_of(path: Path) -> tuple[Path | None, Path]:
     """The photos and the scene folder that a user means by ``path``.
 
     Photos are None for a scene folder, or one to be that holds its photos or its video, and for a
-    folder whose pictures are part of something else: the textures of a SOG.
+    folder whose pictures are part of something else: the textures of a SOG. A folder of another
+    program, with poses next to images/, is left as it is: the scene is made next to it.
     """
     if is_video(path) or is_recording(path):
         return path, scene_of(path)
+    if _is_of_others(path):
+        folder = path.absolute()
+        return path / "images", folder.with_name(f"{folder.name}-scene")
     if not path.is_dir() or is_scene_folder(path) or meant_in(path) is not None:
         return None, path
     kinds = (*IMAGE_SUFFIXES, *UNREAD_SUFFIXES)

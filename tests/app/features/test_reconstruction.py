@@ -339,11 +339,15 @@ def test_a_curve_of_losses_keeps_their_mean() -> None:
 
 def test_what_a_path_means(tmp_path: Path) -> None:
     write_photos(tmp_path / "plain", 3)
-    write_photos(tmp_path / "room" / "images", 3)
+    room, images = tmp_path / "room", tmp_path / "room" / "images"
+    write_photos(images, 3)
+    write_photos(tmp_path / "begun" / "images", 3)
+    (tmp_path / "begun" / ".gaga-reconstruct").mkdir()
     for path, photos, scene in (
         (tmp_path / "plain", tmp_path / "plain", tmp_path / "plain-scene"),
-        (tmp_path / "room", None, tmp_path / "room"),
-        (tmp_path / "room" / "images", None, tmp_path / "room"),
+        (room, None, room),
+        (images, images, room / "room-images-scene"),
+        (tmp_path / "begun" / "images", None, tmp_path / "begun"),
     ):
         found = look_at_photos(path)
         assert found is not None

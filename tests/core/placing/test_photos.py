@@ -1,6 +1,7 @@
 """Photos of all kinds come out upright, 8-bit, unique; what cannot be used is named."""
 
 import json
+import shutil
 import struct
 import subprocess
 from pathlib import Path
@@ -12,6 +13,7 @@ from PIL import Image, ImageFilter
 
 from gaga_core.errors import GagaError
 from gaga_core.io.images import read_rgb
+from gaga_core.io.splats.splat_files import write_splats
 from gaga_core.pipeline.reconstruct import look_at_photos, reconstruct_scene, source_of
 from gaga_core.placing.photos import (
     LooksIndex,
@@ -27,6 +29,7 @@ from gaga_core.placing.photos import (
 from gaga_core.placing.video import extract_frames, extract_moving_frames, shows_all_directions
 from gaga_core.progress import run_stage
 from tests.core.placing.photo_scenes import photograph, walk_cameras
+from tests.scenes import random_gaussians
 
 
 def noise(seed: int, width: int = 96, height: int = 64) -> Image.Image:
@@ -146,6 +149,39 @@ def test_photos_of_kinds_that_are_not_read_are_told(tmp_path: Path) -> None:
         run_stage(reconstruct_scene(folder, tmp_path / "scene"))
     assert "Take more photos" not in str(caught.value)
     assert not (tmp_path / "scene").exists()
+
+
+def test_a_folder_of_another_program_is_left_as_it_is(folder: Path, tmp_path: Path) -> None:
+    """Its pictures were replaced by others without distortion, to which its poses do not fit."""
+    other = tmp_path / "fox"
+    images = other / "images"
+    shutil.copytree(folder, images)
+    assert source_of(other) == (None, other)
+    assert source_of(images) == (images, other / "fox-images-scene")
+    frames = [{"file_path": f"images/good{i}.jpg", "transform_matrix": _pose(i)} for i in range(3)]
+    lens = {"w": 96, "h": 64, "fl_x": 90, "fl_y": 90, "cx": 48, "cy": 32, "frames": frames}
+    (other / "transforms.json").write_text(json.dumps(lens), encoding="utf-8")
+    found = look_at_photos(other)
+    assert found is not None
+    assert found.poses
+    assert (found.photos, found.scene) == (images, tmp_path / "fox-scene")
+
+
+def _pose(i: int) -> list[list[float]]:
+    return [[1, 0, 0, i], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+
+
+def test_the_photos_of_a_scene_open_it(folder: Path, tmp_path: Path) -> None:
+    """They were said to have no splats."""
+    scene = tmp_path / "scene"
+    shutil.copytree(folder, scene / "images")
+    (scene / ".gaga-reconstruct").mkdir()
+    assert source_of(scene / "images") == (None, scene)
+    write_splats(scene / "point_cloud.ply", random_gaussians(3))
+    found = look_at_photos(scene / "images")
+    assert found is not None
+    assert found.scene == scene
+    assert look_at_photos(scene) is None
 
 
 def test_names_are_unique_whatever_the_folders_and_suffixes(folder: Path, tmp_path: Path) -> None:
