@@ -9,7 +9,7 @@ import numpy as np
 from gaga_core.arrays import AnyArray, FloatArray, IntArray, LongArray, UInt8Array, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.grouping.levels import Levels
-from gaga_core.grouping.memory_bank import MemoryBank
+from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.scene.edits.folders import inherit_folders, merge_places, set_folders
 from gaga_core.scene.edits.values import (
     Edit,
@@ -203,14 +203,24 @@ def merge_groups(scene: Scene, groups: Sequence[int], title: str = "Merge") -> E
 
 
 def _merged_bank(bank: MemoryBank, into: int, others: Sequence[int]) -> MemoryBank:
-    gone = set(others)
-    log = tuple(replace(d, group=into, by_hand=True) if d.group in gone else d for d in bank.log)
+    log = tuple(_merged_decision(decision, into, frozenset(others)) for decision in bank.log)
     group, held = (
         np.where(np.isin(ids, np.array(others, np.int32)), into, ids).astype(np.int32)
         for ids in (bank.group, bank.shared[:, 1])
     )
     shared = np.stack([bank.shared[:, 0], held], axis=1)
     return replace(bank, group=group, log=log, shared=shared)
+
+
+def _merged_decision(decision: Decision, into: int, others: frozenset[int]) -> Decision:
+    """The decision on a mask once ``others`` are ``into``: its own group is no rival of itself."""
+    if decision.group in others:
+        decision = replace(decision, group=into, by_hand=True)
+    if decision.runner_up not in {into, *others}:
+        return decision
+    if decision.group == into:
+        return replace(decision, runner_up=0, runner_up_overlap=0.0)
+    return replace(decision, runner_up=into)
 
 
 # --- parts of objects ---------------------------------------------------------------------------

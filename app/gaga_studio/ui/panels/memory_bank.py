@@ -90,7 +90,7 @@ def _head(document: Document, group: int, whole: int, decisions: Sequence[Decisi
     n_views = len({decision.view for decision in decisions})
     masks = counted(len(decisions), "mask")
     n_by_hand = sum(decision.by_hand for decision in decisions)
-    by_hand = f", {n_by_hand} put here by hand" if n_by_hand else ""
+    by_hand = f", {n_by_hand} by hand" if n_by_hand else ""
     text = f"{masks} from {counted(n_views, 'view')}{by_hand}"
     widgets.dim(widgets.elided(text, imgui.get_content_region_avail().x))
     widgets.tooltip(

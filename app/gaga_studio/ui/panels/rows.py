@@ -183,8 +183,8 @@ def lower(height: float, n_lines: int = 1) -> None:
 def compact(n: int) -> str:
     """A number in at most four letters: "604", "4.5k", "12k", "3.1M"."""
     for unit, sign in ((1_000_000, "M"), (1_000, "k")):
-        if n >= unit:
-            return f"{n / unit:.1f}{sign}" if n < 10 * unit else f"{n // unit}{sign}"
+        if n >= 0.9995 * unit:  # 999.5k is 1.0M
+            return f"{n / unit:.1f}{sign}" if n < 9.95 * unit else f"{n / unit:.0f}{sign}"
     return f"{n}"
 
 

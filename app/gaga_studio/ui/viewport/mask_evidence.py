@@ -304,7 +304,7 @@ def explanation(document: Document, decision: Decision) -> str:
         return "There is no splat behind this mask at the surface, so it joined no group."
     name = document.name_of(decision.group)
     if decision.by_hand:
-        return f"Put into {name} by hand; what follows from that was redone from this view on."
+        return f"In {name} by hand: the mask was moved, or objects were merged or split."
     share = f"{100 * decision.overlap:.0f} %"
     if decision.is_new:
         return f"This mask opened {name} with {counted(decision.n_gaussians, 'splat')}."

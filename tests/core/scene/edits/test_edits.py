@@ -1,6 +1,8 @@
 """What each edit means, how small it is, and what stays out of it."""
 
 import re
+from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -240,12 +242,18 @@ def test_merging_takes_splats_names_and_the_bank_s_log_along() -> None:
     assert scene.bank is not None
     n_of = np.bincount(scene.labels, minlength=8)
     joined = sum(d.group in (1, 2, 4) for d in scene.bank.log)
+    rivals = [
+        replace(d, runner_up=g) for d, g in zip(scene.bank.log, cycle((1, 3, 4)), strict=False)
+    ]
+    scene.bank = replace(scene.bank, log=rivals)
     _do(scene, edits.merge_groups(scene, [4, 2, 1]))
     assert (scene.labels == 4).sum() == n_of[[1, 2, 4]].sum()
     assert not np.isin(scene.labels, [1, 2]).any()
     assert scene.names == {4: "mug"}
     assert sum(d.group == 4 for d in scene.bank.log) == joined
     assert not np.isin(scene.bank.group, [1, 2]).any()
+    for now, rival in zip(scene.bank.log, cycle((4, 3, 4)), strict=False):
+        assert now.runner_up == (0 if now.group == rival else rival), "nothing is its own rival"
     with pytest.raises(GagaError, match="unassigned"):
         edits.merge_groups(scene, [0, 3])
 
