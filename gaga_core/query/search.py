@@ -36,14 +36,14 @@ def sentence_of(
 ) -> str:
     """What ``phrase`` was taken for, how many groups fit, and the words that meant nothing here.
 
-    ``aside``: there are floors or walls that a superlative of size left out.
+    ``aside``: a superlative of size left out what counts as background or support.
     """
     lost = list(dict.fromkeys(unknown))
     said = _said(phrase, lost, n_fit)
     if said:
         best = phrase.superlative.scale if phrase.superlative else None
         if aside and best is not None and best in lex.BULKY and n_fit:
-            said += ", floor and walls aside"
+            said += ", background and supports aside"
         said += f", as seen from {view}." if view and _uses_view(phrase) and n_fit else "."
     notes = []
     if lost:

@@ -201,13 +201,17 @@ def _views_of_groups(bank: MemoryBank | None) -> Counter[int]:
 # --- Confidence of the splats' groups: histogram over a selection, and uncertain splats.
 
 
-def confidence_histogram(scene: Scene, splats: IntArray, n_bins: int = 20) -> LongArray | None:
-    """Number (B,) of ``splats`` (K,) in bins of ascending confidence; None when it is unknown."""
+def confidence_histogram(
+    scene: Scene, splats: IntArray, n_bins: int = 20
+) -> tuple[float, LongArray] | None:
+    """Mean confidence 0..1 of ``splats`` (K,), and their number (B,) in bins of ascending
+    confidence; None when it is unknown."""
     column = scene.confidence_of()
     if column is None:
         return None
-    bins = column[splats].astype(np.int64) * n_bins // 256
-    return np.bincount(bins, minlength=n_bins)
+    found = column[splats].astype(np.int64)
+    mean = float(found.mean()) / 255 if len(found) else 0.0
+    return mean, np.bincount(found * n_bins // 256, minlength=n_bins)
 
 
 def confidence_of_groups(scene: Scene, ids: IntArray) -> DoubleArray:

@@ -212,8 +212,9 @@ class SceneCache:
             return None
         return self.once("masks", bank, lambda: _by_mask(bank)).get((view, mask))
 
-    def confidence(self, n_bins: int) -> LongArray | None:
-        """Count (B,) the selected splats by confidence, ascending; None when it is unknown."""
+    def confidence(self, n_bins: int) -> tuple[float, LongArray] | None:
+        """Mean confidence of the selected splats, and their number (B,) by confidence, ascending;
+        None when it is unknown."""
         revision = self._scene.revision
         key = (revision.splats, revision.state, revision.labels, n_bins)
         return self.once(

@@ -91,11 +91,13 @@ def test_uncertain_splats_are_those_below(scene: Synthetic, found: Association) 
         uncertain(opened, rows, 0.5)
     history = History(opened)
     history.do(edits.set_grouping(opened, found.labels, found.bank, confidence=found.confidence))
-    counts = confidence_histogram(opened, rows)
-    assert counts is not None
+    histogram = confidence_histogram(opened, rows)
+    assert histogram is not None
+    mean, counts = histogram
     assert counts.sum() == len(rows)
     column = opened.confidence_of()
     assert column is not None
+    assert mean == pytest.approx(column[rows].mean() / 255)
     chosen = uncertain(opened, rows, 0.5)
     assert set(chosen) == {i for i in rows if column[i] / 255 < 0.5}
     assert len(uncertain(opened, rows, 0.0)) == 0

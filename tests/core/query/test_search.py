@@ -267,7 +267,7 @@ def test_colors_sizes_and_places_on_the_made_table(table: Scene) -> None:
 def test_sentences_say_what_was_understood(table: Scene) -> None:
     assert ask(table, "red").sentence == "2 red objects."
     assert ask(table, "largest red").sentence == (
-        "The largest of the 2 red objects, floor and walls aside."
+        "The largest of the 2 red objects, background and supports aside."
     )
     front = ask(table, "leftmost", None).sentence
     assert front == "The leftmost of the 5 objects, as seen from front.png."

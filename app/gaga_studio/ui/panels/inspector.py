@@ -401,10 +401,10 @@ def _agreement(session: Session, group: int) -> None:
 
 def _confidence(session: Session, document: Document) -> None:
     """How sure the selected splats are of their objects, and who is in doubt."""
-    counts = document.read.confidence(_BINS)
-    if counts is None:
+    found = document.read.confidence(_BINS)
+    if found is None:
         return
-    share = float(counts @ (np.arange(_BINS) + 0.5) / max(int(counts.sum()), 1) / _BINS)
+    share, counts = found
     if not widgets.section(f"Confidence: {100 * share:.0f} %###Confidence"):
         return
     _histogram(counts / max(int(counts.max()), 1), document.feature(Uncertain).threshold)
