@@ -347,6 +347,27 @@ def _choose(d: Driver, group: int, at: int) -> Any:
     return decision
 
 
+def test_the_card_of_a_mask_closes_once_another_object_is_selected(
+    display: str, grouped_copy: Path
+) -> None:
+    """It stayed, with its splats lit, when a search selected another one."""
+
+    def walk(d: Driver) -> None:
+        ids = d.session.objects().ids.tolist()
+        one, other = [group for group in ids if d.session.decisions(group)][:2]
+        evidence = d.studio.ui.scene.picture.evidence
+        decision = _choose(d, one, 0)
+        assert evidence.decision == decision
+        d.select()
+        d.frames(3)
+        assert evidence.decision == decision
+        d.select(other)
+        d.frames(3)
+        assert evidence.decision is None
+
+    drive(walk, path=grouped_copy)
+
+
 def _a_clicked_mask_stays_where_it_is(d: Driver, group: int) -> None:
     """Bars came above the table, and its rows went down under the mouse."""
     d.studio.ui.scene.picture.evidence.decision = None

@@ -149,6 +149,7 @@ class EvidenceState:
     live_bank: MemoryBank | None = None
     menu: MaskMenuState = field(default_factory=MaskMenuState)
     in_sight: tuple[Decision, float] | None = None  # row shown, and the height of its table then
+    selected: tuple[int, ...] = ()  # objects, in the frame before
     placed_for: Decision | None = None  # mask for which the card was given its place
     is_above: bool = False  # the card lies over the upper half of the picture
 
@@ -163,6 +164,7 @@ def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
     if document is not None and state.decision is not None and session.live is None:
         was = state.decision  # the mask may have been moved, or that undone
         state.decision = document.read.decision_of(was.view, was.mask) or was
+    _follow_selection(session, state)
     decision = state.decision
     if document is None or (decision is None and session.live is None):
         return
@@ -294,6 +296,14 @@ def _pointing(
     widgets.tooltip("Click takes the mask here. Right-click: move it to its object.")
     chosen = state.decision or decision
     widgets.popup(f"Mask menu {position}", lambda: items(session, document, state.menu, chosen))
+
+
+def _follow_selection(session: Session, state: EvidenceState) -> None:
+    """Close the card of a mask once other objects than its own are selected."""
+    before, state.selected = state.selected, tuple(session.selected_groups())
+    is_other = state.selected not in ((), before)
+    if is_other and state.decision is not None and state.decision.group not in state.selected:
+        state.decision = None
 
 
 def explanation(document: Document, decision: Decision) -> str:
