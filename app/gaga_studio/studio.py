@@ -69,7 +69,7 @@ from gaga_studio.ui.dialogs.film_and_picture import FilmChoices
 from gaga_studio.ui.dialogs.masks import MaskDialog
 from gaga_studio.ui.dialogs.preferences import DraggedPreferences
 from gaga_studio.ui.dialogs.sheets import PaletteState
-from gaga_studio.ui.kit import textures, theme
+from gaga_studio.ui.kit import number_fields, textures, theme
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.panels import (
     camera_path,
@@ -471,6 +471,8 @@ class Studio:
         self._letters()
         size, dpi = imgui.get_io().display_size, imgui.get_style().font_scale_dpi
         theme.resize(window.fitting_scale(self.session.settings.ui_scale, (size.x, size.y), dpi))
+        if not_read := number_fields.take_not_read():
+            self.session.notify(Level.HINT, not_read)
         self.session.tick(imgui.get_io().delta_time)
         self._guard.call("Names", lambda: follow(self.session))  # also where no list is shown
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)

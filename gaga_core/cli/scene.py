@@ -138,7 +138,7 @@ class AlignCommand:
             written["splats"] = str(self.write)
         if self.json:
             return out.result(found.to_json() | written, as_json=True)
-        out.line(found.alignment.sentence())
+        out.line(found.sentence())
         for line in found.lines() if self.config.changes else ():
             out.line(line)
         return out.result(written, as_json=False)

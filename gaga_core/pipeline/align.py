@@ -65,12 +65,18 @@ class Aligned:
     second: str
     alignment: Alignment
     changes: tuple[Change, ...] | None  # None: not asked for, or one has no splats
+    is_metric: bool = False  # a unit of the first capture is a metre
+
+    def sentence(self) -> str:
+        """How the second one lies."""
+        return self.alignment.sentence(is_metric=self.is_metric)
 
     def lines(self) -> tuple[str, ...]:
         """One sentence a change; one that says that there is none, or why it is not known."""
         if self.changes is None:
             return ("What changed is not known: it takes splats with groups in both scenes.",)
-        return tuple(c.sentence() for c in self.changes) or ("Nothing came, went or moved.",)
+        told = tuple(c.sentence(is_metric=self.is_metric) for c in self.changes)
+        return told or ("Nothing came, went or moved.",)
 
     def to_json(self) -> dict[str, object]:
         """Plain values."""
@@ -193,7 +199,8 @@ def _align_stage(
     compared = None
     if _is_compared(first, second, config):
         compared = yield from find_changes_stage(first, second, found.world, engine)
-    return Aligned(first.name, second.name, found, compared)
+    is_metric = first.scene is not None and first.scene.frame.is_metric
+    return Aligned(first.name, second.name, found, compared, is_metric)
 
 
 # --- By the splats alone: each scene is drawn from where its photos were taken, or from all around

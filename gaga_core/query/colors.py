@@ -2,7 +2,8 @@
 
 A name is a handful of prototypes in CIE Lab, in light and in shade, since the colors of splats
 have the light baked in; a color belongs to the names of its nearest prototypes, softly. The eleven
-basic terms are Berlin and Kay's (1969), with turquoise, gold and beige added.
+basic terms are Berlin and Kay's (1969), with turquoise, gold and beige added. What people call
+grey green, greenish grey and the like is of the color survey of xkcd (Munroe 2010).
 """
 
 from functools import cache
@@ -23,10 +24,12 @@ _PROTOTYPES: dict[str, tuple[str, ...]] = {
         "red": "d81e1e a01218 6e0c10 ff3b30 c0322b 8c2020 400808",
         "orange": "f57c14 d05a10 ff9a2e b5521a e88c30 e8713a 93380d c83e10 e34a18",
         "yellow": "f7dc1c d8b41a fff04a b09612 e0c83c 8a760e cfe01e b0c020 62540a 4c4204",
-        "green": "2a9a34 1c6a28 6abf3a 124518 7a9a3a 5a7a4a 3f5a2a 9ad07a",
+        "green": "2a9a34 1c6a28 6abf3a 124518 7a9a3a 5a7a4a 3f5a2a 9ad07a "
+        "96ae8d 86a17d 77926f 82a67d 789b73",  # greenish grey ... grey green
         "turquoise": "22b5b0 2f6f7d 18807c 70d8d0 12504e",
         "blue": "1e56c8 16389a 3a86e0 0e2468 6a9ae0 3c5c9c 2e4560 9cc0ec "
-        "1010f0 1010a0 4c4cf4 04047a 08085c",
+        "1010f0 1010a0 4c4cf4 04047a 08085c "
+        "5e819d 6b8ba4 3f829d 647d8e",  # greyish, grey and dirty blue
         "purple": "7a2aa8 56208a a05ad0 3a1460 7a4a7c b48ad8 62304f 7a4a5c 523040 8228e6 5c10b4",
         "pink": "f06aa8 f4a8c0 e04a8a c8708c f8c8d4 ec9aa6 b05070",
         "brown": "7a4a20 5a3418 9a6a3a 3c2410 6b4a30 8a5a40 b98450",

@@ -237,7 +237,7 @@ def _size_word(share: float) -> str:
 
 def _color(facts: GroupFacts, row: int) -> str:
     """The foremost color as it shows from outside, or "colorful"."""
-    share = 0.6 * facts.colors[row] + 0.4 * facts.vivid[row]
+    share = facts.colors[row]
     best = int(share.argmax())
     hues = [facts.colors[row, NAMES.index(n)] for n in HUES if n not in ("brown", "gold")]
     if share[best] < _LEADS and sum(hue > _HUE for hue in hues) >= _MANY_HUES:

@@ -219,12 +219,14 @@ def turntable(
 
     Height, distance and tilt stay those of the shot; seen from above the camera goes against the
     clock unless ``clockwise``. With the places ``seen_from`` of photos it keeps to the upright box
-    around them: in a room, a circle would lead through the walls.
+    around them: in a room, a circle would lead through the walls. Where photos saw one side only,
+    of a wall say, it stays on that side.
     """
     axis = np.asarray(up, np.float64) / np.linalg.norm(up)
     pivot = np.array(shot.eye) + shot.distance * shot.turn[2]
     basis, box = np.eye(3) if basis is None else basis, None
     if seen_from is not None:
+        basis = _facing(seen_from - pivot, basis)
         shot, box = _between(shot, pivot, seen_from @ basis.T, basis)
     eye, keys = np.array(shot.eye), []
     for k in range(_TURNTABLE_KEYS):
@@ -240,6 +242,21 @@ def turntable(
 
 _ROUND = 0.5  # times its corners' distance: radius in a box from which the path is a circle there
 _NEAREST = 0.1  # of its distance: how near a turntable in a room may come to what it looks at
+
+
+def _facing(ways: DoubleArray, basis: DoubleArray) -> DoubleArray:
+    """``basis`` (3, 3), turned about up so that its first axis is the middle of the headings of
+    ``ways`` (P, 3) where these are less than half a turn apart: a box around their ends that is
+    aligned with it has all of them, and no point behind their beginning."""
+    headings = np.sort(np.arctan2(ways @ basis[1], ways @ basis[0]))
+    gaps = np.diff(headings, append=headings[0] + 2 * np.pi)
+    widest = int(gaps.argmax())
+    if gaps[widest] <= np.pi:
+        return basis
+    middle = headings[widest] + gaps[widest] / 2 + np.pi  # opposite to the middle of the gap
+    c, s = np.cos(middle), np.sin(middle)
+    turned: DoubleArray = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ basis
+    return turned
 
 
 def _between(

@@ -6,7 +6,7 @@ camera path, stays in the frame in which the scene was opened and is carried whe
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -104,18 +104,28 @@ def length_text(length: float, *, is_metric: bool) -> str:
     return f"{decimal_text(length)} units" if 0 < abs(length) < 100 else f"{length:,.1f} units"
 
 
-_METRES = {"": 1.0, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "ft": 0.3048}
-_METRES |= {"metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0}
-_METRES |= {"inch": 0.0254, "inches": 0.0254, "foot": 0.3048, "feet": 0.3048}
-_LENGTH = re.compile(r"([0-9]*[.,]?[0-9]+|[0-9]+[.,])\s*([a-z]*)")
-_THOUSANDS = re.compile(r"[0-9]{1,3}(,[0-9]{3})+")  # or a comma for a point: not clear which
+LENGTHS: Mapping[str, float] = {  # metres of each unit
+    **{"mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "ft": 0.3048},
+    **{"metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0},
+    **{"inch": 0.0254, "inches": 0.0254, "foot": 0.3048, "feet": 0.3048},
+}
+_NUMBER = re.compile(r"([+-]?(?:[0-9]*[.,]?[0-9]+|[0-9]+[.,])(?:e[+-]?[0-9]+)?)\s*(\S*)")
+_THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}(,[0-9]{3})+")  # or a comma for a point: not clear
 
 
 def metres_of(text: str) -> float | None:
     """A typed length in metres: "1.5", "1,5 m", "80 cm", "12 in"; None where it is none, as 0 and
     "1,000", which is one or a thousand."""
-    found = _LENGTH.fullmatch(text.strip().lower())
-    if found is None or found[2] not in _METRES or _THOUSANDS.fullmatch(found[1]):
+    metres = number_of(text, LENGTHS)
+    return metres if metres is not None and metres > 0 else None
+
+
+def number_of(text: str, units: Mapping[str, float]) -> float | None:
+    """A typed number times the factor of its unit, which may be left out: "-1.5", "1,5 m"; None
+    where it is none, its unit is not one of ``units``, or it is "1,000", which is one or a
+    thousand."""
+    found = _NUMBER.fullmatch(text.strip().lower().replace("\N{MINUS SIGN}", "-"))
+    if found is None or found[2] not in {"", *units} or _THOUSANDS.fullmatch(found[1]):
         return None
-    metres = float(found[1].replace(",", ".")) * _METRES[found[2]]
-    return metres if 0 < metres < math.inf else None
+    number = float(found[1].replace(",", ".")) * units.get(found[2], 1.0)
+    return number if math.isfinite(number) else None

@@ -225,7 +225,7 @@ def _counted(
     left, scenes = list(range(len(before))), [capture.scene for capture in opened]
     worlds = world, world @ found.alignment.world
     for change in found.changes or ():
-        sys.stderr.write(f"  {change.sentence()}\n")
+        sys.stderr.write(f"  {change.sentence(is_metric=False)}\n")
         places = []
         for scene, group, own in zip(scenes, (change.first, change.second), worlds, strict=True):
             if scene is not None and group is not None:

@@ -63,6 +63,7 @@ class ListedChanges:
     """What changed between the open scene and the one that was added last."""
 
     name: str = ""  # of that one
+    is_metric: bool = False  # distances are in metres
     why_none: str = "No changes are known. Add a scene of the same place first."
     found: "tuple[tuple[Change, tuple[int, ...]], ...]" = ()  # with the groups here that show it
 
@@ -76,7 +77,7 @@ def summary(found: Found) -> tuple[str, ...]:
     """Return how it fits and what changed, in sentences."""
     if found.aligned is None:
         return found.why_not, "Apply it, and move, turn and scale it by its handles."
-    return found.aligned.alignment.sentence(), *found.aligned.lines()
+    return found.aligned.sentence(), *found.aligned.lines()
 
 
 @notifies
@@ -170,6 +171,7 @@ def apply(session: Session) -> bool:
     here = found.addition.groups
     listed = document.feature(ListedChanges)
     listed.name, listed.why_none = found.name, _why_none(found)
+    listed.is_metric = found.aligned is not None and found.aligned.is_metric
     listed.found = tuple((c, _groups(c, here)) for c in changes or ())
     done = document.do(found.addition.edit)
     session.notify(

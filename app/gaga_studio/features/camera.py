@@ -21,7 +21,7 @@ from gaga_core.scene.camera_path import (
 )
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.orientation import upright_basis
-from gaga_core.scene.selection.bounds import object_box, splat_box
+from gaga_core.scene.selection.bounds import object_box, subject_box
 from gaga_studio.features.base import Command, ask, first_of, needs, no_photos, no_scene
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
@@ -48,7 +48,7 @@ def next_view(session: Session, step: int) -> None:
 
 
 def frame_all(session: Session) -> None:
-    """Show everything that is visible."""
+    """Show everything that is visible, without a far background."""
     _frame(session, None)
 
 
@@ -78,9 +78,12 @@ def focus_at(session: Session, u: float, v: float, width: int, height: int) -> b
 
 def _frame(session: Session, indices: IntArray | None) -> None:
     scene = session.need().scene
-    if indices is not None and len(indices) == 0:
+    if indices is None:
+        lo, hi = subject_box(scene, session.cameras)
+    elif len(indices):
+        lo, hi = object_box(scene, indices)
+    else:
         return
-    lo, hi = splat_box(scene) if indices is None else object_box(scene, indices)
     session.rig.focus((lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2)
 
 

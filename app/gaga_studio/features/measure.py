@@ -139,6 +139,11 @@ def lengths(session: Session, values: Sequence[float] | DoubleArray) -> str:
     return lengths_text([float(value) for value in values], is_metric=_is_metric(session))
 
 
+def number_format(session: Session) -> str:
+    """The printf format of a length in a field, in the unit of the open scene."""
+    return "%.3f m" if _is_metric(session) else "%.3f"
+
+
 def _is_metric(session: Session) -> bool:
     return session.document is not None and session.document.scene.frame.is_metric
 

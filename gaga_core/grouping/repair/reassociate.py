@@ -217,7 +217,7 @@ def _logged(
 
 # --- The move itself: which bank, which votes, which labels.
 
-STAGE = "Associate again"
+STAGE = "Move mask"
 NEW = -1  # a group of its own
 NONE = 0  # no group
 

@@ -11,7 +11,7 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError, decimal_text
 from gaga_core.io.cameras.given import Lens
-from gaga_core.scene.frame import inverse, scale_of
+from gaga_core.scene.frame import inverse, length_text, scale_of
 from gaga_core.scene.scene import Scene
 
 By = Literal["photos", "surfaces"]
@@ -71,11 +71,11 @@ class Alignment:
         cosine = (np.trace(self.world[:3, :3]) / self.scale - 1) / 2
         return float(np.arccos(np.clip(cosine, -1, 1)))
 
-    def sentence(self) -> str:
+    def sentence(self, *, is_metric: bool) -> str:
         """What was found, for a person."""
         what = "points of the photos" if self.by == "photos" else "points of the surfaces"
-        apart = decimal_text(self.residual)
-        text = f"{self.n_points:,} {what} fit, {apart} units apart in the median"
+        apart = length_text(self.residual, is_metric=is_metric)
+        text = f"{self.n_points:,} {what} fit, {apart} apart in the median"
         if self.pixels is not None:
             text += f", and {self.pixels:.1f} pixels off where the photos show them"
         angle, scale = f"{np.degrees(self.angle):.1f}", decimal_text(self.scale, 4)

@@ -17,14 +17,13 @@ from scipy.optimize import linear_sum_assignment
 from gaga_core.arrays import DoubleArray, IntArray, LongArray
 from gaga_core.camera import Camera
 from gaga_core.color import rgb_from_dc
-from gaga_core.errors import decimal_text
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import turned
 from gaga_core.progress import Progress, Stage, part, portion
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.captures.alignment import Capture
-from gaga_core.scene.frame import inverse, scale_of
+from gaga_core.scene.frame import inverse, length_text, scale_of
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.selection.click import click_views
 
@@ -67,13 +66,11 @@ class Change:
     second: int | None  # ... in the second; None: it went
     distance: float = 0.0  # that it moved, units of the first capture
 
-    def sentence(self) -> str:
-        """ "mug moved by 0.32"."""
-        return (
-            f"{self.name} moved by {decimal_text(self.distance)}"
-            if self.kind == "moved"
-            else (f"{self.name} {self.kind}")
-        )
+    def sentence(self, *, is_metric: bool) -> str:
+        """ "mug moved by 32.0 cm"."""
+        if self.kind != "moved":
+            return f"{self.name} {self.kind}"
+        return f"{self.name} moved by {length_text(self.distance, is_metric=is_metric)}"
 
     def to_json(self) -> dict[str, object]:
         """Plain values."""

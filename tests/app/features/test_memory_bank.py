@@ -35,7 +35,10 @@ def test_a_moved_mask_is_one_edit_that_undo_takes_back(associated: Session) -> N
     cursor = session.history.cursor  # type: ignore[union-attr]
     moved = _decision(session, 3)
     live = []
+    title = f"Move mask {moved.mask} of {moved.view} to mug"
     assert memory_bank.move_mask(session, moved, 2)
+    assert session.jobs.running is not None
+    assert session.jobs.running.title == title, "the task says what happens"
     while session.jobs.running is not None:
         session.jobs.poll()
         if session.live is not None:
@@ -46,9 +49,7 @@ def test_a_moved_mask_is_one_edit_that_undo_takes_back(associated: Session) -> N
     assert now.by_hand
     assert session.live is None
     assert session.history.cursor == cursor + 1  # type: ignore[union-attr]
-    assert session.history.undo_title == (  # type: ignore[union-attr]
-        f"Move mask {moved.mask} of {moved.view} to mug"
-    )
+    assert session.history.undo_title == title  # type: ignore[union-attr]
     assert session.document.name_of(2) == "mug"  # type: ignore[union-attr]
     assert not np.array_equal(_labels(session), before)
     session.undo()

@@ -1,10 +1,8 @@
 """Keys reach Dear ImGui in the order in which they were typed, with the modifiers that they had."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
-from imgui_bundle import ImVec2, imgui
+from imgui_bundle import imgui
 
 from gaga_studio.system.key_queue import KeyQueue, events_of
 
@@ -16,21 +14,6 @@ MODIFIERS = (
 )
 Stroke = tuple[imgui.Key, bool]
 Press = tuple[imgui.Key, bool, bool, bool]  # key, Ctrl, Shift, Alt
-
-
-@pytest.fixture
-def context() -> Iterator[None]:
-    """A Dear ImGui of its own, without a window."""
-    before, own = imgui.get_current_context(), imgui.create_context()
-    imgui.set_current_context(own)
-    io = imgui.get_io()
-    io.display_size = ImVec2(100, 100)
-    io.backend_flags |= imgui.BackendFlags_.renderer_has_textures
-    io.set_ini_filename("")
-    yield
-    imgui.destroy_context(own)
-    if before is not None:
-        imgui.set_current_context(before)
 
 
 def _script(rng: np.random.Generator, n: int) -> tuple[list[Stroke], list[Press]]:

@@ -420,6 +420,10 @@ def test_numbers_are_typed_read_again_and_reset(
         pose = document.selected_pose()
         assert pose is not None
         assert pose.centre[1] == pytest.approx(0.5, abs=2e-3), "a double click takes all of 0.250"
+        d.type_into("Inspector/Properties/##Position Y", "2 parsecs")
+        d.settle()
+        assert document.selected_pose() is pose
+        assert any("cannot be read" in notice.text for notice in session.notices)
         d.click("Inspector/Each axis")
         d.click("Inspector/Own axes")
         d.type_into("Inspector/Properties/##Scale Z", "1")

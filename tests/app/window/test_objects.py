@@ -490,6 +490,31 @@ def _split_and_join(d: Driver) -> None:
     assert np.array_equal(document.scene.labels, before)
 
 
+def _the_row_stays_in_view(d: Driver) -> None:
+    """Of an object that keeps its number while hundreds of others come before it."""
+    document, last = d.session.need(), 500
+    scene, found, start = document.scene, document.scene.bank, document.history.cursor
+    assert found is not None
+    before, own = scene.labels.copy(), scene.labels == scene.labels.max()
+    coarse = np.where(own, last, before).astype(np.int32)
+    fine = np.where(own, last, np.arange(len(own)) % 300 + 1).astype(np.int32)
+    bank = replace(found, levels=Levels(np.stack([coarse, fine]), 0))
+    d.on_main(lambda: document.do(edits.set_grouping(scene, coarse, bank)))
+    d.select(last)
+    slider = d.engine.item_info("//Objects/##Detail").rect_full
+    d.engine.mouse_move("//Objects/##Detail")
+    d.engine.mouse_down(0)
+    d.engine.mouse_move_to_pos(ImVec2(slider.max.x - 3, slider.min.y + 8))
+    d.frames(3)
+    d.engine.mouse_up(0)
+    d.frames(4)
+    assert np.array_equal(scene.labels, fine)
+    assert d.session.selected_groups() == (last,)
+    assert d.exists(f"Objects/**/object {last}/##row"), "rows out of view are not drawn"
+    while document.history.cursor > start:
+        d.session.undo()
+
+
 def test_the_slider_of_detail_is_one_edit(display: str, grouped_copy: Path) -> None:
     (masks,) = (grouped_copy / "masks").iterdir()
     (masks / "provider.json").write_text(json.dumps({"provider": "regions", "views": {}}))
@@ -516,6 +541,7 @@ def test_the_slider_of_detail_is_one_edit(display: str, grouped_copy: Path) -> N
         assert session.need().history.cursor == place + 1
         session.undo()
         assert np.array_equal(document.scene.labels, before)
+        _the_row_stays_in_view(d)
         _split_and_join(d)
 
     drive(walk, path=grouped_copy, size=(1280, 720))

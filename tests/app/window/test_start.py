@@ -81,6 +81,9 @@ def test_the_palette_finds_by_any_word() -> None:
         assert all(id_ in [c.id for c in matching(text)[:4]] for text in typed), id_
     for text in ("undo", "measure", "delete", "fill", "rename"):
         assert matching(text)[0].id.endswith(f".{text}"), "what is so called before all else"
+    possible = matching("split", is_available=lambda c: c.id == "camera.split_before")
+    first = ["object.split", "camera.split_before"]  # the one of that name, then what can be done
+    assert [c.id for c in possible[:2]] == first
     assert matching("no such thing") == []
     assert len(matching("")) == len(COMMANDS)
 

@@ -29,6 +29,18 @@ def test_plain_colors_have_their_names(code: str, name: str) -> None:
     assert _name(code) == name
 
 
+@pytest.mark.parametrize(
+    ("code", "name"),
+    [
+        ("95a084", "green"), ("909c7f", "green"),  # walls of the demo: beige and grey
+        ("8ca3bc", "blue"), ("7a97b0", "blue"),  # a vase in light: turquoise
+        ("c0b294", "beige"), ("909a9a", "grey"), ("8a8f85", "grey"),
+    ],
+)  # fmt: skip
+def test_greyish_hues_have_the_name_of_the_hue(code: str, name: str) -> None:
+    assert _name(code) == name
+
+
 @pytest.mark.parametrize("light", [0.45, 0.7, 0.85])
 @pytest.mark.parametrize(
     ("code", "name"),

@@ -161,6 +161,19 @@ def test_a_turntable_stays_between_the_photos(
         assert depth[0] > 0
 
 
+@pytest.mark.parametrize("heading", np.radians([0, 20, 45, 110, 225, 300]))
+def test_a_turntable_stays_on_the_side_of_a_wall_that_photos_saw(heading: float) -> None:
+    """It went behind walls that lie across to the axes of the scene."""
+    angles = heading + np.radians(np.linspace(-60, 60, 13))
+    places = np.stack([3 * np.cos(angles), 3 * np.sin(angles), np.full(13, 1.5)], axis=1)
+    front = np.array([np.cos(heading), np.sin(heading), 0])
+    for eye in (places[3], 1.5 * places[9]):
+        path = turntable(shot_towards(eye, np.zeros(3), UP, 0.9), UP, 8.0, seen_from=places)
+        eyes = np.array([path.shot(t).eye for t in np.linspace(0, 8, 97)])
+        assert (eyes @ front).min() > 1
+        assert np.ptp(eyes, axis=0).max() > 0.5, "it goes from side to side"
+
+
 def test_frames_of_a_film() -> None:
     path = _walk(3, 4)
     times = path.frame_times(24)

@@ -142,6 +142,8 @@ def test_a_saved_project_keeps_how_the_scene_was_moved(tmp_path: Path) -> None:
         ("12 in", 0.3048),
         (".5 feet", 0.1524),
         ("3 mm", 3e-3),
+        ("0,125 m", 0.125),
+        ("1e-2", 0.01),
     ],
 )
 def test_a_length_is_read_with_its_unit(typed: str, metres: float) -> None:
@@ -149,7 +151,21 @@ def test_a_length_is_read_with_its_unit(typed: str, metres: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "typed", ["", "m", "0", "-2 m", "2 parsecs", "1 2", "nan", "9" * 400, "1,000", "12,345 m"]
+    "typed",
+    [
+        "",
+        "m",
+        "0",
+        "1,5,5",
+        "5 3",
+        "-2 m",
+        "2 parsecs",
+        "1 2",
+        "nan",
+        "9" * 400,
+        "1,000",
+        "12,345 m",
+    ],
 )
 def test_what_is_no_length_is_none(typed: str) -> None:
     assert metres_of(typed) is None

@@ -20,8 +20,14 @@ from gaga_core.scene.orientation import (
     views_around,
 )
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.bounds import main_parts, object_box, splat_box, whole_box
-from tests.scenes import objects_scene, random_gaussians
+from gaga_core.scene.selection.bounds import (
+    main_parts,
+    object_box,
+    splat_box,
+    subject_box,
+    whole_box,
+)
+from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
 _Z_TO = {  # rotations (3, 3) that bring z to an axis
     "+x": [[0, 0, 1], [1, 0, 0], [0, 1, 0]],
@@ -76,6 +82,21 @@ def test_a_lone_thing_is_shown_whole_and_a_far_background_is_not() -> None:
     assert (hi > 0.98).all()
     scene = Scene.of(_splats(np.concatenate([thing, rng.uniform(-30, 30, (60, 3))])))
     np.testing.assert_array_equal(whole_box(scene), splat_box(scene))
+
+
+def test_the_whole_scene_is_what_photos_show_before_a_far_background() -> None:
+    """Half of the splats of a garden are far behind its table: that was a dot."""
+    rng, cameras = np.random.default_rng(0), orbit_cameras(12)
+    thing, ways = rng.uniform(-1, 1, (2000, 3)), rng.normal(size=(2000, 3))
+    far = 20 * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    scene = Scene.of(_splats(np.concatenate([thing, far])))
+    lo, hi = subject_box(scene, cameras)
+    assert (np.abs([lo, hi]) < 1).all()
+    assert (hi - lo > 1.7).all()
+    np.testing.assert_array_equal(subject_box(scene), splat_box(scene))
+    for whole in (thing, far):  # nothing is far behind something else
+        made = Scene.of(_splats(whole))
+        np.testing.assert_array_equal(subject_box(made, cameras), splat_box(made))
 
 
 @pytest.mark.parametrize("turned_over", [False, True])

@@ -124,6 +124,8 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
     labels, confidence = file_columns(scene)
     is_same, (progress, end) = watch_objects(session, document), association.watch_bank(session)
     free = edits.free_group(scene)
+    to = {NEW: "a new object", NONE: "no object"}.get(group, document.name_of(group))
+    title = f"Move mask {decision.mask} of {decision.view} to {to}"
 
     def stage() -> "Stage[Repair]":
         from gaga_core.grouping.repair.reassociate import (
@@ -140,16 +142,12 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
         if group == NEW and not (repair.labels == repair.group).any():
             session.notify(Level.WARNING, _OUTVOTED)
             return
-        to = {NEW: "a new object", NONE: "no object"}.get(group, document.name_of(group))
-        title = f"Move mask {decision.mask} of {decision.view} to {to}"
         document.do(_edit_of(document.settled().scene, labels, repair, title))
         document.focus = repair.group or document.focus
         session.notify(Level.INFO, repair.sentence())
 
-    name = "Associate again"
-    return session.jobs.start(
-        name, stages.prepared(session.rates, name, stage), progress, done, end
-    )
+    work = stages.prepared(session.rates, "Move mask", stage)
+    return session.jobs.start(title, work, progress, done, end)
 
 
 def _edit_of(scene: Scene, before: IntArray, repair: "Repair", title: str) -> edits.Edit | None:

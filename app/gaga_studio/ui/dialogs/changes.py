@@ -27,7 +27,8 @@ def draw(session: Session) -> None:
     height = em(1.8) * min(len(listed.found), _ROWS) + em(0.6)
     begin_part("Changes", ImVec2(0, height))
     for i, (change, groups) in enumerate(listed.found):
-        if imgui.selectable(f"{theme.visual(change.sentence())}###Change {i}", False)[0]:
+        told = theme.visual(change.sentence(is_metric=listed.is_metric))
+        if imgui.selectable(f"{told}###Change {i}", False)[0]:
             add_scene.select(session, groups)
     imgui.end_child()
     close_row()

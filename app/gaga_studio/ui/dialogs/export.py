@@ -14,13 +14,14 @@ from gaga_core.export.simulation.export import SimulationExport, SimulatorForm
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import WRITE_SUFFIXES, SplatFormat
 from gaga_core.scene.selection.bounds import splat_box
-from gaga_studio.features import camera, commands, export, simulate
+from gaga_studio.features import camera, commands, export, measure, simulate
 from gaga_studio.features.export import ExportPlan, ExportSummary, What
 from gaga_studio.session.session import Session
 from gaga_studio.system import paths
 from gaga_studio.ui.dialogs.files import FileDialog, FilePicker, PathKind
 from gaga_studio.ui.kit import widgets
 from gaga_studio.ui.kit.modal import answer, begin_modal, begin_part, body_height
+from gaga_studio.ui.kit.number_fields import drag, drag_point
 from gaga_studio.ui.kit.path_field import path_field
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face, T
@@ -69,8 +70,8 @@ def _draw_options(session: Session, options: ExportOptions, *, has_splats: bool)
     widgets.field_name("Units", em(NAMES))
     is_metric = session.need().scene.frame.is_metric
     form = f"1 {'metre' if is_metric else 'scene unit'} = %.4g in the file"
-    flags = imgui.SliderFlags_.always_clamp | imgui.SliderFlags_.logarithmic
-    changed, scale = imgui.drag_float("##Units", options.scale, 0.01, 1e-4, 1e4, form, flags)
+    flags = imgui.SliderFlags_.logarithmic
+    changed, scale = drag("##Units", options.scale, 0.01, form, (1e-4, 1e4), flags=flags)
     widgets.tooltip("Drag, or double-click to type. A length of 2 here is twice this number there")
     options = replace(options, scale=scale) if changed and scale > 0 else options
     widgets.field_name("Crop", em(NAMES))
@@ -113,10 +114,11 @@ def _crop(session: Session, options: ExportOptions) -> ExportOptions:
         return replace(options, crop=_box(session) if is_on else None)
     lo, hi = options.crop
     speed = max(*(b - a for a, b in zip(lo, hi, strict=True)), 1e-6) / 300
+    form = measure.number_format(session)
     widgets.field_name("  from", em(NAMES))
-    moved_lo, low = imgui.drag_float3("##Crop from", list(lo), speed, 0, 0, "%.3f")
+    moved_lo, low = drag_point("##Crop from", lo, speed, form)
     widgets.field_name("  to", em(NAMES))
-    moved_hi, high = imgui.drag_float3("##Crop to", list(hi), speed, 0, 0, "%.3f")
+    moved_hi, high = drag_point("##Crop to", hi, speed, form)
     if not (moved_lo or moved_hi):
         return options
     first = [min(a, b) for a, b in zip(low, high, strict=True)]
@@ -304,8 +306,8 @@ def _bodies(session: Session, sheet: ExportSheet) -> None:
     config = sheet.simulation.config
     for name, label, form, speed, low, high, hint in _NUMBERS:
         widgets.field_name(label, em(NAMES))
-        flags, now = imgui.SliderFlags_.always_clamp, getattr(config, name)
-        changed, value = imgui.drag_float(f"##{label}", float(now), speed, low, high, form, flags)
+        now = getattr(config, name)
+        changed, value = drag(f"##{label}", float(now), speed, form, (low, high))
         widgets.tooltip(hint)
         if changed:
             config = replace(config, **{name: type(now)(value)})

@@ -1,6 +1,6 @@
 """Sheets over the window: a question, all commands by name, the keys, preferences, about."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
@@ -206,7 +206,8 @@ def _palette(session: Session, state: PaletteState) -> None:
         flags=imgui.InputTextFlags_.auto_select_all,
     )
     menus = commands.all_menus(session)
-    found, menu_of = matching(state.text, menus), _menu_of(menus)
+    found = matching(state.text, menus, lambda command: not command.enabled(session))
+    menu_of = _menu_of(menus)
     if changed:
         state.at = 0
     step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
@@ -256,10 +257,14 @@ def _menu_of(menus: Mapping[str, Sequence[Command]]) -> dict[str, str]:
     return {command.id: title for title, listed in menus.items() for command in listed}
 
 
-def matching(text: str, menus: Mapping[str, Sequence[Command]] = MENUS) -> list[Command]:
+def matching(
+    text: str,
+    menus: Mapping[str, Sequence[Command]] = MENUS,
+    is_available: Callable[[Command], bool] = lambda _: True,
+) -> list[Command]:
     """Commands whose title, menu or `_WORDS` have every word of ``text``: first the one of that id,
     then titles that begin with its first one, of these those in which each begins a word, then has
-    a place."""
+    a place; of equal ones those that are available."""
     words = text.casefold().split()
     menu_of = _menu_of(menus)
     listed = [command for menu in menus.values() for command in menu]
@@ -274,7 +279,8 @@ def matching(text: str, menus: Mapping[str, Sequence[Command]] = MENUS) -> list[
         begins = all(any(own.startswith(word) for own in title.split()) for word in words)
         is_named = c.id.split(".")[-1] == "_".join(words)
         has = all(word in title for word in words)
-        return not is_named, not title.startswith(first), not begins, not has
+        starts = title.startswith(first)
+        return not is_named, not starts, not begins, not has, not is_available(c)
 
     return sorted(found, key=rank)
 

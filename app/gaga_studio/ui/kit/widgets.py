@@ -11,6 +11,7 @@ from typing import TypeVar
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit.number_fields import as_typed
 from gaga_studio.ui.kit.theme import em, visual
 
 T = TypeVar("T", bound=Hashable)
@@ -403,7 +404,10 @@ def slider(
     imgui.begin_group()
     imgui.push_style_color(imgui.Col_.text, theme.TEXT if is_typed else theme.CLEAR)
     drawn = imgui.slider_int if isinstance(value, int) else imgui.slider_float
+    before = value
     changed, value = drawn(label, value, low, high, form, flags)  # type: ignore[arg-type]
+    changed, at = as_typed(label, before, (changed, value), form, (low, high))
+    value = round(at) if isinstance(value, int) else at
     imgui.pop_style_color()
     top, foot = imgui.get_item_rect_min(), imgui.get_item_rect_max()
     for tick in ticks:

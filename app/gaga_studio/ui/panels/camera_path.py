@@ -9,6 +9,7 @@ from gaga_studio.features import camera
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.number_fields import drag
 from gaga_studio.ui.kit.theme import em
 
 
@@ -67,7 +68,7 @@ def _scrub(session: Session, path: CameraPath) -> None:
         camera.scrub(session, at)
     imgui.same_line()
     imgui.set_next_item_width(width)
-    changed, total = imgui.drag_float("##Total", path.seconds, 0.05, 0.1, 3600, of_all)
+    changed, total = drag("##Total", path.seconds, 0.05, of_all, (0.1, 3600))
     widgets.tooltip("Duration of the whole path; all times scale with it")
     if changed:
         camera.set_total_seconds(session, total)
@@ -109,7 +110,7 @@ def _camera_path_row(session: Session, path: CameraPath, index: int) -> None:
         form = "%.2f s" if is_narrow else "%.2f s before" if index else "%.2f s back"
         imgui.begin_disabled(path.even_speed)
         imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(em(0.3), 0))
-        changed, seconds = imgui.drag_float("##S", key.seconds, 0.02, 0.05, 600, form)
+        changed, seconds = drag("##S", key.seconds, 0.02, form, (0.05, 600))
         imgui.pop_style_var()
         imgui.end_disabled()
         if changed:

@@ -31,6 +31,7 @@ from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.number_fields import Limits, drag
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -95,8 +96,8 @@ def _position(session: Session, state: PlacementState, start: Pose, extent: floa
     row("Position", f"Centre of the selection, in {unit}")
     values = axes.T @ shown.centre
     for axis, letter in enumerate("XYZ"):
-        now, form = float(values[axis]), "%.3f m" if is_metric else "%.3f"
-        changed, value = number(f"Position {letter}", now, extent * 0.005, form)
+        form = measure.number_format(session)
+        changed, value = number(f"Position {letter}", float(values[axis]), extent * 0.005, form)
         if changed:
             centre = shown.centre + axes[:, axis] * (value - float(values[axis]))
             state.target, state.verb = replace(shown, centre=centre), "Move"
@@ -165,20 +166,17 @@ def _next_field() -> None:
 
 
 def as_shown(form: str, value: float) -> float:
-    """``value``, but 0 where its digits are: never "-0.0°". A form may be a word alone."""
-    is_zero = "%" in form and not re.search("[1-9]", form % value)
-    return 0.0 if is_zero else value
+    """``value``, but 0 where its digits are: never "-0.0°"."""
+    return value if re.search("[1-9]", form % value) else 0.0
 
 
 def number(
-    name: str, value: float, speed: float, form: str, limits: tuple[float, float] = (0.0, 0.0)
+    name: str, value: float, speed: float, form: str, limits: Limits | None = None, empty: str = ""
 ) -> tuple[bool, float]:
-    """A number in the next column: dragged or typed."""
+    """A number in the next column: dragged or typed; ``empty`` is shown instead of 0."""
     _next_field()
-    value = as_shown(form, value)
     imgui.set_next_item_width(-1)
-    flags = imgui.SliderFlags_.always_clamp if limits[1] > 0 else imgui.SliderFlags_.none
-    result = imgui.drag_float(f"##{name}", value, speed, *limits, form, flags)
+    result = drag(f"##{name}", as_shown(form, value), speed, form, limits, empty=empty)
     widgets.tooltip(f"{name}: drag, or click to type")
     return result
 
@@ -584,8 +582,8 @@ def _weight(session: Session, group: int, state: InspectorState) -> None:
     for kind, empty, form, speed, most in _WEIGHTS:
         is_own = own is not None and own.kind == kind
         shown = state.weights.get(kind, own.value if own is not None and is_own else 0.0)
-        limits = (0.0, most)
-        changed, value = number(kind.title(), shown, speed, form if shown > 0 else empty, limits)
+        word = "" if shown > 0 else empty
+        changed, value = number(kind.title(), shown, speed, form, (0.0, most), word)
         if changed:
             state.weights[kind] = value
         if imgui.is_item_deactivated():

@@ -106,6 +106,7 @@ def _detail_slider(session: Session, state: ObjectListState) -> None:
     if ended and state.level is not None:
         chosen, state.level = state.level, None
         objects.choose_level(session, chosen)
+        state.scroll_to = next(iter(session.selected_groups()), None)  # its row is elsewhere now
 
 
 def _list(

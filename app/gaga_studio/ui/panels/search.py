@@ -16,6 +16,7 @@ from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, textures, theme, widgets
+from gaga_studio.ui.kit.number_fields import drag_range
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
@@ -104,24 +105,14 @@ def _range(
 
 def _drag(measure: Measure, now: Range, whole: Range) -> Range | None:
     """Two numbers that are dragged; None while they stay."""
-    flags = imgui.SliderFlags_.always_clamp
-    low, high = whole
-    if measure == "splats":
-        speed = max((high - low) / 200, 0.2)
-        whole_numbers = imgui.drag_int_range2(
-            f"##{measure}", int(now[0]), int(now[1]), speed, int(low), int(high), "from %d",
-            "to %d", flags,
-        )  # fmt: skip
-        is_new, first, last = whole_numbers
-        return (float(first), float(last)) if is_new else None
-    is_share = measure in ("confidence", "quality")
-    scale, form = (100.0, "%.0f %%") if is_share else (1.0, "%.3g")
-    speed = max((high - low) * scale / 200, 1e-6)
-    found = imgui.drag_float_range2(
-        f"##{measure}", now[0] * scale, now[1] * scale, speed, low * scale, high * scale,
-        f"from {form}", f"to {form}", flags,
-    )  # fmt: skip
-    return (found[1] / scale, found[2] / scale) if found[0] else None
+    is_share, is_count = measure in ("confidence", "quality"), measure == "splats"
+    scale, form = (100.0, "%.0f %%") if is_share else (1.0, "%.0f" if is_count else "%.3g")
+    low, high, first, last = (scale * value for value in (*whole, *now))
+    speed = max((high - low) / 200, 0.2 if is_count else 1e-6)
+    is_new, (first, last) = drag_range(f"##{measure}", (first, last), speed, (low, high), form)
+    if is_count:
+        first, last = round(first), round(last)
+    return (first / scale, last / scale) if is_new else None
 
 
 _HINT = "Search objects"

@@ -8,9 +8,10 @@ from imgui_bundle import ImVec2, imgui
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.edits import How
 from gaga_core.scene.selection.by_value import Histogram, column_names
-from gaga_studio.features import selection, transform
+from gaga_studio.features import measure, selection, transform
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
+from gaga_studio.ui.kit.number_fields import drag_point, drag_range
 from gaga_studio.ui.kit.theme import em
 
 _NAMES = 5.5  # width of the names of fields, ems
@@ -57,16 +58,9 @@ def _by_number(session: Session, held: SelectBy) -> None:
     _bars(found, held.low, held.high)
     first, last = float(found.edges[0]), float(found.edges[-1])
     imgui.set_next_item_width(-1)
-    _, held.low, held.high = imgui.drag_float_range2(
-        "##Range",
-        held.low,
-        held.high,
-        max(last - first, 1e-9) / 300,
-        first,
-        last,
-        "from %.3f",
-        "to %.3f",
-    )
+    speed = max(last - first, 1e-9) / 300
+    _, now = drag_range("##Range", (held.low, held.high), speed, (first, last), "%.3f")
+    held.low, held.high = now
     how = _how_buttons("number")
     if how:
         # The outermost bins hold what lies beyond them.
@@ -121,9 +115,10 @@ def _by_box(session: Session, held: SelectBy) -> None:
     lo, hi = held.box
     extent = max(float(np.abs(hi - lo).max()), 1e-6)
     widgets.field_name("From", em(_NAMES / 2))
-    _, first = imgui.drag_float3("##From", lo.tolist(), extent / 300, 0, 0, "%.3f")
+    form = measure.number_format(session)
+    _, first = drag_point("##From", tuple(lo.tolist()), extent / 300, form)
     widgets.field_name("To", em(_NAMES / 2))
-    _, last = imgui.drag_float3("##To", hi.tolist(), extent / 300, 0, 0, "%.3f")
+    _, last = drag_point("##To", tuple(hi.tolist()), extent / 300, form)
     held.box = np.array(first), np.array(last)
     if widgets.button("Fit", hint="Around the selection, else around everything"):
         held.box = _around(session)

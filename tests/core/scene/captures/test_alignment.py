@@ -92,19 +92,22 @@ def test_a_similarity_is_fitted_without_a_mirror() -> None:
 
 
 @pytest.mark.parametrize(
-    ("degrees", "scale", "residual", "told"),
+    ("degrees", "scale", "residual", "apart", "how"),
     [
-        (0.0, 1.0, 4.63e-06, "0.00000463 units apart in the median; not turned, of the same size"),
-        (-0.02, 1.00002, 0.5, "0.5 units apart in the median; not turned, of the same size"),
-        (12.34, 1.2504, 7.0, "7 units apart in the median; turned by 12.3°, 1.25 times as large"),
+        (0.0, 1.0, 4.63e-06, ("0.00000463 units", "0.0 mm"), "not turned, of the same size"),
+        (-0.02, 1.00002, 0.5, ("0.5 units", "50.0 cm"), "not turned, of the same size"),
+        (12.34, 1.2504, 7.0, ("7 units", "7.00 m"), "turned by 12.3°, 1.25 times as large"),
     ],
 )
 def test_how_a_capture_lies_is_told_plainly(
-    degrees: float, scale: float, residual: float, told: str
+    degrees: float, scale: float, residual: float, apart: tuple[str, str], how: str
 ) -> None:
     world = np.eye(4)
     world[:3, :3] = scale * Rotation.from_euler("z", degrees, degrees=True).as_matrix()
     error = np.radians(0.00005)
     found = Alignment(world, "surfaces", 40, 0.9, residual, None, error, 1e-7)
-    expected = f"40 points of the surfaces fit, {told}, known to 0.00005° and 0.00001 %."
-    assert found.sentence() == expected
+    for is_metric in (False, True):
+        assert found.sentence(is_metric=is_metric) == (
+            f"40 points of the surfaces fit, {apart[is_metric]} apart in the median; {how}, "
+            "known to 0.00005° and 0.00001 %."
+        )
