@@ -31,7 +31,7 @@ from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.edits.objects import NO_IDENTITIES
-from gaga_core.scene.edits.splats import ids_of_added, spread
+from gaga_core.scene.edits.splats import regrouped
 from gaga_core.scene.project import Project, decided_groups
 from gaga_core.scene.scene import LabelSource, Scene
 from gaga_studio.features.base import Command, ask, needs, no_bank, no_masks, watch
@@ -183,8 +183,8 @@ def take_groups(document: Document, found: Association) -> str:
     former, changed = scene.labels[: len(found.labels)], decided_groups(document.project)
     of_file, new_ids = with_decisions(former, found.labels, changed, scene.names)
     n_kept = int(of_file.max(initial=0)) - int(found.labels.max(initial=0))
-    labels = spread(scene, of_file)  # duplicates follow their originals
-    kept = new_ids | ids_of_added(scene, labels)
+    labels, others = regrouped(scene, of_file)
+    kept = new_ids | others
     names = _moved(scene.names, kept)
     colors, weights = _moved(scene.colors, kept), _moved(scene.weights, kept)
     document.do(
