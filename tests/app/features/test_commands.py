@@ -226,6 +226,7 @@ _NEEDS_MORE = {
     "view.identity",
     "view.identity_centres",
     "object.masks_model",
+    "object.masks_rest",
     "object.name_all",
     "object.folder_out",
     "object.add_views",
