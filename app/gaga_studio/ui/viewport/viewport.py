@@ -532,6 +532,10 @@ def _mouse_area(size: ImVec2, has_handles: bool) -> bool:
     return imgui.is_item_hovered() or imgui.is_item_active()
 
 
+_HOVER_SHARE = 0.4  # of the picture's width, at most, of the card of the object under the mouse
+_LEAST_NAME = 5.0  # em of its name, next to which there is room for how many splats it has
+
+
 def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) -> None:
     """A card at the mouse, in the picture alone: next to it are panels and their buttons.
 
@@ -547,8 +551,12 @@ def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) ->
         return
     pad, gap = imgui.get_style().window_padding, imgui.get_style().item_spacing.x
     dot, count = "●", counted(int(table.counts[row]), "splat")
-    around = imgui.calc_text_size(dot).x + em(0.4) + gap + imgui.calc_text_size(count).x + 2 * pad.x
-    name = widgets.elided(table.names[row], area.width - around)
+    around = imgui.calc_text_size(dot).x + em(0.4) + 2 * pad.x
+    of_count, most = gap + imgui.calc_text_size(count).x, area.width * _HOVER_SHARE
+    if most - around - of_count < em(_LEAST_NAME):
+        count, of_count = "", 0.0
+    around += of_count
+    name = widgets.elided(table.names[row], most - around)
     size = ImVec2(around + imgui.calc_text_size(name).x, imgui.get_text_line_height() + 2 * pad.y)
     mouse, foot = imgui.get_io().mouse_pos, min(area.bottom, area.offer_top)
     below, above = mouse.y + em(1), max(mouse.y - em(0.5) - size.y, area.top)
@@ -567,8 +575,9 @@ def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) ->
         widgets.text(dot, widgets.rgba(table.colors[row]))
         imgui.same_line(0, em(0.4))
         imgui.text_unformatted(name)
-        imgui.same_line()
-        widgets.dim(count)
+        if count:
+            imgui.same_line()
+            widgets.dim(count)
         imgui.end_tooltip()
 
 
