@@ -21,13 +21,20 @@ from scipy.ndimage import label as connected
 
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write, explain_os_error
 from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views
 from gaga_core.io.images import read_rgb
 from gaga_core.io.json_file import read_json
-from gaga_core.io.masks.label_maps import RECORD, MaskRecord, read_labels, view_key, write_labels
+from gaga_core.io.masks.label_maps import (
+    RECORD,
+    MaskRecord,
+    label_files_of,
+    read_labels,
+    view_key,
+    write_labels,
+)
 from gaga_core.masks import resize_labels
 from gaga_core.pipeline.settings import SegmentConfig
 from gaga_core.progress import Progress, Stage, part, portion
@@ -101,6 +108,7 @@ STAGE = "Make masks"
 _VERSION = 1
 _WITH_LEVELS = 2  # of the keys of models' masks, since wholes and parts are written next to them
 _BLOCK = 1 << 24  # bytes hashed between two steps
+_FOREIGN = ""  # in place of the key of a map that was not made here
 
 
 @dataclass(frozen=True)
@@ -116,6 +124,7 @@ class SegmentReport:
     seconds: float = 0.0
     left: tuple[str, ...] = ()  # views that were not begun when the time was up
     flat: tuple[str, ...] = ()  # of the kept ones, those made before wholes and parts were written
+    foreign: tuple[str, ...] = ()  # views whose maps were not made here, and stay
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -124,6 +133,8 @@ class SegmentReport:
         if self.flat:
             text = f"The masks of {len(self.flat)} photos are from an earlier version and have no"
             failed += (f"{text} levels of detail. Only gaga masks --redo makes them again.",)
+        if n := len(self.foreign):
+            failed += (f"{counted(n, 'photo')} had masks that were not made here; they stay.",)
         if not self.left:
             return failed
         n_done = len(self.made) + len(self.kept)
@@ -140,6 +151,7 @@ class SegmentReport:
             "views_failed": dict(self.failed),
             "views_left": len(self.left),
             "views_without_levels": len(self.flat),
+            "views_not_made_here": len(self.foreign),
             "masks": self.n_masks,
             "seconds": round(self.seconds, 2),
         }
@@ -194,14 +206,16 @@ def segment_scene(
 
     ``name`` is the folder in SCENE/masks, the provider's own name by default; ``redo`` makes
     everything again. Photos that cannot be read are named in the report, the others are done.
+    Label maps in the folder that were not made here stay as they are, and the others are made.
     A cancel keeps the finished views and never leaves half a file. Raises ``GagaError`` when no
-    view could be done, or when the folder holds label maps that were not made here.
+    view could be done, or when all of them have maps that were not made here.
     """
     config = config or SegmentConfig()
     start = time.perf_counter()
     cameras = select_views(folder, views)
     target = folder.root / "masks" / (name or provider.name)
-    record = _read_record(target)
+    record = _read_record(target, folder)
+    cameras, foreign = _without_foreign(target, cameras, record)
     wants_depth = config.use_depth and "depth" in provider.cues and folder.model_path is not None
     cues = _Cues(folder, rasterizer, (yield from _model_id(folder)) if wants_depth else "")
     by_coverage = config.order == "coverage" or (config.order == "auto" and provider.card.source)
@@ -233,7 +247,7 @@ def segment_scene(
             continue
         if record.get(view) != key:
             record[view] = key
-            _write_record(target, provider, record)
+            _write_record(target, provider, record, config)
         yield Progress(STAGE, i + 1, len(cameras), camera.name, ViewDone(target, camera.name))
     if not done.names:
         raise GagaError(next(iter(done.failed.values())))
@@ -252,7 +266,22 @@ def segment_scene(
         time.perf_counter() - start,
         tuple(c.name for c in cameras if c.name not in {*done.names, *done.failed}),
         tuple(done.flat),
+        foreign,
     )
+
+
+def _without_foreign(
+    target: Path, cameras: Sequence[Camera], record: dict[str, str]
+) -> tuple[tuple[Camera, ...], tuple[str, ...]]:
+    """The cameras whose maps are made here, and the names of the others."""
+    marked = [c.name for c in cameras if record.get(view_key(c.name)) == _FOREIGN]
+    foreign = tuple(label_files_of(target, marked, record)) if marked else ()
+    if foreign and len(foreign) == len(cameras):
+        raise GagaError(
+            f"{target} holds label maps that were not made here. "
+            "Choose another name for the new ones, or move that folder away."
+        )
+    return tuple(c for c in cameras if c.name not in foreign), foreign
 
 
 def _by_coverage(cues: _Cues, cameras: Sequence[Camera]) -> Stage[IntArray]:
@@ -403,28 +432,28 @@ def _take(cached: Path, path: Path) -> None:
         shutil.copyfile(cached, temporary)
 
 
-def _read_record(target: Path) -> dict[str, str]:
-    """Key of each view's map, by `view_key`; ``GagaError`` for maps that were not made here."""
+def _read_record(target: Path, folder: SceneFolder) -> dict[str, str]:
+    """Key of each view's map, by `view_key`; `_FOREIGN` for maps that were not made here."""
     path = target / RECORD
     try:
         return dict(read_json(path, MaskRecord, "").views)
     except GagaError:
-        if path.is_file():
+        if path.is_file() or not target.is_dir():
             return {}  # damaged: every view is made, or comes from the cache
-        if any(target.rglob("*.png")):
-            raise GagaError(
-                f"{target} holds label maps that were not made here. "
-                "Choose another name for the new ones, or move that folder away."
-            ) from None
-        return {}
+        names = [camera.name for camera in folder.cameras]
+        return {view_key(name): _FOREIGN for name in label_files_of(target, names)}
 
 
-def _write_record(target: Path, provider: Provider, views: dict[str, str]) -> None:
+def _write_record(
+    target: Path, provider: Provider, views: dict[str, str], config: SegmentConfig
+) -> None:
     content = {
         "version": _VERSION,
         "provider": provider.name,
         **asdict(provider.card),
         "fingerprint": provider.fingerprint(),
+        "longest_side": config.longest_side,
+        "use_depth": config.use_depth,
         "views": dict(sorted(views.items())),
     }
     with atomic_write(target / RECORD) as temporary:

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaga_core.errors import GagaError, cure_without
+from gaga_core.io.json_file import convert_json
+from gaga_core.io.masks.label_maps import MaskRecord
 from gaga_core.segmentation.base import FlattenConfig, ModelCard, ModelProvider, Provider
 from gaga_core.segmentation.models.catalogue import KNOWN, KnownModel
 from gaga_core.segmentation.models.weights import (
@@ -81,6 +83,23 @@ class ProviderSettings:
         if self.profile == "paper" and family == "universal":
             return replace(self.flatten, min_visible=0.0)
         return self.flatten
+
+
+def recorded_settings(record: MaskRecord) -> ProviderSettings:
+    """The settings that made recorded masks; ``GagaError`` when the record is damaged."""
+    values, where = record.settings, "The record of these masks"
+    if record.provider == REGIONS:
+        return ProviderSettings(regions=convert_json(values, RegionsConfig, where))
+    if "points_per_side" in values:
+        return ProviderSettings(
+            generator=convert_json(values, GeneratorConfig, where),
+            flatten=convert_json(values, FlattenConfig, where),
+        )
+    flat = {key.removeprefix("flatten_"): v for key, v in values.items() if "flatten_" in key}
+    return ProviderSettings(
+        universal=convert_json(values, UniversalConfig, where),
+        flatten=convert_json(flat, FlattenConfig, where),
+    )
 
 
 @dataclass(frozen=True)

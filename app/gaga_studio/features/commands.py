@@ -148,7 +148,7 @@ _ORDER = {
         edit.confirm edit.cancel edit.preferences""",
     "Select": """select.all select.none select.invert select.grow select.shrink select.alike
         select.children select.keep""",
-    "Find": """object.masks object.masks_quick object.masks_model object.models
+    "Find": """object.masks object.masks_rest object.masks_quick object.masks_model object.models
         object.import_masks object.import_masks_file object.associate object.find_settings
         object.add_views object.lift object.labels_votes object.labels_identities object.find
         object.find_in_view object.index object.name_all object.quality object.worst_view

@@ -12,7 +12,7 @@ from gaga_core.errors import GagaError, counted
 from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.scene import edits
-from gaga_core.scene.edits.splats import spread
+from gaga_core.scene.edits.splats import regrouped
 from gaga_core.scene.folders import name_of
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import Scene, State, Weight
@@ -259,13 +259,14 @@ def choose_level(session: Session, level: int) -> None:
     cancel_level(session)
     scene = session.need().settled().scene
     bank = at_level(_bank(session), level)
-    labels = spread(scene, bank.levels.labels[level] if bank.levels else bank.group)
-    there = set(labels.tolist())
-    names = {group: name for group, name in scene.names.items() if group in there}
+    found = bank.levels.labels[level] if bank.levels else np.maximum(bank.group, 0)
+    labels, others = regrouped(scene, found)
+    kept = {group: group for group in np.unique(found[found > 0]).tolist()} | others
+    names = {kept[group]: name for group, name in scene.names.items() if group in kept}
     sure = (
         None if scene.confidence is None else scene.confidence.astype(np.float32) / np.float32(255)
     )
-    order = scene.folders.renumbered({group: group for group in there if group > 0})
+    order = scene.folders.renumbered(kept)
     session.edit(
         lambda scene: edits.set_grouping(scene, labels, bank, names, "Change detail", sure, order)
     )

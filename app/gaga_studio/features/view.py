@@ -27,9 +27,10 @@ from gaga_studio.features.base import (
 from gaga_studio.features.folders import no_folders
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
+from gaga_studio.session.settings import DEFAULT_BACKGROUND
 from gaga_studio.session.view import CentreColors, Mode, SplatLook, ToolName
 
-_BACKGROUNDS = ("#1c1c1f", "#000000", "#808080", "#ffffff")  # dark, black, gray, white
+_BACKGROUNDS = (DEFAULT_BACKGROUND, "#000000", "#808080", "#ffffff")  # theme, black, gray, white
 _OTHERWISE = (0.5, 0.5, 0.5)
 _SMALLEST_BRUSH, _LARGEST_BRUSH = 2.0, 400.0  # pixels
 
@@ -55,7 +56,7 @@ def next_mode(session: Session) -> None:
 
 
 def next_background(session: Session) -> None:
-    """Switch to the next background: dark, black, gray, white."""
+    """Switch to the next background: that of the theme, black, gray, white."""
     now = session.settings.background
     at = _BACKGROUNDS.index(now) if now in _BACKGROUNDS else -1
     color = _BACKGROUNDS[(at + 1) % len(_BACKGROUNDS)]

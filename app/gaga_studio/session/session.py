@@ -626,9 +626,10 @@ class Session:
         if self.document is not None:
             self.document.release()
             self.document.on_close(self.view)
-        # What a notice offers, and an error, is about the scene that it was made for.
-        stays = (n for n in self.notices if not n.command and n.level is not Level.ERROR)
-        self.notices = tuple(stays)
+        # What a notice offers or shows, and an error, is about the scene that it was made for.
+        self.notices = tuple(
+            n for n in self.notices if not (n.command or n.shows or n.level is Level.ERROR)
+        )
         self.document = self.live = self.active_view = self.photos = self.training = None
         self.masks, self.provider, self.filter, self.hint = MaskSet(), "", "", ""
         self._forget_places()

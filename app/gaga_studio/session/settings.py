@@ -20,6 +20,8 @@ _LOG = logging.getLogger(__name__)
 _MOST_RECENT = 10
 _MOST_PATHS = {"recent": _MOST_RECENT, "upright": 100, "as_filed": 100}  # in a setting
 PRESETS = ("robust", "paper", "released")
+DEFAULT_BACKGROUND = "#1c1c1f"  # of the dark theme; also: that none was chosen
+_LIGHT_BACKGROUND = "#e6e8ec"  # around the picture in the light theme (`theme.BACK`)
 # What else than a number or a text of the right kind a setting must be.
 RANGES: Mapping[str, tuple[float, float]] = {
     "fly_speed": (0.1, 5.0),
@@ -52,7 +54,7 @@ class Settings:
     invert_zoom: bool = False
     theme: _Theme = "dark"  # or "light"
     keys: _Keys = "supersplat"  # or "blender": the profile of shortcuts
-    background: _HexColor = "#1c1c1f"  # behind the picture, as in HTML
+    background: _HexColor = DEFAULT_BACKGROUND  # behind the picture, as in HTML
     clean_first: bool = False  # clean objects before they are isolated, deleted, exported
     children_go_along: bool = True  # what lies under an object, when that is moved, deleted, ...
     autosave_minutes: float = 1.0  # at most this much work is lost in a crash
@@ -71,9 +73,12 @@ class Settings:
 
     @property
     def background_color(self) -> tuple[float, float, float]:
-        """``background`` as red, green, blue in 0..1; black when it is none."""
+        """``background``, or that of the light theme where none was chosen, as red, green, blue in
+        0..1; black when it is none."""
+        is_light = self.background == DEFAULT_BACKGROUND and self.theme == "light"
+        color = _LIGHT_BACKGROUND if is_light else self.background
         try:
-            r, g, b = bytes.fromhex(self.background.removeprefix("#"))
+            r, g, b = bytes.fromhex(color.removeprefix("#"))
         except ValueError:
             return 0.0, 0.0, 0.0
         return r / 255, g / 255, b / 255

@@ -173,8 +173,12 @@ class MaskRecord(msgspec.Struct, frozen=True):
 
     provider: str = ""
     model: str = ""
-    views: dict[str, str] = {}  # path of a photo without suffix -> hash of all its map depends on
+    # Path of a photo without suffix -> hash of all its map depends on; "" = made elsewhere.
+    views: dict[str, str] = {}
     settings: dict[str, object] = {}  # of the model, that change the masks
+    source: str = ""  # file or folder of the weights
+    longest_side: int | None = None  # pixels, of the photos as they were segmented
+    use_depth: bool | None = None  # whether the depth of the splats was given to the provider
 
 
 def mask_folder(folder: Path, view_names: Iterable[str], among: Iterable[str] = ()) -> MaskSet:
@@ -190,9 +194,9 @@ def mask_folder(folder: Path, view_names: Iterable[str], among: Iterable[str] = 
 
 
 def _are_regions(folder: Path) -> bool:
-    """Whether the record of the folder says that no model made its label maps."""
+    """Whether the record of the folder says that no model, and nobody else, made its label maps."""
     try:
         record = read_foreign_json(folder / RECORD, MaskRecord)
     except GagaError:
         return False  # not recorded
-    return record.provider == _WITHOUT_MODEL
+    return record.provider == _WITHOUT_MODEL and "" not in record.views.values()

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, UInt8Array
+from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, LongArray, UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splats.packing import READS
@@ -266,15 +266,6 @@ def with_added_stage(
     return whole
 
 
-def ids_of_added(scene: Scene, labels: IntArray) -> dict[int, int]:
-    """New ids (values) of the groups of added splats, by their ids in the scene, see `spread`."""
-    if not scene.added:
-        return {}
-    own = (scene.source >= scene.n_opened) & ~_continuing(scene)
-    pairs = np.unique(np.stack([scene.labels[own], labels[own]], axis=1), axis=0).tolist()
-    return {old: new for old, new in pairs if old and new}
-
-
 def spread(scene: Scene, values: IntArray) -> IntArray:
     """Groups (N,) of all splats from those of the rows of the opened file (M,).
 
@@ -282,19 +273,64 @@ def spread(scene: Scene, values: IntArray) -> IntArray:
     those of none, have that of the nearest splat which was there; other added splats keep theirs,
     moved to ids above the new ones where they would collide.
     """
-    known = scene.source < len(values)
-    if known.all():
+    return _spread(scene, values, scene.source < len(values))
+
+
+def regrouped(scene: Scene, found: IntArray) -> tuple[IntArray, dict[int, int]]:
+    """Groups (N,) of all splats once those of the rows of the opened file (M,) are ``found`` again.
+
+    As `spread`, but an object that is a copy stays one, and copies that a person put into another
+    object stay with the nearest splats of that. What was in no object when it was copied is judged
+    as `duplicate` would judge it now: where it is more than half of an object that is found, it is
+    an object, too. Also the new ids of the groups that no row of the file is in, by former ids.
+    """
+    if len(scene) == len(found):
+        return found, {}
+    known = scene.source < len(found)
+    follows = known.copy()
+    now, original = scene.labels[known], scene.labels[scene.source[known]]
+    follows[known] = (now == original) | (now == 0)
+    labels = _spread(scene, found, follows)
+    own = ~follows & ~_continuing(scene, follows)
+    pairs = np.unique(np.stack([scene.labels[own], labels[own]], axis=1), axis=0).tolist()
+    loose = np.flatnonzero(follows & (scene.labels == 0))
+    loose = loose[loose >= scene.n_opened]
+    if len(loose):
+        first = max(int(labels.max()) + 1, free_group(scene))
+        labels[loose] = _copied_wholes(found, scene.source[loose], first)
+    return labels, {old: new for old, new in pairs if old and new}
+
+
+def _copied_wholes(found: IntArray, source: LongArray, first: int) -> IntArray:
+    """Groups (K,) of copies of the rows ``source`` (K,): ids from ``first`` on for each copy of
+    more than half of a group, else those of the originals."""
+    order = np.argsort(source, kind="stable")
+    ordered = source[order]
+    nth = np.empty(len(source), np.int64)  # which copy of its row each one is
+    nth[order] = np.arange(len(source)) - np.searchsorted(ordered, ordered)
+    groups: IntArray = found[source]
+    kinds, places, n_copied = np.unique(
+        np.stack([groups, nth], axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    whole = (kinds[:, 0] > 0) & (2 * n_copied > np.bincount(found)[kinds[:, 0]])
+    ids = np.where(whole, first + np.cumsum(whole) - 1, kinds[:, 0])
+    return ids[places.ravel()].astype(np.int32)
+
+
+def _spread(scene: Scene, values: IntArray, follows: BoolArray) -> IntArray:
+    """See `spread`; those that ``follow`` (N,) have the group of their row of the file."""
+    if follows.all():
         return values[scene.source]
-    continuing = _continuing(scene)
-    own = scene.labels[~known & ~continuing]
+    continuing = _continuing(scene, follows)
+    own = scene.labels[~follows & ~continuing]
     top, least = int(values.max(initial=0)), int(own[own > 0].min(initial=np.iinfo(np.int32).max))
     labels = np.empty(len(scene), np.int32)
-    labels[known] = values[scene.source[known]]
+    labels[follows] = values[scene.source[follows]]
     moved = np.where((own > 0) & (least <= top), own + (top - least + 1), own)
-    labels[~known & ~continuing] = moved
+    labels[~follows & ~continuing] = moved
     merged = _made(scene, merged=True)
-    _follow_neighbours(scene, continuing & merged, known, labels, State(0))
-    _follow_neighbours(scene, continuing & ~merged, known, labels, State.DELETED)
+    _follow_neighbours(scene, continuing & merged, follows, labels, State(0))
+    _follow_neighbours(scene, continuing & ~merged, follows, labels, State.DELETED)
     return labels
 
 
@@ -321,12 +357,13 @@ def _follow_neighbours(
             labels[made & of] = found[places]
 
 
-def _continuing(scene: Scene) -> BoolArray:
-    """Splats (N,) that an edit made as part of a group that the opened file has splats of, or of
-    none as some of the file."""
-    made = _made(scene)
+def _continuing(scene: Scene, follows: BoolArray) -> BoolArray:
+    """Splats (N,) that an edit put into a group, or among those of none, in which some ``follow``
+    (N,) their row of the opened file: made ones, and copies that do not follow."""
+    made = _made(scene) | (scene.source < scene.n_opened)
+    made &= ~follows
     if made.any():
-        made &= np.isin(scene.labels, np.unique(scene.labels[scene.source < scene.n_opened]))
+        made &= np.isin(scene.labels, np.unique(scene.labels[follows]))
     return made
 
 

@@ -10,6 +10,7 @@ from threading import Event
 import pytest
 from PIL import ImageFont
 
+from gaga_core.color import luminance
 from gaga_core.io.files import assets
 from gaga_core.progress import Progress, Stage
 from gaga_studio.features import files, objects, selection
@@ -226,6 +227,7 @@ _NEEDS_MORE = {
     "view.identity",
     "view.identity_centres",
     "object.masks_model",
+    "object.masks_rest",
     "object.name_all",
     "object.folder_out",
     "object.add_views",
@@ -478,6 +480,20 @@ def test_a_background_is_used_and_remembered(associated: Session) -> None:
     run("view.background", associated)
     again, _ = load_settings()
     assert again.background_color == associated.view.background
+
+
+def test_the_background_is_that_of_the_theme_unless_one_was_chosen(associated: Session) -> None:
+    """A dark picture in a light window."""
+    before = associated.view.background
+    associated.change_settings(replace(associated.settings, theme="light"))
+    assert luminance(before) < 0.1 < 0.7 < luminance(associated.view.background)
+    run("view.background", associated)
+    assert associated.view.background == (0.0, 0.0, 0.0)
+    associated.change_settings(replace(associated.settings, theme="dark"))
+    assert associated.view.background == (0.0, 0.0, 0.0)
+    for _ in range(3):
+        run("view.background", associated)
+    assert associated.view.background == before
 
 
 @pytest.mark.parametrize("color", ["#1c1c1f", "#000000", "#ffffff", "#0a80fe"])

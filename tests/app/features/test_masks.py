@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.io.masks.label_maps import read_labels, write_labels
+from gaga_core.io.masks.label_maps import RECORD, read_labels, write_labels
 from gaga_core.scene.scene import Scene
 from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings
 from gaga_core.segmentation.models.catalogue import KNOWN, known_model
@@ -84,6 +84,53 @@ def test_a_cancelled_run_keeps_what_is_done_and_goes_on_from_there(bare: Session
     assert len(bare.masks) == len(masks.photos_of(bare, "train"))
     after = {p.name: p.stat().st_mtime_ns for p in (_root(bare) / "masks/regions").glob("*.png")}
     assert {name: after[name] for name in kept} == kept
+
+
+def test_the_other_photos_get_masks_as_those_that_are_there(bare: Session) -> None:
+    """A cancelled run, whose settings were gone with the next start of the program."""
+    settings = ProviderSettings(regions=RegionsConfig(detail=2.0))
+    masks.make(bare, MaskRequest(settings=settings, use_depth=False))
+    assert bare.jobs.wait()
+    assert commands.command("object.masks_rest").enabled(bare) == "All training photos have masks."
+    made = _root(bare) / "masks/regions"
+    names = masks.photos_of(bare, "train")
+    files = {name: made / f"{Path(name).stem}.png" for name in names}
+    before = {name: path.read_bytes() for name, path in files.items()}
+    record = (made / RECORD).read_bytes()
+    for name in names[1:]:
+        files[name].unlink()
+    shutil.rmtree(_root(bare) / "gaga/cache")
+    assert masks.choose(bare, "regions")
+    offer = association.stage_offer(bare)
+    assert offer is not None
+    assert offer.more == (("", "object.masks_rest"),)
+    n = len(names) - 1
+    title = commands.command("object.masks_rest").title_now(bare)
+    assert title == f"Make masks for the other {n} photos"
+    assert commands.run("object.masks_rest", bare)
+    assert bare.jobs.wait()
+    assert {name: path.read_bytes() for name, path in files.items()} == before
+    assert (made / RECORD).read_bytes() == record
+    assert association.bare_photos(bare) == ()
+
+
+def test_masks_that_a_person_added_stay_and_the_others_are_made(bare: Session) -> None:
+    names = masks.photos_of(bare, "train")
+    own = _root(bare) / "masks/mine" / f"{Path(names[0]).stem}.png"
+    write_labels(own, np.full((8, 8), 3, np.int32))
+    before = own.read_bytes()
+    bare.open(_root(bare))
+    assert bare.jobs.wait()
+    assert bare.provider == "mine"
+    masks.make_rest(bare)
+    assert bare.jobs.wait()
+    assert (bare.provider, association.bare_photos(bare)) == ("mine", ())
+    assert not bare.masks.are_regions
+    (own.parent / f"{Path(names[1]).stem}.png").unlink()
+    masks.make_rest(bare)
+    assert bare.jobs.wait()
+    assert association.bare_photos(bare) == ()
+    assert own.read_bytes() == before
 
 
 def test_a_preview_leaves_no_masks_and_is_what_the_run_gives(bare: Session) -> None:

@@ -20,6 +20,7 @@ from gaga_core.scene.project import save_project
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import upright
 from gaga_studio.features.commands import command, run
+from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import load_settings
 from tests.core.io.splat_parts import write_without_up
@@ -161,10 +162,14 @@ def test_what_a_notice_offers_goes_with_its_scene(
     session = new_session()
     _opened(session, silent)
     assert any(notice.command for notice in session.notices)
+    session.notify(Level.INFO, "Exported chair.ply.", shows=tmp_path)
+    session.notify(Level.INFO, "Saved.")
     path = tmp_path / "next.ply"
     write_splats(path, random_gaussians(60, seed=5), SplatFormat.PLY)
     _opened(session, path)
     assert not any(notice.command for notice in session.notices), "it would turn the other scene"
+    assert not any(notice.shows for notice in session.notices)
+    assert any(notice.text == "Saved." for notice in session.notices)
 
 
 @pytest.mark.parametrize("form", [SplatFormat.GLB, SplatFormat.USD])

@@ -19,7 +19,8 @@ from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.project import open_path_stage, reopen_stage
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.selection.algebra import world_means
 from gaga_studio.features import files, objects, selection, transform
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
@@ -751,15 +752,27 @@ def test_cancelled_association_leaves_everything(session: Session) -> None:
     assert association.stage_offer(session) is not None
 
 
-def test_duplicates_follow_their_originals(associated: Session) -> None:
-    selection.select_groups(associated, (objects_of(associated)[1],))
-    transform.duplicate(associated)
-    scene = scene_of(associated)
-    n_file = int(scene.source.max()) + 1
-    assert len(scene) > n_file
+def test_what_is_done_while_objects_are_found_stays(associated: Session) -> None:
+    """A copy made meanwhile and its original became one object."""
+    scene, document = scene_of(associated), associated.need()
+    n, (a, b, c, d) = len(scene), objects_of(associated)[:4]
     association.associate(associated)
+    selection.select_groups(associated, (a,))
+    assert transform.duplicate(associated)
+    copy = int(scene.labels[-1])
+    assert objects.rename(associated, copy, "copy")
+    assert document.edit(lambda scene: edits.merge_groups(scene, (b, c)))
+    both = scene.labels == b
+    gone = np.flatnonzero(scene.labels == d)
+    assert document.edit(lambda scene: edits.delete(scene, gone))
+    where = world_means(scene)
     finish(associated)
-    np.testing.assert_array_equal(scene.labels[n_file:], scene.labels[scene.source[n_file:]])
+    (now,) = set(scene.labels[n:].tolist())
+    assert scene.names == {now: "copy"}
+    assert now not in scene.labels[:n]
+    assert np.array_equal(scene.labels == scene.labels[both][0], both)
+    assert scene.has(State.DELETED)[gone].all()
+    assert np.array_equal(world_means(scene), where)
 
 
 def test_unknown_masks_are_a_sentence(session: Session) -> None:

@@ -11,7 +11,7 @@ from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.studio import SceneUi, UiState, openers
-from gaga_studio.ui.dialogs.files import start_folder
+from gaga_studio.ui.dialogs.files import FileDialog, start_folder
 from gaga_studio.ui.panels.film_strip import FilmStripState
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -43,6 +43,42 @@ def test_no_folder_of_ours_is_proposed(session: Session, monkeypatch: pytest.Mon
     assert start_folder(session) == root
     monkeypatch.setenv("GAGA_HOME", str(root.parent))
     assert start_folder(session) == Path.home()
+
+
+@pytest.mark.parametrize("request_", [Request.OPEN_FILE, Request.OPEN_PHOTOS, Request.SAVE_PATH])
+def test_each_dialog_begins_in_the_folder_that_its_kind_used_last(
+    session: Session, tmp_path: Path, request_: Request
+) -> None:
+    """All but films and pictures began next to the scene every time."""
+    ui, taken = UiState(), list[Path]()
+
+    def begins() -> FileDialog:
+        openers(ui)[request_](session)
+        assert ui.files.dialog is not None
+        return ui.files.dialog
+
+    def answer(path: Path | None) -> None:
+        dialog = begins()
+        dialog.result, dialog.is_done = path, True
+        ui.files._then = taken.append
+        ui.files.take()
+
+    first = begins().folder
+    assert first == start_folder(session)
+    ui.files.dialog = None
+    used = tmp_path / "used"
+    used.mkdir()
+    answer(used / "a.json")
+    assert taken == [used / "a.json"]
+    answer(None)  # cancelled: no folder was used
+    assert begins().folder == used
+    ui.files.dialog = None
+    openers(ui)[Request.ADD_SPLATS](session)
+    assert ui.files.dialog is not None
+    assert ui.files.dialog.folder == first, "of another kind"
+    ui.files.dialog = None
+    used.rmdir()
+    assert begins().folder == first
 
 
 def test_save_as_proposes_what_a_save_writes(session: Session, tmp_path: Path) -> None:

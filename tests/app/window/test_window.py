@@ -112,6 +112,27 @@ def test_nothing_open_offers_four_ways(display: str, balls: Path, tmp_path: Path
     drive(test)
 
 
+def test_a_small_start_page_names_what_was_open_lately(display: str, tmp_path: Path) -> None:
+    """At 800x500 with large text there was no way but the menu."""
+    names = [tmp_path / f"scene {k}.ply" for k in range(5)]
+    for name in names:
+        write_splats(name, random_gaussians(60))
+
+    def test(d: Driver) -> None:
+        page = d.engine.get_window_by_ref("//Viewport").rect()
+        first = d.engine.item_info("**/###Recent 0").rect_full
+        assert page.min.y < first.min.y < first.max.y <= page.max.y, "without scrolling"
+        d.engine.mouse_move("**/###Recent 0")
+        d.engine.mouse_wheel_y(-20)
+        d.frames(4)
+        d.click("**/###Recent 4")
+        d.settle()
+        assert d.session.title == "scene 4.ply"
+
+    settings = Settings(first_steps_done=True, ui_scale=2.0, recent=tuple(map(str, names)))
+    drive(test, size=(800, 500), settings=settings)
+
+
 def test_the_recent_list_has_a_picture_of_all_that_was_opened(display: str, tmp_path: Path) -> None:
     """Folders of exported objects, and what was just saved, had none."""
     made = objects_scene(3, 60)

@@ -234,9 +234,17 @@ def test_bad_photos_are_named_and_the_rest_is_done(folder: SceneFolder) -> None:
 def test_maps_of_others_are_never_overwritten(folder: SceneFolder) -> None:
     path = folder.root / "masks" / "quarters" / "001.png"
     write_labels(path, np.full((4, 4), 9, np.int32))
+    for redo in (False, True):
+        report = run_stage(segment_scene(folder, Quarters(), redo=redo))
+        assert (read_labels(path) == 9).all()
+        assert report.foreign == ("001.png",)
+        assert len({*report.made, *report.kept}) == 3, "the others have none"
+        assert "not made here" in report.notes[0]
+    for other in path.parent.glob("*.png"):
+        write_labels(other, np.full((4, 4), 9, np.int32))
+    (path.parent / "provider.json").unlink()
     with pytest.raises(GagaError, match="not made here"):
         run_stage(segment_scene(folder, Quarters()))
-    assert (read_labels(path) == 9).all()
     assert run_stage(segment_scene(folder, Quarters(), name="mine")).folder.name == "mine"
 
 

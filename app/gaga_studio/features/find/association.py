@@ -1,7 +1,7 @@
 """Find objects: associate masks with settings, identities, and the stage that comes next."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -31,7 +31,7 @@ from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
 from gaga_core.scene.edits.objects import NO_IDENTITIES
-from gaga_core.scene.edits.splats import ids_of_added, spread
+from gaga_core.scene.edits.splats import regrouped
 from gaga_core.scene.project import Project, decided_groups
 from gaga_core.scene.scene import LabelSource, Scene
 from gaga_studio.features.base import Command, ask, needs, no_bank, no_masks, watch
@@ -183,8 +183,8 @@ def take_groups(document: Document, found: Association) -> str:
     former, changed = scene.labels[: len(found.labels)], decided_groups(document.project)
     of_file, new_ids = with_decisions(former, found.labels, changed, scene.names)
     n_kept = int(of_file.max(initial=0)) - int(found.labels.max(initial=0))
-    labels = spread(scene, of_file)  # duplicates follow their originals
-    kept = new_ids | ids_of_added(scene, labels)
+    labels, others = regrouped(scene, of_file)
+    kept = new_ids | others
     names = _moved(scene.names, kept)
     colors, weights = _moved(scene.colors, kept), _moved(scene.weights, kept)
     document.do(
@@ -493,6 +493,28 @@ def _no_masks(folder: SceneFolder) -> StageOffer:
     return StageOffer(reason, "Make masks", "object.masks_quick", seconds, note, more)
 
 
+def masks_now(session: Session) -> MaskSet:
+    """The masks in use as they are on the disk now: files may have come since they were listed."""
+    document = session.need()
+    folder = document.project.folder
+    path = folder.mask_folders.get(session.provider) if folder is not None else None
+    if path is None or not path.is_dir():
+        return session.masks
+    key = (session.provider, path.stat().st_mtime_ns, session.masks)
+    return document.read.once(
+        "masks on disk", key, lambda: stages.masks_of(document.project, session.provider)[1]
+    )
+
+
+def bare_photos(session: Session) -> tuple[str, ...]:
+    """Names of the training photos that have no masks yet."""
+    folder = session.project.folder if session.project is not None else None
+    if folder is None:
+        return ()
+    masks = masks_now(session)
+    return tuple(name for name in folder.train if name in folder.image_paths and name not in masks)
+
+
 def _photos_have(n: int) -> str:
     return "1 photo has" if n == 1 else f"{n} photos have"
 
@@ -508,4 +530,9 @@ def stage_offer(session: Session) -> StageOffer | None:
     preset = session.settings.preset
     kernels_s, rates = stages.kernels_seconds("window", "grouping"), session.rates
     here = rates.of(_rate_name(preset)), kernels_s * rates.of(PREPARES)
-    return offer_of(document.project, len(session.masks), preset, training, *here)
+    offer = offer_of(document.project, len(session.masks), preset, training, *here)
+    n_bare = len(bare_photos(session)) if offer.command == "object.associate" else 0
+    if not n_bare:
+        return offer
+    reason = f"{offer.reason} {_photos_have(n_bare)} no masks yet."
+    return replace(offer, reason=reason, more=(("", "object.masks_rest"),))

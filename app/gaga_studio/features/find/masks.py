@@ -13,14 +13,20 @@ from gaga_core.arrays import IntArray
 from gaga_core.errors import GagaError, counted
 from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot
 from gaga_core.io.folder.scene_folder import SceneFolder, find_mask_folders
-from gaga_core.io.masks.label_maps import mask_folder, read_labels, view_key
+from gaga_core.io.json_file import read_foreign_json
+from gaga_core.io.masks.label_maps import RECORD, MaskRecord, mask_folder, read_labels, view_key
 from gaga_core.io.masks.other_programs import recognise
 from gaga_core.pipeline.import_masks import ImportReport, import_masks
 from gaga_core.pipeline.segment import SegmentReport, ViewDone, segment_scene
 from gaga_core.pipeline.settings import SegmentConfig
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.project import Project
-from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings, available_providers
+from gaga_core.segmentation.choose import (
+    ProviderEntry,
+    ProviderSettings,
+    available_providers,
+    recorded_settings,
+)
 from gaga_core.segmentation.models.catalogue import KnownModel, known_model
 from gaga_core.segmentation.models.download import Consent, Installed, download, remove
 from gaga_core.segmentation.models.hub import HubConfig, Listing, list_files
@@ -174,6 +180,7 @@ MaskForm = Literal["png", "dataset", "coco"]
 _PREVIEW = ".preview"  # mask folder of a preview; a leading dot keeps it out of the lists
 _UNNAMED = "imported"  # name that `recognise` gives to masks of an unknown provider
 _CANCEL = "Cancel"
+REST = "object.masks_rest"
 
 
 @dataclass(frozen=True)
@@ -186,6 +193,7 @@ class MaskRequest:
     views: Views = "train"
     redo: bool = False
     use_depth: bool = True
+    longest_side: int = SegmentConfig.longest_side  # pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,6 +295,58 @@ def make(session: Session, request: MaskRequest | None = None) -> None:
     session.jobs.start("Make masks", make_stage(_folder(document), request), None, done, end)
 
 
+def rest_title(session: Session) -> str:
+    """Return "Make masks for the other 3 photos", as it is now."""
+    n = len(association.bare_photos(session))
+    return f"Make masks for the other {counted(n, 'photo')}" if n else "Make masks for the others"
+
+
+def why_no_rest(session: Session) -> str:
+    """Return why there are no other photos to make masks for; "" when there are."""
+    reason = no_photos(session)
+    if reason or len(session.masks) == 0:
+        return reason or "No photo has masks yet: use Make masks."
+    return "" if association.bare_photos(session) else "All training photos have masks."
+
+
+@notifies
+def make_rest(session: Session) -> None:
+    """Make masks of the photos that have none, next to those that are in use and as these were.
+
+    Of masks that were not made here: with the model that is here, else without one.
+    """
+    document, name = session.need(), session.provider
+    names, folder = association.bare_photos(session), _folder(document)
+    request = _request_of(session, folder.mask_folders[name])
+    ended: list[SegmentReport] = []
+
+    def done(report: SegmentReport) -> None:
+        ended.append(report)
+        take_report(session, document, report)
+
+    def end() -> None:
+        if not ended and session.document is document:
+            keep_partial(session, name)
+
+    session.jobs.start("Make masks", make_stage(folder, request, names, name), None, done, end)
+
+
+def _request_of(session: Session, masks: Path) -> MaskRequest:
+    """What made the masks of a folder."""
+    if not (masks / RECORD).is_file():
+        model = model_here(session)
+        return MaskRequest(REGIONS if model is None else model.name)
+    record, usual = read_foreign_json(masks / RECORD, MaskRecord), SegmentConfig()
+    own, source = Path(record.source), record.provider != REGIONS and record.source
+    return MaskRequest(
+        record.provider,
+        recorded_settings(record),
+        own if source and own.exists() else None,
+        use_depth=usual.use_depth if record.use_depth is None else record.use_depth,
+        longest_side=usual.longest_side if record.longest_side is None else record.longest_side,
+    )
+
+
 def take_report(session: Session, document: Document, report: SegmentReport) -> None:
     """Use the masks that were made, tell the user, and remember how long the model took."""
     if report.made and report.provider != REGIONS:
@@ -297,6 +357,7 @@ def take_report(session: Session, document: Document, report: SegmentReport) -> 
     done = {*report.made, *report.kept}
     text = f"{counted(report.n_masks, 'mask')} in {counted(len(done), 'photo')}"
     folder = _folder(document)
+    done |= set(mask_folder(report.folder, folder.image_paths).names)
     n_tests = sum(name in folder.image_paths and name not in done for name in folder.test)
     if n_tests:
         are, have = ("is", "has") if n_tests == 1 else ("are", "have")
@@ -331,7 +392,7 @@ def make_stage(
         views=views or request.views,
         name=name,
         redo=request.redo and not name,
-        config=SegmentConfig(use_depth=request.use_depth),
+        config=SegmentConfig(request.longest_side, request.use_depth),
     )
     draws_depth = request.use_depth and "depth" in provider.cues and folder.model_path is not None
     return (yield from (after_warm_up(stage, "window") if draws_depth else stage))
@@ -361,7 +422,8 @@ def keep_partial(session: Session, provider: str) -> None:
     choose(session, chosen if chosen in folders else provider)
     _, made = stages.masks_of(session.need().project, provider)
     photos = f"{counted(len(made), 'photo')} of {provider} {'is' if len(made) == 1 else 'are'}"
-    session.notify(Level.INFO, f"{photos} done. Make masks continues there.")
+    command = "" if why_no_rest(session) else REST
+    session.notify(Level.INFO, f"{photos} done. Make masks continues there.", command)
 
 
 # --- choosing
@@ -782,6 +844,13 @@ def make_with_model(session: Session) -> None:
 
 COMMANDS: tuple[Command, ...] = (
     ask("object.masks", "Make masks…", Request.MAKE_MASKS, "Ctrl+M", enabled=no_photos),
+    Command(
+        REST,
+        "Make masks for the other photos",
+        make_rest,
+        enabled=why_no_rest,
+        describe=rest_title,
+    ),
     Command("object.masks_quick", "Make masks without a model (regions)", make, enabled=no_photos),
     Command(
         "object.masks_model",

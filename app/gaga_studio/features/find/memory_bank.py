@@ -13,7 +13,6 @@ from gaga_core.grouping.associate import AssociateConfig, Association
 from gaga_core.grouping.figures import BankGrowth
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.io.folder.scene_folder import select_views
-from gaga_core.masks import MaskSet
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
@@ -312,22 +311,17 @@ def new_views(session: Session) -> tuple[str, ...]:
     document = session.document
     if document is None or document.project.folder is None or document.scene.bank is None:
         return ()
-    folder, bank, masks = document.project.folder, document.scene.bank, _masks(session)
+    folder, bank, masks = (
+        document.project.folder,
+        document.scene.bank,
+        association.masks_now(session),
+    )
 
     def find() -> tuple[str, ...]:
         known = {decision.view for decision in bank.log}
         return tuple(name for name in folder.train if name in masks and name not in known)
 
     return document.read.once("new views", (bank, masks, folder.train), find)
-
-
-def without_masks(session: Session) -> int:
-    """Return how many photos have no masks yet."""
-    folder = session.project.folder if session.project is not None else None
-    if folder is None:
-        return 0
-    masks = _masks(session)
-    return sum(name in folder.image_paths and name not in masks for name in folder.train)
 
 
 def why_no_new_views(session: Session) -> str:
@@ -346,7 +340,7 @@ def why_no_new_views(session: Session) -> str:
 
 def text_on_bare_photos(session: Session) -> str:
     """Return a sentence on photos without masks, "" when there are none."""
-    n = without_masks(session)
+    n = len(association.bare_photos(session))
     have = "1 photo has" if n == 1 else f"{n:,} photos have"
     return f"{have} no masks yet: use Make masks." if n else ""
 
@@ -382,7 +376,7 @@ def add_views(session: Session) -> bool:
     folder, scene = document.project.folder, document.settled().scene
     if folder is None or scene.bank is None:
         return False
-    session.masks = masks = _masks(session)
+    session.masks = masks = association.masks_now(session)
     labels, confidence = file_columns(scene)
     edited = EditedGroups(scene.bank, labels, confidence, edits.free_group(scene))
     cameras, gaussians = select_views(folder, "train"), stages.file_gaussians(scene)
@@ -417,19 +411,6 @@ def add_views(session: Session) -> bool:
         usual_s=association.finding_seconds(scene, n_new, config.preset),
     )
     return session.jobs.start("Add photos and masks", stage, progress, done, end)
-
-
-def _masks(session: Session) -> MaskSet:
-    """The masks in use as they are on the disk now: files may have come since they were listed."""
-    document = session.need()
-    folder = document.project.folder
-    path = folder.mask_folders.get(session.provider) if folder is not None else None
-    if path is None or not path.is_dir():
-        return session.masks
-    key = (session.provider, path.stat().st_mtime_ns, session.masks)
-    return document.read.once(
-        "masks on disk", key, lambda: stages.masks_of(document.project, session.provider)[1]
-    )
 
 
 # --- replay

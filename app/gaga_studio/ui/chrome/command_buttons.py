@@ -57,6 +57,7 @@ ICONS = {
     "object.find_settings": icons.SLIDERS,
     "object.lift": icons.MEMORY,
     "object.masks": icons.MASK,
+    "object.masks_rest": icons.MASK,
     "object.masks_quick": icons.MASK,
     "object.masks_model": icons.MASK,
     "object.find": icons.SEARCH,

@@ -429,7 +429,7 @@ def _ask(sheet: ExportSheet, files: FilePicker) -> None:
         suffixes = (".json",) if sheet.what == "cameras" else WRITE_SUFFIXES
         title = f"Export as {' or '.join(filter(None, (', '.join(suffixes[:-1]), suffixes[-1])))}"
         dialog = FileDialog(title, PathKind.SAVE_FILE, start, now.name, suffixes)
-    dialog.action = "Choose"
+    dialog.action, dialog.is_placed = "Choose", sheet.what in sheet.chosen
 
     def chosen(path: Path) -> None:
         sheet.path = paths.shown(path)

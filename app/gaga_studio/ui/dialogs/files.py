@@ -61,7 +61,8 @@ class FileDialog:
     suffixes: tuple[str, ...] = ()  # (".ply",); empty = any file, for a folder none
     use_native: bool = False
     action: str = "Open"  # text of the button
-    is_further: bool = False  # film or picture: begins in the folder of the last, with a free name
+    is_further: bool = False  # film or picture: with a free name
+    is_placed: bool = False  # begins in ``folder``, wherever the last one of its title ended
     takes_folder: bool = False  # of a file: nothing named means the folder that holds such files
     is_done: bool = False
     result: Path | None = None  # None after it is done: cancelled
@@ -83,35 +84,41 @@ class FilePicker:
     dialog: FileDialog | None = None
     _then: Callable[[Path], object] | None = None
     _back: str = ""
-    _made_in: Path | None = None  # folder of the last film or picture
+    _used: dict[str, Path] = field(default_factory=dict)  # folders that were used last, by title
 
     def ask(self, dialog: FileDialog, then: Callable[[Path], object], back: str = "") -> None:
         """Show ``dialog``; ``then`` gets the path, and without one the sheet ``back`` comes back.
 
+        It begins in the folder that one of its title used last, else in its own (`start_folder`).
         Nothing happens while another one is open.
         """
         if self.dialog is None:
             dialog.use_native = self.use_native
+            used = self._used.get(dialog.title)
+            if used is not None and used.is_dir() and not dialog.is_placed:
+                dialog.folder = used
             if dialog.is_further:
-                if self._made_in is not None and self._made_in.is_dir():
-                    dialog.folder = self._made_in
                 dialog.name = _free_name(dialog.folder, dialog.name)
             self.dialog, self._then, self._back = dialog, then, back
 
     def draw(self) -> None:
         """Show the open dialog and pass its answer on."""
-        if self.dialog is None:
+        if self.dialog is not None:
+            draw(self.dialog)
+            self.take()
+
+    def take(self) -> None:
+        """Pass the answer of the dialog on, if there is one."""
+        if self.dialog is None or not self.dialog.is_done:
             return
-        draw(self.dialog)
-        if self.dialog.is_done:
-            path, then, back = self.dialog.result, self._then, self._back
-            if path is not None and self.dialog.is_further:
-                self._made_in = path.parent
-            self.dialog = self._then = None
-            if path is not None and then is not None:
-                then(path)
-            elif back:
-                imgui.open_popup(back)
+        path, then, back = self.dialog.result, self._then, self._back
+        if path is not None:
+            self._used[self.dialog.title] = path.parent
+        self.dialog = self._then = None
+        if path is not None and then is not None:
+            then(path)
+        elif back:
+            imgui.open_popup(back)
 
 
 def has_native() -> bool:

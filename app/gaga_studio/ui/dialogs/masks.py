@@ -151,6 +151,8 @@ def _introduction(session: Session, dialog: MaskDialog) -> None:
         widgets.dim("Masks in use")
         imgui.same_line()
         draw_choice(session, em(12))
+    if not masks.why_no_rest(session):
+        _rest_button(session)
     imgui.dummy(ImVec2(0, em(0.2)))
 
 
@@ -342,6 +344,13 @@ def _make_row(session: Session, dialog: MaskDialog, entry: ProviderEntry | None)
         imgui.close_current_popup()
         masks.make(session, dialog.request)
     _close()
+
+
+def _rest_button(session: Session) -> None:
+    hint = f"Next to those of {session.provider}, made as these were"
+    if widgets.button("The others", Face(masks.rest_title(session)), hint=hint):
+        imgui.close_current_popup()
+        masks.make_rest(session)
 
 
 def _duration(session: Session, dialog: MaskDialog, n: int) -> str:
@@ -553,6 +562,8 @@ def draw_add_views(session: Session) -> None:
         widgets.dim(f"{n:,} photo{'' if n == 1 else 's'} {which} not used yet: {shown}", wrap=True)
     if bare:
         widgets.dim(bare, wrap=True)
+        if not masks.why_no_rest(session):
+            _rest_button(session)
     widgets.dim(
         "Only these are processed: their masks join the objects, or make new ones.", wrap=True
     )

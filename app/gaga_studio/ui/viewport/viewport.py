@@ -21,6 +21,7 @@ from gaga_studio.tools.gestures import KeyState, PointerState
 from gaga_studio.tools.move import FollowTransform
 from gaga_studio.ui.chrome import command_buttons, toolbar
 from gaga_studio.ui.kit import icons, textures, theme, widgets
+from gaga_studio.ui.kit.modal import begin_part
 from gaga_studio.ui.kit.picture_area import PictureArea
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
@@ -157,10 +158,11 @@ _CHOICES = (
     ("file.open_file", icons.FILE, "Open a splat file", "PLY, SPZ, SOG, .splat, project"),
     ("file.demo", icons.DEMO, "Try the demo", "A furnished room, ready to edit"),
 )
-_MOST_RECENT = 5
+_MOST_RECENT, _NAMES_IN_SIGHT = 5, 2  # without scrolling, where there is no room for pictures
 _TILE = 7.2, 3.8  # width and height of the picture of a recent scene, em
 _HEAD = 2.0  # of the words over cards in a low window, em
 _LOW_CARD = 3.2  # without room for the second line, em
+_LEAST_CARD = 1.5  # with room for its title, em
 _CARD_EDGE = 12.0  # of a card that no text comes near, both sides together, pixels at 96 dpi
 
 
@@ -172,22 +174,27 @@ def _draw_welcome(session: Session, steps_height: float) -> None:
     if session.jobs.running is not None:
         _opening(session, room)
         return
-    n = len(_CHOICES)
+    n, recent = len(_CHOICES), session.settings.recent[:_MOST_RECENT]
+    line = imgui.get_text_line_height_with_spacing()
     card = ImVec2(min(em(14.5), (room.x - em(5)) / n), em(8.6))
     widest = max(imgui.calc_text_size(text).x for choice in _CHOICES for text in choice[2:])
     is_wide = widest <= card.x - theme.scaled(_CARD_EDGE)
     if not is_wide:
         # Titles alone where the window is too low for all of them.
-        high = (room.y - em(_HEAD)) / n - imgui.get_style().item_spacing.y
-        card = ImVec2(min(room.x - em(1.6), em(24)), min(em(3.5), max(high, em(1.5))))
+        high = room.y - em(_HEAD) - line * min(len(recent), _NAMES_IN_SIGHT)
+        high = high / n - imgui.get_style().item_spacing.y
+        card = ImVec2(min(room.x - em(1.6), em(24)), min(em(3.5), max(high, em(_LEAST_CARD))))
     height = card.y + em(3.6) if is_wide else n * card.y + em(4.2)
     rows = em(_TILE[1] + 1.5 + 2)
-    recent = session.settings.recent[:_MOST_RECENT] if room.y > height + rows else ()
-    height += rows if recent else em(2)
+    are_names = bool(recent) and room.y <= height + rows
+    height += len(recent) * line if are_names else rows if recent else em(2)
+    if are_names:  # no room for pictures, perhaps not even for all names
+        begin_part("Start page", room)
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + max((room.y - height) * 0.45, em(0.2)))
-    with theme.face(strong=True, scale=1.35 if is_wide or card.y > em(_LOW_CARD) else 1.1):
-        widgets.wrapped("Open a scene to begin", theme.TEXT)
-    imgui.dummy(ImVec2(0, em(0.5) if is_wide or card.y > em(_LOW_CARD) else 0.0))
+    if not are_names or card.y > em(_LEAST_CARD):  # else the status bar says it, too
+        with theme.face(strong=True, scale=1.35 if is_wide or card.y > em(_LOW_CARD) else 1.1):
+            widgets.wrapped("Open a scene to begin", theme.TEXT)
+        imgui.dummy(ImVec2(0, em(0.5) if is_wide or card.y > em(_LOW_CARD) else 0.0))
     left = (room.x - (n * card.x + (n - 1) * em(0.8) if is_wide else card.x)) / 2
     for position, (command, icon, title, detail) in enumerate(_CHOICES):
         if position == 0 or not is_wide:
@@ -196,6 +203,10 @@ def _draw_welcome(session: Session, steps_height: float) -> None:
             commands.run(command, session)
         if is_wide and position < n - 1:
             imgui.same_line(0, em(0.8))
+    if are_names:
+        _recent_names(session, recent, left, room.x - 2 * left)
+        imgui.end_child()
+        return
     imgui.dummy(ImVec2(0, em(0.3)))
     widgets.wrapped("or drop a folder or a file into the window", theme.DIM)
     if recent:
@@ -263,6 +274,18 @@ def _recent(session: Session, recent: tuple[str, ...], left: float, width: float
         at = ImVec2(left + position * (em(_TILE[0]) + gap), top)
         imgui.set_cursor_screen_pos(at)
         _tile(session, name, position, at)
+
+
+def _recent_names(session: Session, recent: tuple[str, ...], left: float, width: float) -> None:
+    """What was open lately, as a list of names that is scrolled to where the window is low."""
+    for position, name in enumerate(recent):
+        path = Path(name)
+        icon = icons.FILE_PLAIN if path.suffix else icons.FOLDER_PLAIN
+        shown = widgets.elided_name(path.name, width - em(1.8))
+        imgui.set_cursor_pos_x(left)
+        if imgui.selectable(f"{icon}  {shown}###Recent {position}", False, 0, ImVec2(width, 0))[0]:
+            session.open(path)
+        widgets.tooltip(name)
 
 
 def _tile(session: Session, name: str, position: int, at: ImVec2) -> None:
@@ -532,6 +555,10 @@ def _mouse_area(size: ImVec2, has_handles: bool) -> bool:
     return imgui.is_item_hovered() or imgui.is_item_active()
 
 
+_HOVER_SHARE = 0.4  # of the picture's width, at most, of the card of the object under the mouse
+_LEAST_NAME = 5.0  # em of its name, next to which there is room for how many splats it has
+
+
 def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) -> None:
     """A card at the mouse, in the picture alone: next to it are panels and their buttons.
 
@@ -547,8 +574,12 @@ def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) ->
         return
     pad, gap = imgui.get_style().window_padding, imgui.get_style().item_spacing.x
     dot, count = "●", counted(int(table.counts[row]), "splat")
-    around = imgui.calc_text_size(dot).x + em(0.4) + gap + imgui.calc_text_size(count).x + 2 * pad.x
-    name = widgets.elided(table.names[row], area.width - around)
+    around = imgui.calc_text_size(dot).x + em(0.4) + 2 * pad.x
+    of_count, most = gap + imgui.calc_text_size(count).x, area.width * _HOVER_SHARE
+    if most - around - of_count < em(_LEAST_NAME):
+        count, of_count = "", 0.0
+    around += of_count
+    name = widgets.elided(table.names[row], most - around)
     size = ImVec2(around + imgui.calc_text_size(name).x, imgui.get_text_line_height() + 2 * pad.y)
     mouse, foot = imgui.get_io().mouse_pos, min(area.bottom, area.offer_top)
     below, above = mouse.y + em(1), max(mouse.y - em(0.5) - size.y, area.top)
@@ -567,8 +598,9 @@ def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) ->
         widgets.text(dot, widgets.rgba(table.colors[row]))
         imgui.same_line(0, em(0.4))
         imgui.text_unformatted(name)
-        imgui.same_line()
-        widgets.dim(count)
+        if count:
+            imgui.same_line()
+            widgets.dim(count)
         imgui.end_tooltip()
 
 

@@ -19,7 +19,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.bake import bake
 from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.edits.splats import append_made, ids_of_added, spread
+from gaga_core.scene.edits.splats import append_made, regrouped, spread
 from gaga_core.scene.edits.values import read_added_stage
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.orientation import degrees_of, pose_of
@@ -214,10 +214,10 @@ def test_groups_of_an_association_leave_added_splats_theirs(room: Path, chair: P
     few = spread(scene, np.ones(200, np.int32))
     assert (few[200:] == own).all()
     many = np.arange(200, dtype=np.int32)
-    labels = spread(scene, many)
+    labels, own_ids = regrouped(scene, many)
     assert (labels[:200] == many).all()
     assert labels[200:].min() > 199
-    assert ids_of_added(scene, labels) == {int(scene.labels[-1]): int(labels[-1])}
+    assert own_ids == {int(scene.labels[-1]): int(labels[-1])}
 
 
 def test_splats_made_as_part_of_an_object_stay_part_of_it_when_groups_change() -> None:
@@ -230,11 +230,35 @@ def test_splats_made_as_part_of_an_object_stay_part_of_it_when_groups_change() -
     history.do(append_made(scene, splats, made, "Fill"))
     found = np.repeat(np.array([3, 12, 0, 12, 4], np.int32), 8)
     found[10:20] = [0, 0, 0, 12, 12, 12, 12, 12, 12, 0]
-    labels = spread(scene, found)
+    labels, own_ids = regrouped(scene, found)
     assert labels[40:43].tolist() == [0, 12, 12], "as the nearest of the table"
     assert labels[43] > found.max()
     assert labels[44:].tolist() == [0, 12], "as the nearest that were in no object"
-    assert ids_of_added(scene, labels) == {int(scene.labels[43]): int(labels[43])}
+    assert own_ids == {int(scene.labels[43]): int(labels[43])}
+
+
+def test_what_is_copied_stays_an_object_of_its_own_when_groups_change() -> None:
+    scene = Scene.of(random_gaussians(40), np.repeat(np.array([1, 2, 0, 5], np.int32), 10))
+    history = History(scene)
+    history.do(edits.duplicate(scene, np.arange(10)))  # a whole object: 40 to 49
+    copy = int(scene.labels[40])
+    history.do(edits.duplicate(scene, np.arange(10)))  # and again: 50 to 59 ...
+    history.do(edits.merge_groups(scene, (5, int(scene.labels[50]))))  # ... put into another one
+    history.do(edits.duplicate(scene, np.arange(10, 14)))  # a part, 60 to 63, stays in its object
+    history.do(edits.duplicate(scene, np.arange(20, 27)))  # of what is in no object: 64 to 70
+    history.do(edits.duplicate(scene, np.arange(20, 27)))  # ... twice: 71 to 77
+    found = np.repeat(np.array([copy, 2, 7, 9, 4], np.int32), [10, 10, 5, 5, 10])
+    labels, own_ids = regrouped(scene, found)
+    assert np.array_equal(labels[:40], found)
+    (kept,) = set(labels[40:50].tolist())
+    assert own_ids == {copy: kept}
+    assert kept not in found
+    assert set(labels[50:60].tolist()) == {4}, "part of what it was put into"
+    assert set(labels[60:64].tolist()) == {2}
+    loose = [set(labels[a : a + 5].tolist()) for a in (64, 71)]  # all of what is found as 7
+    assert len(loose[0] | loose[1]) == 2
+    assert not (loose[0] | loose[1]) & {*found.tolist(), kept}
+    assert labels[69:71].tolist() == labels[76:78].tolist() == [9, 9], "two of five"
 
 
 def test_groups_of_the_file_become_groups_with_its_name(room: Path, tmp_path: Path) -> None:
