@@ -40,7 +40,7 @@ from gaga_core.scene.bake import bake_stage
 from gaga_core.scene.edits.placement import as_it_came
 from gaga_core.scene.objects import object_table
 from gaga_core.scene.project import Project
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, State
 
 INDEX_FILE = "index.npz"
 TEXTS_FILE = "index_texts.npz"
@@ -295,12 +295,13 @@ def describe(
 
     See `query.descriptions`. Background are what the facts call so, what the association found to
     surround the scene, and large flat groups: a bottle that a person makes large and moves to the
-    wall is no wall, so both are told from the scene as its files came.
+    wall is no wall, and stays what it is when the wall is deleted, so all is told from the scene as
+    its files came.
     """
-    now, home = facts, as_it_came(scene)
+    now, home = facts, _before_edits(scene)
     if home is not scene:
         came = group_facts(home, cameras)
-        facts = came if np.array_equal(came.ids, now.ids) else now
+        facts = came if np.isin(now.ids, came.ids).all() else now
     objects = ~facts.background
     median = float(np.median(facts.size[objects])) if objects.any() else 0.0
     flat = facts.extents[:, 2] < _FLAT * facts.extents[:, 0]
@@ -310,9 +311,20 @@ def describe(
         behind = behind | (facts.ids == levels.background)
     said = home if facts is not now else scene, replace(facts, background=behind)
     return Description(
-        describe_groups(scene, replace(now, background=behind), cameras, kept, said),
-        frozenset(facts.ids[behind & (facts.ids > 0)].tolist()),
+        describe_groups(scene, now, cameras, kept, said),
+        frozenset(facts.ids[behind & (facts.ids > 0) & np.isin(facts.ids, now.ids)].tolist()),
     )
+
+
+def _before_edits(scene: Scene) -> Scene:
+    """``scene`` as its files came, with the groups that are deleted whole; itself if it is so."""
+    home, deleted = as_it_came(scene), scene.has(State.DELETED)
+    n_live = np.bincount(scene.labels[~deleted], minlength=int(scene.labels.max(initial=0)) + 1)
+    back = deleted & (scene.labels > 0) & (n_live[scene.labels] == 0)
+    if not back.any():
+        return home
+    state = np.where(back, scene.state & ~np.uint8(State.DELETED), scene.state)
+    return replace(home, state=state)
 
 
 def describe_project(project: Project) -> Description:

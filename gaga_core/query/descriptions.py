@@ -148,8 +148,8 @@ def describe_groups(
 
     ``kept`` are descriptions of an earlier state: they stay where they are still true. Left and
     behind are meant from the train view that sees most; without ``cameras`` there are no places.
-    ``came`` are the scene as its files came (`as_it_came`) and its facts, with the same groups:
-    what things are is read there, and where they are here.
+    ``came`` are the scene before anything was moved or deleted and its facts, with these groups and
+    maybe others: what things are is read there, and where they are here.
     """
     said = {
         int(group): one
@@ -197,38 +197,33 @@ def _unique(text: str, used: set[str]) -> str:
 def _said(
     scene: Scene, facts: GroupFacts, now: GroupFacts, cameras: Sequence[Camera]
 ) -> list[_Said]:
-    """What ``scene`` and its ``facts`` say that groups are, and facts ``now`` where they are."""
+    """What ``scene`` and its ``facts`` say that groups are, and facts ``now`` where they are; one
+    for each group of ``now``."""
     objects = ~facts.background & (facts.ids > 0)
-    places, shares = _places(now, cameras, objects), _size_shares(facts, objects)
-    shares_now = shares if now is facts else _size_shares(now, objects)
-    shapes = shapes_of(scene, facts)
+    median = float(np.median(facts.size[objects])) if objects.any() else 1.0
+    shares, shapes = facts.size / max(median, 1e-12), shapes_of(scene, facts)
+    rows = np.searchsorted(facts.ids, now.ids)
+    places = _places(now, canonical_view(facts, cameras), objects[rows])
     said = []
-    for row in range(len(facts)):
-        color = _color(facts, row)
+    for row, ends, size_now in zip(rows, places, now.size, strict=True):
+        color, share_now = _color(facts, row), size_now / max(median, 1e-12)
         if not objects[row]:
             what = _support(facts, row) if facts.ids[row] > 0 else "rest"
             said.append(_Said(f"{color} {what}", "", {}))
             continue
         if color == "grey":
             color = _besides_grey(facts, row)
-        word, smaller = _size_word(shares[row]), min(shares[row], shares_now[row]) < 1
-        larger = max(shares[row], shares_now[row]) > 1
-        if _size_word(shares_now[row]) != word:  # of one that was scaled
+        word, smaller = _size_word(shares[row]), min(shares[row], share_now) < 1
+        larger = max(shares[row], share_now) > 1
+        if _size_word(share_now) != word:  # of one that was scaled
             word = ""
         base = f"{color} {_NOUNS[shapes[row]]}"
         still = (base, *[f"{base}, small"] * (not larger), *[f"{base}, large"] * (not smaller))
-        ends = places[row]
         side = min(ends, key=lambda name: ends[name], default="")
         place = side if side and ends[side] < _SIDE else ""
         sides = {name: rank for name, rank in ends.items() if rank < _STILL_SIDE}
         said.append(_Said(base + word, place, sides, still))
     return said
-
-
-def _size_shares(facts: GroupFacts, objects: BoolArray) -> DoubleArray:
-    """Sizes (G,) against the median of the ``objects`` (G,)."""
-    median = float(np.median(facts.size[objects])) if objects.any() else 1.0
-    return facts.size / max(median, 1e-12)
 
 
 def _size_word(share: float) -> str:
@@ -268,11 +263,8 @@ def _support(facts: GroupFacts, row: int) -> str:
     return "floor" if lowest else "surface"
 
 
-def _places(
-    facts: GroupFacts, cameras: Sequence[Camera], objects: BoolArray
-) -> list[dict[str, float]]:
+def _places(facts: GroupFacts, camera: Camera | None, objects: BoolArray) -> list[dict[str, float]]:
     """Share of the objects that are farther to each side than each group (G,); {} without sides."""
-    camera = canonical_view(facts, cameras)
     places: list[dict[str, float]] = [{} for _ in range(len(facts))]
     if camera is None:
         return places

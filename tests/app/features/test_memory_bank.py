@@ -48,13 +48,13 @@ def test_a_moved_mask_is_one_edit_that_undo_takes_back(associated: Session) -> N
     now = next(d for d in session.decisions(2) if (d.view, d.mask) == (moved.view, moved.mask))
     assert now.by_hand
     assert session.live is None
-    assert session.history.cursor == cursor + 1  # type: ignore[union-attr]
-    assert session.history.undo_title == title  # type: ignore[union-attr]
-    assert session.document.name_of(2) == "mug"  # type: ignore[union-attr]
+    assert session.history.cursor == cursor + 1
+    assert session.history.undo_title == title
+    assert session.document.name_of(2) == "mug"
     assert not np.array_equal(_labels(session), before)
     session.undo()
     assert np.array_equal(_labels(session), before)
-    assert session.scene.bank is bank  # type: ignore[union-attr]
+    assert session.scene.bank is bank
 
 
 def test_cancelled_a_repair_leaves_everything(associated: Session) -> None:

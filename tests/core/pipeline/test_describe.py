@@ -20,7 +20,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.project import Project, open_path_stage, save_project
-from tests.core.query.made_scenes import BACK, FRONT, TABLE, boxes_scene, shells
+from tests.core.query.made_scenes import BACK, FRONT, TABLE, boxes_scene, camera_at, shells
 
 VIEWS = (FRONT, BACK)
 _BLOCK = 2  # of TABLE: the large blue box, which by itself is a thing
@@ -85,6 +85,27 @@ def test_what_a_thing_is_does_not_change_with_where_a_person_puts_it(
         moved = max(then.words) if copied else group
         assert moved not in then.background
         assert _what(then.words[moved]) == _what(found.words[group])
+
+
+def test_deleting_a_thing_changes_no_other() -> None:
+    """The view that left and right are meant from was another then, and so was the usual size."""
+    alike = [((x, 0, 0.1), (0.2,) * 3, "c81414") for x in (-1.5, -0.5, 0.5, 1.5)]
+    large = [((x, 0.4, 0.3), (0.6,) * 3, "1428c8") for x in (-2.4, -1.9, 1.9, 2.4)]
+    board = [((0, 0.3, 0.5), (0.8, 0.05, 0.6), "14a028")]
+    scene = shells([*alike, *large, *board])
+    views = (FRONT, replace(camera_at((0, 4, 1), "back.png"), width=400))  # sees half of them
+    found = describe(scene, group_facts(scene, views), views)
+    assert "on the left" in found.words[1]
+    assert not found.background
+    for gone in ((5, 6), (7, 8), (5, 6, 7, 8), (1,), (9,)):
+        left = replace(scene)
+        for group in gone:
+            edit = edits.delete(left, group_indices(left, group))
+            assert edit is not None
+            edit.apply(left)
+        then = describe(left, group_facts(left, views), views, kept=found.words)
+        assert then.words == {g: text for g, text in found.words.items() if g not in gone}
+        assert not then.background
 
 
 def test_objects_are_called_after_reopening_as_before(tmp_path: Path) -> None:
