@@ -166,6 +166,22 @@ def test_a_click_waits_for_the_job_that_took_the_place_of_the_look(
     assert not click_object.waiting(session)
 
 
+def test_a_click_that_waits_while_objects_are_found_selects_one(session: Session) -> None:
+    """It selected pieces of several, though the click had been on one."""
+    Hand(session).click_at(balls(session)[0][0])
+    assert click_object.waiting(session)
+    session.settings = replace(session.settings, preset="robust", identities="vote")
+    assert run("object.associate", session)
+    assert session.jobs.wait()
+    assert titles(session)[-1].startswith("Select")
+    (group,) = session.selected_groups()
+    labels = session.need().scene.labels
+    assert np.array_equal(session.selected_indices(), np.flatnonzero(labels == group))
+    assert chosen_in_balls(session)[0] > 180
+    assert session.tool is ToolName.PICK
+    assert not click_object.waiting(session)
+
+
 def test_a_click_is_answered_in_the_scene_that_the_other_job_left(session: Session) -> None:
     """The look at the scene that waited began before splats moved."""
     session.tool = ToolName.OBJECT

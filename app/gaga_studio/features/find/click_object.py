@@ -4,6 +4,7 @@ The answer that needs no model is shown at once; the model's takes its place whe
 an entry of its own in the history, so that undo brings the former one back.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,7 @@ from gaga_studio.features.find.masks import ModelsState
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.session import Session
-from gaga_studio.session.view import ToolName, ViewportPoint
+from gaga_studio.session.view import Point, ToolName, ViewportPoint
 
 if TYPE_CHECKING:
     from gaga_core.camera import Camera
@@ -302,9 +303,11 @@ def _prepare(session: Session, *, waits: bool = False) -> bool:
             return
         now, waiting, state.waiting = session.selected_indices(), state.waiting, []
         still = [(click, camera) for click, camera, then in waiting if np.array_equal(then, now)]
-        for click, camera in still:
-            _answer(document, click, camera)
-        if still:
+        if session.feature(FindState).took_the_tool and document.read.has_groups():
+            _select_objects(session, [click.point for click, _ in still])
+        elif still:
+            for click, camera in still:
+                _answer(document, click, camera)
             ask_model(session)
         dropped(len(waiting) - len(still), "Other things were selected meanwhile.")
 
@@ -400,6 +403,19 @@ def clear(session: Session) -> bool:
     stop_asking(session)
     session.need().feature(ClickState).waiting = []
     return session.need().select(algebra.nothing(), "set", "Clear the clicks")
+
+
+def _select_objects(session: Session, points: Sequence[Point]) -> None:
+    """Answer clicks on ``points`` (world) that took the tool while there were no objects, and now
+    there are: with the objects there."""
+    scene = session.need().scene
+    live = np.flatnonzero(~scene.has(State.DELETED))
+    means, groups = algebra.world_means(scene, live), list[int]()
+    for point in points:
+        nearest = np.square(means - np.asarray(point, np.float32)).sum(axis=1).argmin()
+        groups.append(int(scene.labels[live[nearest]]))
+    if found := tuple(dict.fromkeys(group for group in groups if group)):
+        selection.select_groups(session, found)
 
 
 def _answer(document: Document, click: "Click", camera: Camera) -> bool:
