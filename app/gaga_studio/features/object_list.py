@@ -61,6 +61,7 @@ class PartIndex:
         groups, starts = np.unique(scene.labels[rows], return_index=True)
         self._rows = dict(zip(groups.tolist(), np.split(rows, starts[1:]), strict=len(groups) > 0))
         self._known: dict[PartKey, tuple[Part, ...]] = {}
+        self._wholes: dict[int, tuple[IntArray, ...]] = {}
 
     def parts(self, whole: Part | int) -> tuple[Part, ...]:
         """The parts of an object (a group) or of a part, the largest first; () when it is one."""
@@ -74,20 +75,27 @@ class PartIndex:
     def ways(self, group: int, splat: int) -> list[tuple[str, IntArray]]:
         """What a splat of a group is in, coarse to fine, with the splats (K,), ascending: what the
         group is joined with, the group itself ("") and its parts, by their names."""
-        own = np.sort(self._rows[group])
-        found = [("", own)]
-        every = np.sort(np.concatenate(list(self._rows.values())))
-        for labels in self._levels.labels[::-1]:
-            of_level = labels[self._source[every]]
-            parent = int(np.bincount(labels[self._source[own]]).argmax())
-            rows = every[of_level == parent]
-            if parent and len(rows) > len(found[0][1]) and np.isin(found[0][1], rows).mean() > 0.5:
-                found.insert(0, ("more", np.union1d(rows, found[0][1]).astype(np.int32)))
+        found = [("more", rows) for rows in self.wholes(group)]
+        found.append(("", np.sort(self._rows[group])))
         whole: Part | int = group
         while parts := [p for p in self.parts(whole) if splat in p.rows]:
             whole = parts[0]
             found.append((parts[0].name, np.sort(parts[0].rows)))
         return found
+
+    def wholes(self, group: int) -> tuple[IntArray, ...]:
+        """Splats (K,), ascending, of what a group is joined with, coarse to fine."""
+        if group not in self._wholes:
+            own = np.sort(self._rows[group])
+            found = [own]
+            every = np.sort(np.concatenate(list(self._rows.values())))
+            for labels in self._levels.labels[::-1]:
+                parent = int(np.bincount(labels[self._source[own]]).argmax())
+                rows = every[labels[self._source[every]] == parent]
+                if parent and len(rows) > len(found[0]) and np.isin(found[0], rows).mean() > 0.5:
+                    found.insert(0, np.union1d(rows, found[0]).astype(np.int32))
+            self._wholes[group] = tuple(found[:-1])
+        return self._wholes[group]
 
     def _cut(self, key: PartKey, rows: IntArray, first: int) -> tuple[Part, ...]:
         cut = parting(self._levels, self._source[rows], first)
@@ -495,6 +503,19 @@ def levels_of(session: Session) -> Levels | None:
         return None
     bank = session.scene.bank
     return None if bank is None else bank.levels
+
+
+def clicks_again(session: Session) -> tuple[bool, bool]:
+    """Whether a click on what is selected finds parts of it, and an Alt click what it is a part of.
+
+    Both as long as not one whole object is selected, in a scene with levels.
+    """
+    index, groups = part_index(session), session.selected_groups()
+    if index is None:
+        return False, False
+    if len(groups) != 1 or session.need().read.selects_parts():
+        return True, True
+    return bool(index.parts(groups[0])), bool(index.wholes(groups[0]))
 
 
 @notifies

@@ -28,7 +28,9 @@ class PickTool(ClickTool):
 
     def hint(self, session: Session) -> str:
         """What a click does now."""
-        again = "" if object_list.levels_of(session) is None else " Again: a part, Alt: more."
+        has_parts, has_more = object_list.clicks_again(session)
+        ways = ["Again: a part"] * has_parts + ["Alt: more"] * has_more
+        again = f" {', '.join(ways)}." if ways else ""
         return f"Click selects the object, Shift adds, Ctrl removes.{again} Drag orbits."
 
 

@@ -24,10 +24,11 @@ from gaga_studio.features import (
 )
 from gaga_studio.features.export import ExportPlan, summary
 from gaga_studio.features.object_list import Lines, ListFilter, Listing, ObjectListView, lines_of
-from gaga_studio.features.selection import select_groups
+from gaga_studio.features.selection import select_groups, select_none
 from gaga_studio.features.transform import shift
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
+from gaga_studio.tools.pick import PickTool
 from tests.app.looks import finish, objects_of, scene_of, snapshot
 
 
@@ -285,6 +286,12 @@ def test_clicks_on_one_spot_go_down_through_the_parts_and_with_alt_up(associated
     bank = replace(scene.bank, levels=levels)
     document.do(edits.set_grouping(scene, scene.labels, bank, title="x"))
     splat, selected = int(rows[0]), associated.selected_indices
+    for groups, ways in (((1,), (False, True)), ((2,), (True, True)), ((3,), (False, False))):
+        select_groups(associated, groups)
+        assert object_list.clicks_again(associated) == ways
+        hint = PickTool().hint(associated)
+        assert ("Again: a part" in hint, "Alt: more" in hint) == ways
+    select_none(associated)
     assert not object_list.click_again(associated, splat), "nothing is selected: a usual click"
     select_groups(associated, (2,))
     shown = []
