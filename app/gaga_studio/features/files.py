@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from gaga_core.errors import counted
+from gaga_core.errors import GagaError, counted
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
 from gaga_core.io.images import IMAGE_SUFFIXES
@@ -41,6 +41,8 @@ def save_script(session: Session, path: Path) -> bool:
         temporary.write_text(json.dumps(recorded, indent=1), encoding="utf-8")
     edits = counted(len(recorded), "edit")
     text = f"Recorded {edits}, all since the scene was opened, in {path}."
+    if (project := document.project.path) is not None:
+        text += f" They fit {project.name} as it was opened: to save over it replaces that."
     session.notify(Level.INFO, text, shows=path)
     return True
 
@@ -129,6 +131,19 @@ def recent(session: Session) -> tuple[Command, ...]:
     return tuple(map(open_it, session.settings.recent))
 
 
+@notifies
+def open_saved_project(session: Session) -> None:
+    """Open the project that was saved last of the file that is open."""
+    saved = session.need().project.saved_of_file
+    if saved is None:
+        raise GagaError("No project was saved of this file.")
+    session.open(saved)
+
+
+_of_project = needs(
+    lambda session: session.need().project.path is None and session.need().project.folder is None,
+    "This is no lone file of splats.",
+)
 _no_edits = needs(
     lambda session: session.need().history.is_recorded,
     "Nothing was edited since the scene was opened.",
@@ -136,6 +151,12 @@ _no_edits = needs(
 COMMANDS: tuple[Command, ...] = (
     ask("file.open_folder", "Open scene folder…", Request.OPEN_FOLDER, "Ctrl+O", enabled=busy),
     ask("file.open_file", "Open splat file…", Request.OPEN_FILE, "Ctrl+Shift+O", enabled=busy),
+    Command(
+        "file.saved_project",
+        "Open the project saved of this file",
+        open_saved_project,
+        enabled=first_of(no_scene, _of_project, busy),
+    ),
     ask(
         "file.add_splats",
         "Add splats…",

@@ -192,9 +192,8 @@ def make(
             return
         known.keep(estimate.rates())
         session.notify(Level.INFO, _figures(result.report))
-        _say_where(session, aside)
         session.training = None
-        session.open(plan.scene)
+        session.open(plan.scene, then=lambda: _say_where(session, aside))
 
     def end() -> None:
         if session.training is training:
@@ -300,6 +299,11 @@ def has_former(session: Session) -> bool:
     return found is not None and find_model(found.scene) is not None
 
 
+def before_training(session: Session) -> str:
+    """What there was before the training that was stopped, in words."""
+    return "the scene as it was" if has_former(session) else "the photos"
+
+
 def leave_stopped(session: Session) -> None:
     """Go back to the scene that the training went on from, else to the photos; the training can
     still be continued."""
@@ -322,9 +326,8 @@ def keep_stopped(session: Session) -> None:
     with replacing_splats(found.scene):
         write_cameras_json(found.scene / "cameras.json", training.cameras)
         write_ply(found.scene / "point_cloud.ply", training.scene.gaussians)
-    _say_where(session, aside)
     session.training = None
-    session.open(found.scene)
+    session.open(found.scene, then=lambda: _say_where(session, aside))
 
 
 def _ask(session: Session, plan: ReconstructionPlan, finding: str) -> None:

@@ -581,7 +581,7 @@ class Session:
                 if (saved := project.saved_of_file) is not None:
                     what = "this file" if project.manifest is None else "these objects"
                     text = f"{saved.name} was saved of {what}: open it for your objects and edits."
-                    self.notify(Level.INFO, text, shows=saved)
+                    self.notify(Level.INFO, text, "file.saved_project")
                 for follow in self._when_opened:
                     follow(self)
                 if then is not None:
@@ -781,6 +781,14 @@ class Session:
     def selected_groups(self) -> tuple[int, ...]:
         """Objects with a selected splat, ascending."""
         return self.document.read.selected_groups() if self.document is not None else ()
+
+    @property
+    def nothing_open_text(self) -> str:
+        """Words for panels while no scene is open."""
+        if self.photos is None:
+            return "No scene is open"
+        is_shown = self.training is not None and self.training.scene is not None
+        return "These splats are no scene yet" if is_shown else "No splats yet"
 
     @property
     def no_groups_text(self) -> str:

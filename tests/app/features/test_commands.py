@@ -203,6 +203,7 @@ _NEEDS_MORE = {
     "object.make",
     *(f"camera.bookmark_{key}" for key in range(1, 10)),
     "camera.play",
+    "file.saved_project",  # of a lone file
     "file.make_splats",
     "file.make_splats_as",
     "file.go_on_training",

@@ -37,8 +37,9 @@ def test_a_moved_mask_is_one_edit_that_undo_takes_back(associated: Session) -> N
     live = []
     title = f"Move mask {moved.mask} of {moved.view} to mug"
     assert memory_bank.move_mask(session, moved, 2)
-    assert session.jobs.running is not None
-    assert session.jobs.running.title == title, "the task says what happens"
+    job = session.jobs.running
+    assert job is not None
+    assert job.title == title, "the task says what happens"
     while session.jobs.running is not None:
         session.jobs.poll()
         if session.live is not None:
@@ -48,13 +49,13 @@ def test_a_moved_mask_is_one_edit_that_undo_takes_back(associated: Session) -> N
     now = next(d for d in session.decisions(2) if (d.view, d.mask) == (moved.view, moved.mask))
     assert now.by_hand
     assert session.live is None
-    assert session.history.cursor == cursor + 1
-    assert session.history.undo_title == title
-    assert session.document.name_of(2) == "mug"
+    assert session.history.cursor == cursor + 1  # type: ignore[union-attr]
+    assert session.history.undo_title == title  # type: ignore[union-attr]
+    assert session.document.name_of(2) == "mug"  # type: ignore[union-attr]
     assert not np.array_equal(_labels(session), before)
     session.undo()
     assert np.array_equal(_labels(session), before)
-    assert session.scene.bank is bank
+    assert session.scene.bank is bank  # type: ignore[union-attr]
 
 
 def test_cancelled_a_repair_leaves_everything(associated: Session) -> None:

@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.errors import counted
 from gaga_core.raster import backend_report
-from gaga_studio.features import add_scene, cleanup, fill
+from gaga_studio.features import add_scene, cleanup, fill, reconstruction
 from gaga_studio.features.base import preview_waits
 from gaga_studio.features.find.association import in_minutes
 from gaga_studio.session.jobs import Job
@@ -52,7 +52,8 @@ def status_text(session: Session, tool: Tool, *, is_typing: bool = False) -> str
     """One line, never empty. ``is_typing``: Enter and Esc go to a field."""
     document = session.document
     if session.training is not None and session.training.is_stopped:
-        return "Training has stopped. Continue it, keep these splats, or go back to the photos."
+        back = reconstruction.before_training(session)
+        return f"Training has stopped. Continue it, keep these splats, or go back to {back}."
     if session.training is not None and session.training.scene is None:
         return "The photos are placed first. Then splats are shown here as they are trained."
     if session.training is not None:

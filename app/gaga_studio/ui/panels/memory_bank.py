@@ -46,7 +46,7 @@ def draw(session: Session, state: EvidenceState) -> None:
     """The whole panel."""
     document = session.document
     if document is None:
-        what = "No scene is open" if session.photos is None else "No splats yet"
+        what = session.nothing_open_text
         widgets.empty_state(icons.MEMORY, what, "")
         return
     if session.live is not None:

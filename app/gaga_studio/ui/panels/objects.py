@@ -49,7 +49,7 @@ class ObjectListState:
 def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: PictureArea) -> None:
     """The whole panel; ``masks`` knows the mask that is dragged onto a row."""
     if session.document is None:
-        title = "No scene is open" if session.photos is None else "No splats yet"
+        title = session.nothing_open_text
         widgets.empty_state(icons.BOXES, title, "Objects will be listed here.")
         return
     table = session.objects()

@@ -36,7 +36,7 @@ class SelectBy:
 def draw(session: Session, held: SelectBy) -> None:
     """The whole panel."""
     if session.document is None:
-        what = "No scene is open" if session.photos is None else "No splats yet"
+        what = session.nothing_open_text
         widgets.empty_state(icons.CHART, what, "")
         return
     _by_number(session, held)

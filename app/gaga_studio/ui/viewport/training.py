@@ -310,8 +310,8 @@ def _what_now(session: Session) -> None:
     hint = "Save the splats as they are into the scene folder, and open it"
     if widgets.button("Keep these splats", Face(width=width), hint=hint):
         reconstruction.keep_stopped(session)
-    back = "the scene as it was" if reconstruction.has_former(session) else "the photos"
-    if widgets.button("Back to the photos", Face(f"Back to {back}", width=width)):
+    back = f"Back to {reconstruction.before_training(session)}"
+    if widgets.button("Back to the photos", Face(back, width=width)):
         reconstruction.leave_stopped(session)
 
 
