@@ -209,6 +209,20 @@ def in_box(session: Session, lo: DoubleArray, hi: DoubleArray, how: How = "set")
     return _select(session, "a box", how, lambda s: by_volume.in_box(s, box_matrix(lo, hi)))
 
 
+def box_around(session: Session) -> tuple[DoubleArray, DoubleArray]:
+    """Corners lo, hi (3,), world, of an upright box that holds every selected splat, or every
+    visible one where nothing is selected: to crop to it deletes none of these."""
+    scene, chosen = session.need().scene, session.selected_indices()
+    rows = chosen if len(chosen) else np.flatnonzero(scene.visible).astype(np.int32)
+    points = algebra.world_means(scene, rows).astype(np.float64)
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) == 0:
+        return np.full(3, -0.5), np.full(3, 0.5)
+    lo, hi = points.min(axis=0), points.max(axis=0)
+    rim = _BOX_RIM * max(float((hi - lo).max()), 1e-9)
+    return lo - rim, hi + rim
+
+
 @notifies
 def crop(session: Session, lo: DoubleArray, hi: DoubleArray) -> bool:
     """Delete every splat outside an upright box that can be selected."""
@@ -216,6 +230,9 @@ def crop(session: Session, lo: DoubleArray, hi: DoubleArray) -> bool:
     inside = by_volume.in_box(scene, box_matrix(lo, hi))
     outside = np.setdiff1d(algebra.everything(scene), inside)
     return session.edit(lambda scene: edits.delete(scene, outside, "Crop"))
+
+
+_BOX_RIM = 1e-4  # of the longest side: splats on a face are inside, as float32 rounds
 
 
 def box_matrix(lo: DoubleArray, hi: DoubleArray) -> DoubleArray:

@@ -98,6 +98,16 @@ def test_a_crop_keeps_the_box_and_undo_brings_the_rest_back(selected: Session) -
     assert np.array_equal(_scene(selected).state, before)
 
 
+def test_a_box_around_everything_or_the_selection_holds_all_of_it(session: Session) -> None:
+    """It held the middle 90 % along each axis, and *Crop* deleted the rest at once."""
+    everything = np.flatnonzero(_scene(session).visible)
+    assert not selection.crop(session, *selection.box_around(session))
+    some = everything[::7].astype(np.int32)
+    session.need().select(some, "set", "Select")
+    selection.in_box(session, *selection.box_around(session))
+    assert np.isin(some, session.selected_indices()).all()
+
+
 def test_a_flat_box_still_has_a_volume() -> None:
     matrix = selection.box_matrix(np.array([0, 0, 0.0]), np.array([2, 1, 0.0]))
     assert np.linalg.det(matrix[:3, :3]) > 0

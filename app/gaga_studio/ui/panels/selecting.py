@@ -15,6 +15,7 @@ from gaga_studio.ui.kit.number_fields import drag_point, drag_range
 from gaga_studio.ui.kit.theme import em
 
 _NAMES = 5.5  # width of the names of fields, ems
+_THREE_NUMBERS = 18.0  # width from which on a color's numbers stand next to it, ems
 _FORGET = 1.5  # width of what forgets a named selection, ems
 _HOWS: tuple[tuple[str, How], ...] = (("Select", "set"), ("Add", "add"), ("Remove", "remove"))
 
@@ -92,8 +93,10 @@ def _bars(found: Histogram, low: float, high: float) -> None:
 
 def _by_color(session: Session, held: SelectBy) -> None:
     widgets.heading("A color")
+    is_narrow = imgui.get_content_region_avail().x < em(_THREE_NUMBERS)
+    flags = imgui.ColorEditFlags_.no_inputs if is_narrow else imgui.ColorEditFlags_.none
     imgui.set_next_item_width(-em(6))
-    changed, picked = imgui.color_edit3("##Color to select", list(held.color))
+    changed, picked = imgui.color_edit3("##Color to select", list(held.color), flags)
     if changed:
         held.color = (picked[0], picked[1], picked[2])
     imgui.same_line()
@@ -111,7 +114,7 @@ def _by_color(session: Session, held: SelectBy) -> None:
 def _by_box(session: Session, held: SelectBy) -> None:
     widgets.heading("A box")
     if held.box is None:
-        held.box = _around(session)
+        held.box = selection.box_around(session)
     lo, hi = held.box
     extent = max(float(np.abs(hi - lo).max()), 1e-6)
     widgets.field_name("From", em(_NAMES / 2))
@@ -120,23 +123,15 @@ def _by_box(session: Session, held: SelectBy) -> None:
     widgets.field_name("To", em(_NAMES / 2))
     _, last = drag_point("##To", tuple(hi.tolist()), extent / 300, form)
     held.box = np.array(first), np.array(last)
-    if widgets.button("Fit", hint="Around the selection, else around everything"):
-        held.box = _around(session)
-    imgui.same_line()
+    if widgets.button("Fit", hint="Around the selection, else around all that is shown"):
+        held.box = selection.box_around(session)
+    widgets.next_to("Crop")
     if widgets.button("Crop", hint="Delete everything outside the box"):
         selection.crop(session, *held.box)
-    imgui.same_line()
+    widgets.next_to(_HOWS[0][0])
     how = _how_buttons("box")
     if how:
         selection.in_box(session, *held.box, how)
-
-
-def _around(session: Session) -> "tuple[np.ndarray, np.ndarray]":
-    from gaga_core.scene.selection.bounds import splat_box
-
-    document = session.need()
-    chosen = document.selected_box()
-    return chosen if chosen is not None else splat_box(document.scene)
 
 
 def _kept(session: Session, held: SelectBy) -> None:
@@ -189,7 +184,7 @@ def _how_buttons(what: str) -> How | None:
     imgui.push_id(what)
     for position, (label, how) in enumerate(_HOWS):
         if position:
-            imgui.same_line()
+            widgets.next_to(label)
         if widgets.button(label):
             pressed = how
     imgui.pop_id()
