@@ -407,7 +407,7 @@ class SetPlacement(Edit, frozen=True, tag="placement"):
 def _check_table(scene: Scene, n_rows: int) -> None:
     """Raise ``ValueError`` when an edit was made for a table of another length."""
     if len(scene.placements) != n_rows:
-        raise ValueError(f"edit of {n_rows} placements applied to {len(scene.placements)}")
+        raise ValueError("other things were moved in it")
 
 
 def _check_rows(rows: IntArray, n_rows: int) -> None:
@@ -674,4 +674,4 @@ def first_rows(g: Gaussians, n: int) -> Gaussians:
 def check_length(scene: Scene, n: int) -> None:
     """Raise ``ValueError`` when an edit was made for a scene of another length."""
     if len(scene) != n:
-        raise ValueError(f"edit of {n} splats applied to a scene of {len(scene)}")
+        raise ValueError(f"of {n:,} splats, not {len(scene):,}")
