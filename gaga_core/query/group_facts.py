@@ -27,6 +27,8 @@ _TAIL = 0.02  # share of the opacity outside the box on each side of an axis
 _AREA_MAX = 4.0  # splats larger than this times their group's mean count as this large
 _FLAT = 0.12  # thinnest extent of a flat group, share of its longest
 _VAST = 0.6  # a flat group this long, share of the whole scene's diagonal, is a wall or floor
+# ... or so wide: the walls of the demo have 0.48 and 0.49, what is flat there and no wall 0.16
+_WIDE = 0.4  # root of length times breadth, share of the diagonal
 _CARRIES = 3  # a flat group under at least this many others, and under a third of all, is a floor
 _THICK, _CARRIES_ALL = 0.3, 0.8  # so is one up to this thin under this share of all: a tabletop
 _THIN_ONES = 64  # of the longest thin groups: smaller ones are no floor
@@ -257,7 +259,7 @@ def _background(
     cameras: Sequence[Camera],
 ) -> BoolArray:
     """Groups (G,) that are never meant by "the largest": splats of no group; what surrounds half of
-    the cameras; flat ones as long as most of the scene, or under many of the other groups."""
+    the cameras; flat ones as long or wide as much of the scene, or under many of the others."""
     result = ids <= 0
     if len(ids) == 0:
         return result
@@ -280,7 +282,9 @@ def _background(
         # What is alone in its file, a guitar say, or next to its own copy, is behind nothing.
         n_smaller = int((smaller & (ids > 0)).sum())
         is_behind = n_groups > 1 and 2 * n_smaller >= n_others
-        is_vast = flat and extents[k, 0] >= _VAST * whole and is_behind
+        breadth = float(np.sqrt(extents[k, 0] * extents[k, 1]))
+        is_large = extents[k, 0] >= _VAST * whole or breadth >= _WIDE * whole
+        is_vast = flat and is_large and is_behind
         result[k] |= carries or is_vast
     return result
 

@@ -164,6 +164,20 @@ def test_shape_words_are_those_of_the_shapes() -> None:
     assert shapes_of(sphere, group_facts(sphere))[0] == "round"
 
 
+def test_a_wide_wall_is_no_object() -> None:
+    """ "The largest green plant" was the left wall of the demo: it is thin, so of little volume."""
+    room = [
+        ((0, 0, -0.01), (4.2, 3.2, 0.02), "8a8a8a"),
+        ((-2.1, 0.1, 1.1), (0.02, 2.3, 2.2), "209030"),
+        ((1.0, 0.9, 0.4), (0.8, 0.5, 0.8), "209030"),
+        ((1.6, 0.2, 0.5), (0.6, 0.02, 0.4), "1e50c8"),
+        *[((0.3 * k - 0.5, -0.5, 0.1), (0.2, 0.2, 0.2), "c81414") for k in range(6)],
+    ]
+    scene = shells(room, 4000)
+    background = group_facts(scene, VIEWS).background
+    assert background.tolist() == [True, True] + [False] * 8
+
+
 def test_what_is_alone_is_no_wall() -> None:
     """A guitar that was clicked in its file was a "brown wall"."""
     guitar: Boxes = [((0, 0, 0), (1.0, 0.7, 0.06), "8a5a2a")]
