@@ -173,7 +173,7 @@ def test_a_wide_wall_is_no_object() -> None:
         ((1.6, 0.2, 0.5), (0.6, 0.02, 0.4), "1e50c8"),
         *[((0.3 * k - 0.5, -0.5, 0.1), (0.2, 0.2, 0.2), "c81414") for k in range(6)],
     ]
-    scene = shells(room, 4000)
+    scene = shells(room, 12_000)
     background = group_facts(scene, VIEWS).background
     assert background.tolist() == [True, True] + [False] * 8
 
