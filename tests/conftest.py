@@ -5,6 +5,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,14 @@ def own_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
         yield
     left = [path.name for start in _OURS for path in folder.glob(f"{start}*")]
     assert not left, f"left in the temporary folder: {', '.join(sorted(left))}"
+
+
+@pytest.fixture
+def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Photos of two captures are aligned with few draws; the tests of aligning have all of them."""
+    from gaga_core.scene.captures import by_photos
+
+    monkeypatch.setattr(by_photos, "_CONFIG", replace(by_photos._CONFIG, draws=200, bootstrap=6))
 
 
 @pytest.fixture(scope="session")

@@ -40,6 +40,7 @@ def test_no_outline_covers_a_preview_that_waits(display: str, grouped_copy: Path
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_draws")
 def test_a_second_scene_by_the_menu(display: str, tmp_path: Path) -> None:
     first, second = write_furnished(tmp_path, any_similarity(np.random.default_rng(9)))
 
