@@ -1,9 +1,11 @@
 """Fixtures that every test may use: real data, a GL context without display, a display."""
 
+import gc
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +79,14 @@ def own_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
     assert not left, f"left in the temporary folder: {', '.join(sorted(left))}"
 
 
+@pytest.fixture
+def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Photos of two captures are aligned with few draws; the tests of aligning have all of them."""
+    from gaga_core.scene.captures import by_photos
+
+    monkeypatch.setattr(by_photos, "_CONFIG", replace(by_photos._CONFIG, draws=200, bootstrap=6))
+
+
 @pytest.fixture(scope="session")
 def gl() -> Iterator[Any]:
     """A moderngl context without any display (EGL, software rendering)."""
@@ -98,6 +108,18 @@ def display() -> Iterator[str]:
         pytest.skip("no Xvfb on this machine: install the package xvfb")
     with xvfb() as name:
         yield name
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Collect tests without looking for garbage, a fifth of the time, and never look at what is
+    loaded by then: it stays to the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def _is_quick(item: pytest.Item) -> bool:

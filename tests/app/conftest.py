@@ -29,9 +29,7 @@ def alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 @pytest.fixture(scope="session")
 def made_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder as made; tests work on copies."""
-    folder = tmp_path_factory.mktemp("made") / "table"
-    write_scene(folder)
-    return folder
+    return made_once(tmp_path_factory, "scene", lambda root: write_scene(root / "table")) / "table"
 
 
 @pytest.fixture
@@ -84,16 +82,21 @@ def session(new_session: Callable[[], Session], scene_folder: Path) -> Session:
 @pytest.fixture(scope="session")
 def grouped_scene(made_scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The scene folder with a saved project in which the masks are associated."""
+
+    def make(root: Path) -> None:
+        shutil.copytree(made_scene, root / "table")
+        made = commands.new_session(Settings(preset="paper", identities="none"))
+        made.open(root / "table")
+        assert made.jobs.wait()
+        association.associate(made)
+        assert made.jobs.wait()
+        made.save()
+        assert made.jobs.wait()
+        made.shut_down()
+
+    # Of this process alone: windows open it as it is.
     folder = tmp_path_factory.mktemp("grouped") / "table"
-    shutil.copytree(made_scene, folder)
-    made = commands.new_session(Settings(preset="paper", identities="none"))
-    made.open(folder)
-    assert made.jobs.wait()
-    association.associate(made)
-    assert made.jobs.wait()
-    made.save()
-    assert made.jobs.wait()
-    made.shut_down()
+    shutil.copytree(made_once(tmp_path_factory, "grouped", make) / "table", folder)
     return folder
 
 

@@ -65,7 +65,7 @@ class _OftenKept(ReconstructConfig):
         return replace(super().train(), checkpoint_seconds=0.0)
 
 
-_TRAIN = _OftenKept(iterations=200, max_side=64, accept_wrong=True)
+_TRAIN = _OftenKept(iterations=60, max_side=64, accept_wrong=True)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from gaga_core.io.splats.splat_files import read_splats
 from gaga_core.pipeline.align import addition_of
@@ -83,6 +84,7 @@ def test_a_scene_is_added_where_it_fits_and_changes_are_listed(
     assert len(scene) == n
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_what_cannot_be_aligned_is_placed_by_hand(
     new_session: Callable[[], Session], tmp_path: Path
 ) -> None:

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from gaga_core.io.files import assets
 from gaga_core.io.splats.splat_files import read_splats, write_splats
 from gaga_core.pipeline import align
+from gaga_core.progress import run_stage
 from gaga_core.scene.bake import bake
 from gaga_core.scene.captures.alignment import difference
 from gaga_core.scene.edits import transform
@@ -22,6 +23,8 @@ from tests.core.scene.captures.scenes import (
     write_posed,
     write_scene,
 )
+
+pytestmark = pytest.mark.usefixtures("few_draws")
 
 
 @pytest.fixture
@@ -47,18 +50,16 @@ def test_two_halves_come_together(halves: tuple[Path, Path, np.ndarray], capsys:
     assert sorted(p.name for p in first.iterdir()) == ["gaga", "images", "sparse"]
 
 
-@pytest.mark.parametrize(("at", "k1"), [("images", 0.3), (".", 0.0)])
-def test_photos_that_another_program_placed_are_placed(
-    tmp_path: Path, capsys: Capture, at: str, k1: float
-) -> None:
+def test_photos_that_another_program_placed_are_placed(tmp_path: Path, capsys: Capture) -> None:
     """Their poses lie next to them; nothing was made of them here."""
     world = any_similarity(np.random.default_rng(4))
     write_scene(tmp_path / "a", 0)
-    write_posed(tmp_path / "b", 1, world=world, k1=k1)
-    second = tmp_path / "b"
-    if at == ".":  # a folder of photos, and no scene folder
-        second = (second / "images").rename(tmp_path / "walk")
-        (tmp_path / "b" / "transforms.json").rename(second / "transforms.json")
+    write_posed(tmp_path / "b", 1, world=world, k1=0.3)
+    in_scene, _ = run_stage(align.open_capture_stage(tmp_path / "b"))
+    assert len(in_scene.cameras) == len(in_scene.lenses) == 5
+    # A folder of photos, and no scene folder.
+    second = (tmp_path / "b" / "images").rename(tmp_path / "walk")
+    (tmp_path / "b" / "transforms.json").rename(second / "transforms.json")
     said = answer(capsys, "align", str(tmp_path / "a"), str(second))
     found = said["alignment"]
     assert isinstance(found, dict)

@@ -265,15 +265,17 @@ def test_groups_of_another_model_are_refused(folder: SceneFolder) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("preset", "precision"), [("paper", 0.79), ("robust", 0.85)])
+@pytest.mark.parametrize(("preset", "precision"), [("paper", 0.88), ("robust", 0.94)])
 def test_ycb_table_reaches_the_bar(
     preset: str, precision: float, ycb_table: Path, tmp_path: Path
 ) -> None:
-    """Held-out views, void left out: measured IoU 0.948, recall 1.0 by both presets.
+    """Held-out views, void left out, of every second training view: measured IoU 0.948, recall 1.0
+    by both presets.
 
-    Precision 0.84 by paper and 0.94 by robust.
+    Precision 0.94 by paper and 1.0 by robust.
     """
     folder = _beside(open_scene_folder(ycb_table), tmp_path)
+    folder = replace(folder, train=folder.train[::2])
     run_stage(associate_scene(folder, "sim", AssociateConfig.of(preset)))
     files = run_stage(render_views(folder, tmp_path / "out"))
     with_void, without_void = _scores(replace(folder, root=ycb_table), files)

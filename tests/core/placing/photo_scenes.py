@@ -58,13 +58,14 @@ def write_photos(folder: Path, n: int, *, seed: int = 0) -> tuple[Camera, ...]:
     """``n`` photos in ``folder``; returns the true cameras."""
     folder.mkdir(parents=True, exist_ok=True)
     cameras = walk_cameras(n)
-    for camera, picture in zip(cameras, _photographs(n, seed), strict=True):
+    for camera, picture in zip(cameras, photographs(n, seed), strict=True):
         Image.fromarray(picture).save(folder / camera.name, quality=95)
     return cameras
 
 
 @cache
-def _photographs(n: int, seed: int) -> list[UInt8Array]:
+def photographs(n: int, seed: int) -> list[UInt8Array]:
+    """Pictures of the room by `walk_cameras`, not to be changed."""
     return [photograph(camera, seed=seed) for camera in walk_cameras(n)]
 
 

@@ -20,7 +20,7 @@ from gaga_core.scene.bake import bake
 from gaga_core.scene.edits import transform
 from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.scene import Scene
-from tests.core.placing.photo_scenes import photograph, texture, walk_cameras
+from tests.core.placing.photo_scenes import photographs, texture, walk_cameras
 
 _BALLS = {  # group: middle, color
     2: ((0.0, 0.3, 0.35), (0.9, 0.1, 0.1)),
@@ -45,9 +45,8 @@ def write_scene(
     (folder / "images").mkdir(parents=True)
     (folder / "sparse" / "0").mkdir(parents=True)
     cameras = walk_cameras(10)[every::2]
-    for camera in cameras:
-        picture = Image.fromarray(photograph(camera, seed=seed))
-        picture.save(folder / "images" / camera.name, quality=95)
+    for camera, picture in zip(cameras, photographs(10, seed)[every::2], strict=True):
+        Image.fromarray(picture).save(folder / "images" / camera.name, quality=95)
     placed = cameras if world is None else carried_cameras(cameras, world)
     write_colmap(folder / "sparse" / "0", placed, np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
 
