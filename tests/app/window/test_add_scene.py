@@ -5,12 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaga_core.pipeline import align
-from gaga_core.progress import Progress, Stage
 from gaga_core.scene import edits
-from gaga_core.scene.captures import by_photos
-from gaga_core.scene.captures.alignment import Alignment
-from gaga_core.scene.frame import inverse
 from gaga_core.scene.objects import group_indices
 from gaga_studio.features import add_scene
 from tests.app.window.driver import Driver, drive
@@ -44,17 +39,10 @@ def test_no_outline_covers_a_preview_that_waits(display: str, grouped_copy: Path
     drive(walk, path=grouped_copy)
 
 
-def test_a_second_scene_by_the_menu(
-    display: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    world = any_similarity(np.random.default_rng(9))
-    first, second = write_furnished(tmp_path, world)
-
-    def known(*_: object, **__: object) -> Stage[Alignment]:
-        yield Progress(by_photos.STAGE, 0, 1)
-        return Alignment(inverse(world), "photos", 40, 0.9, 0.0, 0.5, 1e-4, 1e-4)
-
-    monkeypatch.setattr(align, "align_by_photos_stage", known)
+@pytest.mark.slow
+@pytest.mark.usefixtures("few_draws")
+def test_a_second_scene_by_the_menu(display: str, tmp_path: Path) -> None:
+    first, second = write_furnished(tmp_path, any_similarity(np.random.default_rng(9)))
 
     def walk(d: Driver) -> None:
         session = d.session
