@@ -29,6 +29,7 @@ from gaga_core.grouping.memory_bank import (
     Decision,
     MemoryBank,
     groups_of_masks,
+    renumbered,
     two_best,
     views_per_group,
 )
@@ -383,7 +384,7 @@ def add_to_edited_stage(
     row[ids] = np.arange(len(ids), dtype=np.int32)
     own = edited.confidence
     former = FormerGroups(
-        _renumbered(edited.bank, row, len(ids) - 1),
+        renumbered(edited.bank, row, len(ids) - 1),
         row[edited.labels],
         np.ones(len(weight), np.float32) if own is None else own,
         weight,
@@ -396,14 +397,14 @@ def add_to_edited_stage(
         if not isinstance(shown, BankSnapshot):
             return step
         back = _all_ids(ids, edited.free, shown.bank.n_groups)
-        bank = _renumbered(shown.bank, back, int(back[-1]))
+        bank = renumbered(shown.bank, back, int(back[-1]))
         return replace(step, payload=replace(shown, bank=bank, keeps_ids=True))
 
     added = mapped(added, with_ids)
     found = yield from part(added, 1, 2, STAGE)
     back = _all_ids(ids, edited.free, found.bank.n_groups)
     n_groups = max(edited.bank.n_groups, int(back[-1]))
-    bank = _renumbered(found.bank, back, n_groups)
+    bank = renumbered(found.bank, back, n_groups)
     group = np.where(edited.by_hand, edited.bank.group, bank.group).astype(np.int32)
     bank = replace(bank, group=group)  # what was put elsewhere by hand is known the next time, too
     labels = np.where(edited.by_hand, edited.labels, back[found.labels]).astype(np.int32)
@@ -432,16 +433,3 @@ def _all_ids(ids: IntArray, free: int, n_groups: int) -> IntArray:
     """The ids in the scene of groups 0..n_groups: those that it has, then new ones."""
     n_new = n_groups + 1 - len(ids)
     return np.append(ids, free + np.arange(n_new, dtype=np.int32)).astype(np.int32)
-
-
-def _renumbered(bank: MemoryBank, to: IntArray, n_groups: int) -> MemoryBank:
-    """``bank`` with the ids ``to`` of its ids."""
-
-    def moved(decision: Decision) -> Decision:
-        group, second = int(to[decision.group]), int(to[decision.runner_up])
-        return replace(decision, group=group, runner_up=second)
-
-    group = np.where(bank.group > 0, to[np.maximum(bank.group, 0)], bank.group).astype(np.int32)
-    shared = np.stack([bank.shared[:, 0], to[bank.shared[:, 1]]], axis=1)
-    log = tuple(map(moved, bank.log))
-    return replace(bank, group=group, n_groups=n_groups, log=log, shared=shared)

@@ -127,6 +127,19 @@ def at_level(bank: MemoryBank, level: int) -> MemoryBank:
     )
 
 
+def renumbered(bank: MemoryBank, to: IntArray, n_groups: int) -> MemoryBank:
+    """``bank`` with the ids ``to`` (G + 1,) of its ids."""
+
+    def moved(decision: Decision) -> Decision:
+        group, second = int(to[decision.group]), int(to[decision.runner_up])
+        return replace(decision, group=group, runner_up=second)
+
+    group = np.where(bank.group > 0, to[np.maximum(bank.group, 0)], bank.group).astype(np.int32)
+    shared = np.stack([bank.shared[:, 0], to[bank.shared[:, 1]]], axis=1)
+    log = tuple(map(moved, bank.log))
+    return replace(bank, group=group, n_groups=n_groups, log=log, shared=shared)
+
+
 @dataclass(frozen=True, eq=False)
 class Overlaps:
     """Of each mask of a view the two groups that own most of its Gaussians."""

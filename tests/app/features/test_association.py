@@ -10,7 +10,7 @@ import pytest
 
 from gaga_core.arrays import BoolArray
 from gaga_core.grouping.add_views import with_decisions
-from gaga_core.grouping.associate import AssociateConfig
+from gaga_core.grouping.associate import AssociateConfig, Association
 from gaga_core.identity.field import load_identity
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.io.folder.scene_folder import open_scene_folder
@@ -23,7 +23,7 @@ from gaga_core.scene.project import decided_groups
 from gaga_core.scene.scene import Scene, Weight
 from gaga_studio.features import commands, folders, objects, selection
 from gaga_studio.features.commands import command, run
-from gaga_studio.features.find import association, memory_bank
+from gaga_studio.features.find import association, masks, memory_bank
 from gaga_studio.features.find.association import FindState, lift_mode
 from gaga_studio.session.jobs import Job
 from gaga_studio.session.session import Session
@@ -385,6 +385,49 @@ def test_masks_that_came_later_join_and_corrections_stay(
     session.undo()
     assert snapshot(scene) == before
     assert np.array_equal(scene.labels, labels)
+
+
+def test_masks_of_another_set_do_not_join(grown: tuple[Session, tuple[str, ...]]) -> None:
+    """All was found anew without what the masks of the objects had said: names went to others."""
+    session, late = grown
+    assert session.project is not None
+    assert session.project.folder is not None
+    made, path = session.provider, session.project.folder.mask_folders[session.provider]
+    other = path.with_name("other")
+    other.mkdir()
+    for name in late:
+        (path / f"{Path(name).stem}.png").rename(other / f"{Path(name).stem}.png")
+    assert masks.choose(session, "other")
+    reason = commands.command("object.add_views").enabled(session)
+    assert "of which 0 have masks in other." in reason
+    n = len(session.project.folder.train) - len(late)
+    assert memory_bank.text_on_bare_photos(session) == (
+        f"{n} photos have no masks yet in other: use Make masks."
+    )
+    assert scene_of(session).bank is not None
+    decision = scene_of(session).bank.log[0]  # type: ignore[union-attr]
+    assert f"those of {made}" in memory_bank.where_masks_are(session, decision)
+    (path / f"{Path(decision.view).stem}.png").unlink()
+    assert memory_bank.where_masks_are(session, decision) == "Its masks are gone."
+
+
+def test_new_groups_have_other_ids_than_copies_made_meanwhile(
+    grown: tuple[Session, tuple[str, ...]],
+) -> None:
+    """A copy had the id of a new object, which was called as the copy then."""
+    session, _ = grown
+    scene = scene_of(session)
+    assert scene.bank is not None
+    labels, free = scene.labels, 3
+    found = Association(scene.bank, labels, np.ones(len(labels)), {}, np.zeros(0, np.int32))
+    assert memory_bank.beyond(free, free, found) is found
+    assert memory_bank.beyond(99, int(labels.max()) + 1, found) is found
+    moved = memory_bank.beyond(9, free, found)
+    assert np.array_equal(moved.labels, np.where(labels >= free, labels + 6, labels))
+    for was, now in zip(found.bank.log, moved.bank.log, strict=True):
+        assert now.group == was.group + 6 * (was.group >= free)
+    held = found.bank.group
+    assert np.array_equal(moved.bank.group, np.where(held >= free, held + 6, held))
 
 
 def test_a_cancel_leaves_the_objects(grown: tuple[Session, tuple[str, ...]]) -> None:

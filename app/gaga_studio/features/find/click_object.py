@@ -409,7 +409,7 @@ def _select_objects(session: Session, points: Sequence[Point]) -> None:
     """Answer clicks on ``points`` (world) that took the tool while there were no objects, and now
     there are: with the objects there."""
     scene = session.need().scene
-    live = np.flatnonzero(~scene.has(State.DELETED))
+    live = np.flatnonzero(~scene.has(State.DELETED)).astype(np.int32)
     means, groups = algebra.world_means(scene, live), list[int]()
     for point in points:
         nearest = np.square(means - np.asarray(point, np.float32)).sum(axis=1).argmin()

@@ -524,9 +524,10 @@ def _import(
         if session.document is document:
             choose(session, report.name)
         n = len(report.views)
-        session.notify(
-            Level.INFO, f"Imported {counted(report.n_masks, 'mask')} in {counted(n, 'photo')}."
-        )
+        masks, photos = counted(report.n_masks, "mask"), counted(n, "photo")
+        is_used = session.document is document and len(mask_folders(session)) > 1
+        use = f" The masks in use are those of {report.name} now." if is_used else ""
+        session.notify(Level.INFO, f"Imported {masks} in {photos}.{use}")
         for note in report.notes()[1:]:
             session.notify(Level.WARNING, note)
 

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import PurePath
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError, counted
 from gaga_core.grouping.associate import AssociateConfig, Association
 from gaga_core.grouping.figures import BankGrowth
-from gaga_core.grouping.memory_bank import Decision, MemoryBank
+from gaga_core.grouping.memory_bank import Decision, MemoryBank, renumbered
 from gaga_core.io.folder.scene_folder import select_views
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
@@ -49,6 +50,9 @@ if TYPE_CHECKING:
     from gaga_core.grouping.repair.reassociate import Repair
     from gaga_core.grouping.repair.split_group import GroupSplit
     from gaga_core.grouping.repair.view_evidence import Evidence
+
+
+Found = TypeVar("Found", Association, "Repair")
 
 
 @dataclass
@@ -141,8 +145,10 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
         if group == NEW and not (repair.labels == repair.group).any():
             session.notify(Level.WARNING, _OUTVOTED)
             return
-        document.do(_edit_of(document.settled().scene, labels, repair, title))
-        document.focus = repair.group or document.focus
+        now = document.settled().scene
+        moved = beyond(edits.free_group(now), free, repair)
+        document.do(_edit_of(now, labels, moved, title))
+        document.focus = moved.group or document.focus
         session.notify(Level.INFO, repair.sentence())
 
     work = stages.prepared(session.rates, "Move mask", stage)
@@ -175,6 +181,23 @@ def repaired_labels(scene: Scene, before: IntArray, after: IntArray) -> IntArray
     follows = known & (scene.labels == before[rows])
     labels: IntArray = np.where(follows, after[rows], scene.labels).astype(np.int32)
     return labels
+
+
+def beyond(first: int, free: int, found: Found) -> Found:
+    """``found`` with its new groups, whose ids begin at ``free``, from ``first`` on: copies that
+    were made meanwhile have the ids between."""
+    ids = (found.labels, found.bank.group)
+    last = max(found.bank.n_groups, *(int(one.max(initial=0)) for one in ids))
+    if first <= free or last < free:
+        return found
+    to = np.arange(last + 1, dtype=np.int32)
+    to[free:] += first - free
+    changed = replace(found, bank=renumbered(found.bank, to, int(to[-1])), labels=to[found.labels])
+    return (
+        changed
+        if isinstance(changed, Association)
+        else replace(changed, group=int(to[changed.group]))
+    )
 
 
 # --- split an object by its masks
@@ -334,15 +357,41 @@ def why_no_new_views(session: Session) -> str:
     if scene.identities.source == "identities":
         return _IDENTITIES
     if new_views(session):
-        return ""
+        return _of_other_masks(session, scene.bank)
     return f"All photos with masks are used already. {text_on_bare_photos(session)}".rstrip()
+
+
+def _of_other_masks(session: Session, bank: MemoryBank) -> str:
+    """A sentence where most photos of the objects have none of the masks in use, "" elsewhere:
+    what these would join is what those had said."""
+    known = {decision.view for decision in bank.log}
+    n_there = sum(name in association.masks_now(session) for name in known)
+    if 2 * n_there > len(known):
+        return ""
+    return (
+        f"The objects are of {counted(len(known), 'photo')}, of which {n_there} have masks in "
+        f"{session.provider}. Choose the masks that they were made of (Use the masks of), or use "
+        "Find objects."
+    )
+
+
+def where_masks_are(session: Session, decision: Decision) -> str:
+    """Why the mask of a decision cannot be shown: it is gone, or in a folder that is not in use."""
+    folder, stem = session.need().project.folder, PurePath(decision.view).with_suffix(".png")
+    others = folder.mask_folders.items() if folder is not None else ()
+    names = [name for name, path in others if (path / stem).is_file()]
+    if not names or session.provider in names:
+        return "Its masks are gone."
+    return f"Its masks are those of {names[0]}, and others are in use: Find, Use the masks of."
 
 
 def text_on_bare_photos(session: Session) -> str:
     """Return a sentence on photos without masks, "" when there are none."""
-    n = len(association.bare_photos(session))
+    n, folder = len(association.bare_photos(session)), session.need().project.folder
     have = "1 photo has" if n == 1 else f"{n:,} photos have"
-    return f"{have} no masks yet: use Make masks." if n else ""
+    several = folder is not None and len(folder.mask_folders) > 1
+    there = f" in {session.provider}" if several else ""
+    return f"{have} no masks yet{there}: use Make masks." if n else ""
 
 
 def consequences_of_adding(session: Session) -> tuple[str, ...]:
@@ -389,6 +438,7 @@ def add_views(session: Session) -> bool:
         if not is_same():
             return
         now = document.settled().scene
+        found = beyond(edits.free_group(now), edited.free, found)
         after = repaired_labels(now, labels, found.labels)
         title = f"Add the masks of {counted(n_new, 'photo')}"
         document.do(

@@ -121,7 +121,8 @@ def _chosen(session: Session, document: Document, state: EvidenceState, n_bars: 
     splats = memory_bank.mask_splats_of(session, decision)
     shares = memory_bank.mask_overlaps(session, decision, has_gate=view.has_mask_gate)
     if splats is None or shares is None:
-        widgets.dim("Looking at the view …" if shares is None else "Its masks are gone.")
+        gone = memory_bank.where_masks_are(session, decision)
+        widgets.dim("Looking at the view …" if shares is None else gone, wrap=True)
         return
     n_splats = counted(int(np.count_nonzero(splats.of(view.has_mask_gate))), "splat")
     widgets.next_to(n_splats)
