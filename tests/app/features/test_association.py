@@ -419,7 +419,9 @@ def test_new_groups_have_other_ids_than_copies_made_meanwhile(
     scene = scene_of(session)
     assert scene.bank is not None
     labels, free = scene.labels, 3
-    found = Association(scene.bank, labels, np.ones(len(labels)), {}, np.zeros(0, np.int32))
+    found = Association(
+        scene.bank, labels, np.ones(len(labels), np.float32), {}, np.zeros(0, np.int32)
+    )
     assert memory_bank.beyond(free, free, found) is found
     assert memory_bank.beyond(99, int(labels.max()) + 1, found) is found
     moved = memory_bank.beyond(9, free, found)
