@@ -5,6 +5,7 @@ reports nothing while it is typed in; when that ends, its text is read with the 
 shows.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ Limits = tuple[float, float]
 # By the unit that a field shows: units that are understood in it, and how many of it each one is.
 _UNITS: Mapping[str, Mapping[str, float]] = {
     "m": LENGTHS,
-    "°": {"°": 1.0, "deg": 1.0, "degree": 1.0, "degrees": 1.0, "rad": 57.29577951308232},
+    "°": {"°": 1.0, "deg": 1.0, "degree": 1.0, "degrees": 1.0, "rad": math.degrees(1)},
     "kg": {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237},
     "kg/m³": {"kg/m³": 1.0, "kg/m3": 1.0, "g/cm³": 1e3, "g/cm3": 1e3},
     "s": {"s": 1.0, "ms": 1e-3, "min": 60.0},
