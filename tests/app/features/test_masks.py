@@ -114,23 +114,18 @@ def test_the_other_photos_get_masks_as_those_that_are_there(bare: Session) -> No
     assert association.bare_photos(bare) == ()
 
 
-def test_masks_that_a_person_added_stay_and_the_others_are_made(bare: Session) -> None:
-    names = masks.photos_of(bare, "train")
-    own = _root(bare) / "masks/mine" / f"{Path(names[0]).stem}.png"
+def test_masks_that_a_person_added_are_not_mixed_with_regions(bare: Session) -> None:
+    """Regions next to masks of whole objects would count as such."""
+    own = _root(bare) / "masks/mine" / f"{Path(masks.photos_of(bare, 'train')[0]).stem}.png"
     write_labels(own, np.full((8, 8), 3, np.int32))
-    before = own.read_bytes()
     bare.open(_root(bare))
     assert bare.jobs.wait()
     assert bare.provider == "mine"
+    assert "no model is here" in commands.command("object.masks_rest").enabled(bare)
     masks.make_rest(bare)
-    assert bare.jobs.wait()
-    assert (bare.provider, association.bare_photos(bare)) == ("mine", ())
-    assert not bare.masks.are_regions
-    (own.parent / f"{Path(names[1]).stem}.png").unlink()
-    masks.make_rest(bare)
-    assert bare.jobs.wait()
-    assert association.bare_photos(bare) == ()
-    assert own.read_bytes() == before
+    assert "no model is here" in bare.notices[-1].text
+    assert bare.jobs.running is None
+    assert [path.name for path in own.parent.iterdir()] == [own.name]
 
 
 def test_a_preview_leaves_no_masks_and_is_what_the_run_gives(bare: Session) -> None:

@@ -181,6 +181,11 @@ _PREVIEW = ".preview"  # mask folder of a preview; a leading dot keeps it out of
 _UNNAMED = "imported"  # name that `recognise` gives to masks of an unknown provider
 _CANCEL = "Cancel"
 REST = "object.masks_rest"
+# Regions next to masks of whole objects would count as such.
+_NEEDS_MODEL = (
+    "These masks were not made here, and no model is here that makes the others. Download one "
+    "(Models), or import them."
+)
 
 
 @dataclass(frozen=True)
@@ -306,6 +311,10 @@ def why_no_rest(session: Session) -> str:
     reason = no_photos(session)
     if reason or len(session.masks) == 0:
         return reason or "No photo has masks yet: use Make masks."
+    path = _folder(session.need()).mask_folders.get(session.provider)
+    is_foreign = path is not None and not (path / RECORD).is_file()
+    if is_foreign and model_here(session) is None:
+        return _NEEDS_MODEL
     return "" if association.bare_photos(session) else "All training photos have masks."
 
 
@@ -313,7 +322,7 @@ def why_no_rest(session: Session) -> str:
 def make_rest(session: Session) -> None:
     """Make masks of the photos that have none, next to those that are in use and as these were.
 
-    Of masks that were not made here: with the model that is here, else without one.
+    Of masks that were not made here: with the model that is here.
     """
     document, name = session.need(), session.provider
     names, folder = association.bare_photos(session), _folder(document)
@@ -335,7 +344,9 @@ def _request_of(session: Session, masks: Path) -> MaskRequest:
     """What made the masks of a folder."""
     if not (masks / RECORD).is_file():
         model = model_here(session)
-        return MaskRequest(REGIONS if model is None else model.name)
+        if model is None:
+            raise GagaError(_NEEDS_MODEL)
+        return MaskRequest(model.name)
     record, usual = read_foreign_json(masks / RECORD, MaskRecord), SegmentConfig()
     own, source = Path(record.source), record.provider != REGIONS and record.source
     return MaskRequest(
