@@ -78,6 +78,17 @@ def up_of_moved(
     return was if float(was @ now) > NEARLY else now
 
 
+def up_of_turned(guess: DoubleArray, world: DoubleArray) -> DoubleArray:
+    """The up direction (3,), unit, of splats without cameras that were moved as a whole, ``world``
+    (4, 4).
+
+    They were turned to stand along the ``guess`` (3,): where that moved, it had been wrong. Only
+    scripts lay a scene level along z by default, and the guess with it.
+    """
+    now = world[:3, :3] @ guess / scale_of(world)
+    return np.array([0.0, 0.0, 1.0]) if now[2] > NEARLY else guess
+
+
 def known_up(gaussians: Gaussians) -> DoubleArray | None:
     """The up direction (3,) that the file of splats says or their ground shows; None for neither.
 

@@ -70,7 +70,7 @@ from gaga_core.scene.named_arrays import (
     splats_of,
 )
 from gaga_core.scene.objects import group_colors
-from gaga_core.scene.orientation import guess_up, up_of_moved
+from gaga_core.scene.orientation import guess_up, up_of_moved, up_of_turned
 from gaga_core.scene.scene import RGB, Added, Identities, Labelling, Scene, Weight
 from gaga_core.version import __version__
 
@@ -546,7 +546,7 @@ class Project:
         if opened is not None and placed is not None and opened.cameras:
             up = up_of_moved(opened.cameras, placed.cameras, opened.up, world)
         else:
-            up = up_of_moved((), (), guess_up(self.scene.gaussians).tolist(), world)
+            up = up_of_turned(guess_up(self.scene.gaussians), world)
         x, y, z = (float(value) for value in up)
         return x, y, z
 

@@ -11,6 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
+import numpy as np
+
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError, plain_text
@@ -22,7 +24,6 @@ from gaga_core.scene.edits import Edit
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.lod.edited import PickBoxes
 from gaga_core.scene.objects import ObjectTable, folder_colors, muted_colors
-from gaga_core.scene.orientation import guess_up
 from gaga_core.scene.project import (
     ModelChangedError,
     Project,
@@ -613,7 +614,7 @@ class Session:
             up = document.up_of_photos()
             self.rig.frame_scene(*splat_box(scene), self.cameras, up=up)
         else:
-            up = self.rig.up if animated else guess_up(scene.gaussians)
+            up = self.rig.up if animated else np.array(document.project.up)
             box = whole_box(scene)
             self.rig.frame_scene(*box, up=up)
             self.rig.turn_to_clearest(scene, box)

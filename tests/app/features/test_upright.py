@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaga_core.edit_script import run_script
 from gaga_core.export.export import export_scene_stage
 from gaga_core.export.options import ExportOptions
 from gaga_core.gaussians import Gaussians
@@ -154,6 +155,39 @@ def test_a_project_saved_before_files_were_read_this_way_opens_as_it_was(
         np.testing.assert_allclose(_opened(older, where), as_now * [1, -1, -1], atol=1e-6)
         save_project(older.need().project)
     assert json.loads(note.read_text())["model"]["axes"] == "RUB"
+
+
+def test_a_project_of_a_turned_file_says_which_way_is_up(
+    new_session: Callable[[], Session], silent: Path
+) -> None:
+    """`gaga export` wrote it upside down: what had been guessed was turned along."""
+    session = new_session()
+    _opened(session, silent)
+    assert run(upright.COMMAND, session)
+    up = session.rig.up.copy()
+    np.testing.assert_allclose(session.need().project.up, up)
+    save_project(session.need().project)
+    again = new_session()
+    _opened(again, silent.with_suffix(".gaga"))
+    np.testing.assert_allclose(again.rig.up, up)
+    np.testing.assert_allclose(again.need().project.up, up)
+
+
+def test_what_a_script_laid_along_z_stands_when_it_is_opened(
+    new_session: Callable[[], Session], tmp_path: Path
+) -> None:
+    write_splats(tmp_path / "plan.ply", _standing((0.0, 1.0, 0.0)))
+    session = new_session()
+    _opened(session, tmp_path / "plan.ply")
+    np.testing.assert_allclose(session.rig.up, (0, 1, 0))
+    points = [[-1, 0, -1], [-1, 0, 1], [1, 0, 0]]
+    script = [{"op": "align_to_ground", "points": points, "seen_from": [0, 3, 0]}]
+    document = session.need()
+    run_script(document.scene, script, document.history)
+    save_project(document.project)
+    again = new_session()
+    _opened(again, tmp_path / "plan.gaga")
+    np.testing.assert_allclose(again.rig.up, (0, 0, 1))
 
 
 def test_what_a_notice_offers_goes_with_its_scene(
