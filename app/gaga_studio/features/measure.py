@@ -139,9 +139,14 @@ def lengths(session: Session, values: Sequence[float] | DoubleArray) -> str:
     return lengths_text([float(value) for value in values], is_metric=_is_metric(session))
 
 
+def unit(session: Session) -> str:
+    """What stands behind a length of the open scene: " m", or nothing."""
+    return " m" if _is_metric(session) else ""
+
+
 def number_format(session: Session) -> str:
     """The printf format of a length in a field, in the unit of the open scene."""
-    return "%.3f m" if _is_metric(session) else "%.3f"
+    return f"%.3f{unit(session)}"
 
 
 def _is_metric(session: Session) -> bool:

@@ -11,6 +11,7 @@ from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import rows_of, selectable, world_means
 
 _LUMA = LUMA.astype(np.float32)
+LENGTHS = frozenset({"size", "longest axis", "x", "y", "z"})  # columns in scene units
 _TAILS = (0.1, 99.9)  # percentiles between which the bins of a histogram lie
 
 

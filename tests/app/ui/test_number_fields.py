@@ -99,6 +99,15 @@ def test_escape_and_what_stood_there_change_nothing() -> None:
     assert (field.value, field.reports) == (0.50043, 0)
 
 
+def test_a_length_without_a_scale_says_what_it_needs() -> None:
+    field = _Field("%.3f", value=1.0)
+    field.type("12 cm")
+    assert field.value == 1.0
+    assert "Set scale" in number_fields.take_not_read()
+    field.type("twelve")
+    assert number_fields.take_not_read() == '"twelve" cannot be read here. Type a number.'
+
+
 def test_what_is_typed_stays_within_the_limits() -> None:
     field = _Field("%.1f s", limits=(0.1, 600.0))
     field.type("20 min")
@@ -114,6 +123,7 @@ def test_what_is_typed_stays_within_the_limits() -> None:
         ("2.7 g/cm³", "%.0f kg/m³", 2700.0),
         ("80 %", "below %d %%", 80.0),
         ("1.5x", "%.3f×", 1.5),
+        ("20 cm", "from %.3g m", 0.2),
         ("2", "1 metre = %.4g in the file", 2.0),
         ("10 cm", "%.3f", None),  # scene units: no length is known
         ("90°", _METRES, None),

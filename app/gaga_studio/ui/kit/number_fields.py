@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 from imgui_bundle import imgui
 
-from gaga_core.scene.frame import LENGTHS, number_of
+from gaga_core.scene.frame import LENGTHS, metres_of, number_of
 
 Limits = tuple[float, float]
 
@@ -30,6 +30,7 @@ _UNITS: Mapping[str, Mapping[str, float]] = {
     "MB": {"mb": 1.0, "gb": 1e3},
 }
 _EXAMPLES = {"m": "a length as 1.5 m, 80 cm, 12 in or 5 ft", "°": "an angle as 45 or 0.5 rad"}
+_NO_SCALE = "a number: lengths with a unit need a scene with a scale (Set scale)"
 _SHOWN_UNIT = re.compile(r"%[.0-9]*[dfg] ?(%%|[^\s%]*)")  # of a format
 
 
@@ -135,7 +136,8 @@ def as_typed(
         return False, value
     number = typed_number(_typing.text, form)
     if number is None:
-        example = _EXAMPLES.get(_unit(form), "a number")
+        is_length = not _unit(form) and metres_of(_typing.text) is not None
+        example = _NO_SCALE if is_length else _EXAMPLES.get(_unit(form), "a number")
         _typing.not_read = f'"{_typing.text}" cannot be read here. Type {example}.'
         return False, value
     if limits is not None:

@@ -11,6 +11,7 @@ from gaga_core.scene.objects import ObjectTable
 from gaga_studio.features import commands, object_list, selection
 from gaga_studio.features.find import search as search_actions
 from gaga_studio.features.find.search import SearchHit, SearchState
+from gaga_studio.features.measure import unit as length_unit
 from gaga_studio.features.object_list import ListFilter, Measure, ObjectListView, Range
 from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
@@ -96,17 +97,18 @@ def _range(
     imgui.begin_disabled(bool(why_not))
     low, high = whole or (0.0, 1.0)
     now = listing.filter.ranges.get(measure, (low, high))
-    wanted = _drag(measure, now, (low, high))
+    unit = length_unit(session) if measure == "size" else ""
+    wanted = _drag(measure, now, (low, high), unit)
     imgui.end_disabled()
     widgets.tooltip(why_not or f"{hint}: drag, or double click and type")
     if wanted is not None and not why_not:
         listing.filter = listing.filter.within(measure, wanted, (low, high))
 
 
-def _drag(measure: Measure, now: Range, whole: Range) -> Range | None:
+def _drag(measure: Measure, now: Range, whole: Range, unit: str) -> Range | None:
     """Two numbers that are dragged; None while they stay."""
     is_share, is_count = measure in ("confidence", "quality"), measure == "splats"
-    scale, form = (100.0, "%.0f %%") if is_share else (1.0, "%.0f" if is_count else "%.3g")
+    scale, form = (100.0, "%.0f %%") if is_share else (1.0, "%.0f" if is_count else f"%.3g{unit}")
     low, high, first, last = (scale * value for value in (*whole, *now))
     speed = max((high - low) / 200, 0.2 if is_count else 1e-6)
     is_new, (first, last) = drag_range(f"##{measure}", (first, last), speed, (low, high), form)

@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.scene.edits import How
-from gaga_core.scene.selection.by_value import Histogram, column_names
+from gaga_core.scene.selection.by_value import LENGTHS, Histogram, column_names
 from gaga_studio.features import measure, selection, transform
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
@@ -60,7 +60,8 @@ def _by_number(session: Session, held: SelectBy) -> None:
     first, last = float(found.edges[0]), float(found.edges[-1])
     imgui.set_next_item_width(-1)
     speed = max(last - first, 1e-9) / 300
-    _, now = drag_range("##Range", (held.low, held.high), speed, (first, last), "%.3f")
+    form = measure.number_format(session) if column in LENGTHS else "%.3f"
+    _, now = drag_range("##Range", (held.low, held.high), speed, (first, last), form)
     held.low, held.high = now
     how = _how_buttons("number")
     if how:
