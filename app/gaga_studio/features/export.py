@@ -153,11 +153,25 @@ def summary(session: Session, plan: ExportPlan) -> ExportSummary:
 
 
 def _bodies_sentence(session: Session) -> str:
-    groups = session.selected_groups()
+    scene, groups = session.need().scene, session.selected_groups()
     if not groups:
         return "All objects but the background become bodies."
-    verb = "becomes a body" if len(groups) == 1 else "become bodies"
-    return f"{session.need().names_of(groups)} {verb}, all else stays."
+    shown = np.unique(scene.labels[scene.visible])
+    bodies = [group for group in groups if group in shown]
+    verb = "becomes a body" if len(bodies) == 1 else "become bodies"
+    who = session.need().names_of(bodies) if bodies else "None of these objects is visible: none"
+    return f"{who} {verb}, all else stays."
+
+
+def _hidden_objects(scene: Scene, groups: Sequence[int] | None) -> tuple[str, ...]:
+    """A sentence where some of the ``groups`` (default: all) are hidden; () where none is."""
+    there = ~scene.has(State.DELETED) & (scene.labels > 0)
+    if groups is not None:
+        there &= np.isin(scene.labels, np.array(groups, np.int32))
+    shown = np.unique(scene.labels[there & scene.visible])
+    n = len(np.unique(scene.labels[there])) - len(shown)
+    are = "is" if n == 1 else "are"
+    return (f"{counted(n, 'object')} {are} hidden, and not exported.",) if n else ()
 
 
 _NO_OBJECTS = "Objects and their names are not in the file: they are saved with the project."
@@ -169,7 +183,8 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     scene, options = folders.scene_along(session), plan.options
     if isinstance(plan.form, SimulationExport):
         unit = unit_sentence(is_metric=scene.frame.is_metric, how=measure.HOW_TO_SCALE)
-        said = (_bodies_sentence(session), *([unit] if unit else []))
+        left = _hidden_objects(scene, selected_groups(scene).tolist() or None)
+        said = (_bodies_sentence(session), *left, *([unit] if unit else []))
         return ExportSummary(len(exported_indices(scene)), 0, 0, said)
     groups = selected_groups(scene).tolist() or None
     if isinstance(plan.form, MeshExport):
@@ -177,7 +192,7 @@ def _summary(session: Session, plan: ExportPlan) -> ExportSummary:
     if plan.what == "objects":
         splats = objects_indices(scene, groups, options)
         n_files = len(np.unique(scene.labels[splats]))
-        lost = objects_losses(scene, plan.form, groups, options)
+        lost = _hidden_objects(scene, groups) + objects_losses(scene, plan.form, groups, options)
     else:
         what = "selected" if plan.what == "selected" else "visible"
         splats = options.inside(scene, exported_indices(scene, what))  # type: ignore[arg-type]
@@ -226,7 +241,7 @@ def _mesh_summary(
 ) -> ExportSummary:
     splats = objects_indices(scene, groups, options)
     n_files = len(np.unique(scene.labels[splats]))
-    lost = objects_losses(scene, how, groups, options)
+    lost = _hidden_objects(scene, groups) + objects_losses(scene, how, groups, options)
     n_bytes, is_most = n_files * _mesh_bytes(how), how.form is MeshForm.MESH
     return ExportSummary(len(splats), n_files, n_bytes, lost, is_most=is_most)
 

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from gaga_core.arrays import BoolArray
+from gaga_core.export.export import MeshExport
+from gaga_core.export.simulation.export import SimulationExport
 from gaga_core.grouping.levels import Levels
+from gaga_core.io.splats.splat_files import SplatFormat
 from gaga_core.scene import edits
 from gaga_core.scene.objects import folder_colors, group_indices
 from gaga_core.scene.scene import State
@@ -546,3 +549,20 @@ def test_what_is_locked_is_isolated_and_exported_with_its_parent_and_never_chang
     assert commands.run("edit.delete", laid)
     finish(laid)
     assert 3 not in _groups(laid, State.DELETED)
+
+
+@pytest.mark.parametrize("form", [SplatFormat.PLY, MeshExport(), SimulationExport()])
+def test_what_is_exported_says_which_objects_are_hidden(
+    laid: Session, tmp_path: Path, form: SplatFormat | MeshExport | SimulationExport
+) -> None:
+    """Two were told to become bodies, and one did."""
+    plan = ExportPlan(tmp_path, "objects", form)
+    said = " ".join(summary(laid, plan).lost)
+    assert "hidden" not in said
+    laid.edit(lambda scene: edits.hide(scene, group_indices(scene, 3)))
+    select_groups(laid, (2, 3))
+    assert laid.selected_groups() == (2, 3)
+    said = " ".join(summary(laid, plan).lost)
+    assert "1 object is hidden, and not exported." in said
+    if isinstance(form, SimulationExport):
+        assert f"{laid.need().name_of(2)} becomes a body" in said
