@@ -270,7 +270,7 @@ KERNELS, FEATURES, MATCHES, PLACES, BACKGROUND, UNDISTORTS, SURFACES, TRAINS = S
     "Find features",
     "Match photos",
     "Place photos",
-    "Leave out the background",
+    "Look for the background",
     "Undistort photos",
     "Match surfaces",
     "Train splats",

@@ -31,7 +31,7 @@ from gaga_core.placing.metrics import SfmFacts
 from gaga_core.placing.photos import Photo, PhotoSet, shrunk
 from gaga_core.progress import Progress, Stage, mapped, run_stage
 
-_STAGE = "Leave out the background"
+_STAGE = "Look for the background"
 _LOOK_SIDE = 320  # pixels: the backdrop is looked for at this size
 _MOST_PHOTOS = 40  # photos that it is looked for in
 _CANDIDATES = 12  # of which the colors are tried
