@@ -1507,12 +1507,17 @@ def _file_dialog(d: Driver, folder: Path) -> None:
 def test_path_fields_complete_what_is_typed(
     display: str, scene_folder: Path, tmp_path: Path
 ) -> None:
-    """Tab writes what all that fit have in common, and goes on where there is nothing to write."""
+    """Tab writes what all that fit have in common, and goes on where there is nothing to write.
+
+    From a path that is not there it goes on only where a new one can be named.
+    """
     for name in ("mugs", "mugs and pans/deep", "Vase"):
         (tmp_path / name).mkdir(parents=True)
+    for name in ("Vase/biker.spz", "Vase/notes.txt"):
+        (tmp_path / name).touch()
 
-    def ask(d: Driver) -> FileDialog:
-        dialog = FileDialog("Choose a folder", PathKind.OPEN_FOLDER, tmp_path)
+    def ask(d: Driver, kind: PathKind = PathKind.OPEN_FOLDER) -> FileDialog:
+        dialog = FileDialog("Choose a folder", kind, tmp_path, suffixes=(".spz",), is_placed=True)
         d.on_main(lambda: d.studio.ui.files.ask(dialog, lambda _: None))
         d.frames(3)
         return dialog
@@ -1529,9 +1534,21 @@ def test_path_fields_complete_what_is_typed(
             assert dialog._text == wanted
         d.keys(KEY.enter)
         assert d.studio.ui.files.dialog is None
+        for typed, wanted in (
+            ("Vase/b", "Vase/biker.spz"),  # such files can be opened, too
+            ("Vase/n", "Vase/n"),
+            ("none that is so called", "none that is so called"),
+        ):
+            dialog = ask(d)
+            d.engine.key_chars(typed)
+            d.keys(KEY.tab)
+            d.engine.key_chars(" go")
+            d.frames()
+            assert dialog._text == f"{wanted} go", "what is typed next arrives"
+            d.keys(KEY.escape)
         for chord, button in (((KEY.tab,), "###Open"), ((KEY.mod_shift, KEY.tab), "###New folder")):
-            for text in ("none that is so called", ""):
-                dialog = ask(d)
+            for text in ("new", "mugs", "Vase/biker.spz", ""):
+                dialog = ask(d, PathKind.NEW_FOLDER if text == "new" else PathKind.OPEN_FOLDER)
                 d.engine.key_chars(text)
                 d.keys(*chord)
                 assert dialog._text == text
