@@ -890,6 +890,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _stacked_notices(d)
         _what_lies_over_the_picture(d)
         _names_in_the_list(d)
+        _name_of_what_is_isolated(d)
         _training(d)
         _the_title_in_front_is_whole(d)
 
@@ -1225,6 +1226,24 @@ def _names_in_the_list(d: Driver) -> None:
     with _texts() as shown:
         d.frames(2)
     assert any(text.startswith("wooden cha") for text in shown)
+
+
+def _name_of_what_is_isolated(d: Driver) -> None:
+    """It was cut to "…" where the picture had room for it."""
+    for name, wanted in (
+        ("Rider", "Isolated: Rider"),
+        ("Motorbike rider", "Motorbike rider"),
+        ("A rider on a motorbike of the fifties", "A rider"),
+    ):
+        d.on_main(partial(objects.rename, d.session, 2, name))
+        d.on_main(partial(objects.isolate_item, d.session, 2))
+        with _buttons() as shown:
+            d.frames(2)
+        button = d.engine.item_info("//Viewport/Show all")
+        assert button.rect_clipped.max.x == button.rect_full.max.x
+        text = next(one for one in shown if "Show all" in one)
+        assert text.startswith(wanted)
+        d.click("Viewport/Show all")
 
 
 def _the_title_in_front_is_whole(d: Driver) -> None:
