@@ -891,6 +891,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _what_lies_over_the_picture(d)
         _names_in_the_list(d)
         _name_of_what_is_isolated(d)
+        _times_of_a_camera_path(d)
         _training(d)
         _the_title_in_front_is_whole(d)
 
@@ -1244,6 +1245,18 @@ def _name_of_what_is_isolated(d: Driver) -> None:
         text = next(one for one in shown if "Show all" in one)
         assert text.startswith(wanted)
         d.click("Viewport/Show all")
+
+
+def _times_of_a_camera_path(d: Driver) -> None:
+    """The slider was 45 pixels wide, and the whole time ran out of the panel."""
+    _add_keyframes(d, 2)
+    d.focus("Camera path")
+    d.frames(4)
+    for name in ("##Time", "##Total"):
+        item = d.engine.item_info(f"//Camera path/{name}")
+        assert item.rect_clipped.max.x == item.rect_full.max.x, name
+        assert item.rect_full.max.x - item.rect_full.min.x > theme.em(4), name
+    camera.clear_path(d.session)
 
 
 def _the_title_in_front_is_whole(d: Driver) -> None:
