@@ -20,6 +20,7 @@ from gaga_core.arrays import (
 # What Brush, SuperSplat and others write into the header of a PLY file.
 _MIP_HINTS = ("splatrendermode: mip", "antialiased 1", "antialiased: 1")
 _MIP_COMMENT = "SplatRenderMode: mip"  # the hint that is written here
+_METRE_COMMENT = "1 unit = 1 metre"  # of files whose scale is known
 _UP = re.compile(r"up (\S+) (\S+) (\S+)")  # the comment of files that say which way is up
 
 
@@ -29,7 +30,7 @@ class Gaussians:
 
     All standard columns are C-contiguous float32. ``extra`` holds every other column of the file
     by name, in file order and in its own dtype: normals, ``obj_dc_*``, anything unknown. They
-    survive a round trip. ``comments`` are the file's header comments: render mode, up.
+    survive a round trip. ``comments`` are the file's header comments: render mode, up, unit.
 
     Raises ``ValueError`` when columns disagree in length or shape.
     """
@@ -92,6 +93,18 @@ class Gaussians:
         others = (c for c in self.comments if not _UP.fullmatch(c))
         x, y, z = (float(value) + 0.0 for value in up)
         return replace(self, comments=(*others, f"up {x:.9g} {y:.9g} {z:.9g}"))
+
+    @property
+    def is_metric(self) -> bool:
+        """Whether the comments say that a unit is a metre."""
+        return _METRE_COMMENT in self.comments
+
+    def with_metres(self, is_metric: bool = True) -> "Gaussians":
+        """The same splats, whose comments say that a unit is a metre, or do not."""
+        if is_metric == self.is_metric:
+            return self
+        others = (c for c in self.comments if c != _METRE_COMMENT)
+        return replace(self, comments=(*others, *([_METRE_COMMENT] if is_metric else [])))
 
     @property
     def scales(self) -> FloatArray:

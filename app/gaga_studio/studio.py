@@ -541,6 +541,7 @@ class Studio:
         session, ui, call = self.session, self.ui, self._guard.call
         ui.area.has_inspector = window.is_in_front("Inspector")  # all panels are drawn by now
         is_covered = ui.scene.picture.evidence.decision is not None or session.live is not None
+        is_covered |= toasts.is_asking(session, ui.toasts, ui.area)
         steps = partial(first_steps.draw, session, ui.area, self._steps, is_covered=is_covered)
         # One place for each: a failure is reported once while the same place keeps failing.
         call("Commands", self._answer_request)

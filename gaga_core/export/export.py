@@ -176,6 +176,7 @@ def _written(
     alone: bool,
 ) -> Stage[Exported]:
     gaussians = yield from bake_stage(scene, indices=splats, is_step=True)
+    gaussians = gaussians.with_metres(scene.frame.is_metric)
     origin = options.origin(gaussians.means)
     gaussians, rows, psnr = yield from _decimated(
         gaussians, scene.labels[splats], options, alone=alone
@@ -243,7 +244,8 @@ def _as_written(
 
 
 def _taken(scene: Scene, splats: IntArray) -> Gaussians:
-    return scene.gaussians if len(splats) == len(scene) else scene.gaussians.take(splats)
+    every = scene.gaussians.with_metres(scene.frame.is_metric)
+    return every if len(splats) == len(scene) else every.take(splats)
 
 
 def _decimated(
@@ -301,6 +303,7 @@ def export_objects_stage(
         for i, (entry, splats) in enumerate(objects):
             step = Progress("Export objects", i, len(objects), entry.name)
             gaussians = yield from as_step(step, bake_stage(scene, indices=splats))
+            gaussians = gaussians.with_metres(scene.frame.is_metric)
             psnr = None
             if isinstance(form, MeshExport):
                 try:

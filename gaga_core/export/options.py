@@ -129,4 +129,5 @@ class ExportOptions:
             changes["means"] = moved.astype(np.float32)
         if self.scale != 1.0:
             changes["log_scales"] = gaussians.log_scales + np.float32(np.log(self.scale))
+            changes["comments"] = gaussians.with_metres(False).comments
         return replace(gaussians, **changes) if changes else gaussians

@@ -727,7 +727,7 @@ def _open_model(path: Path, folder: SceneFolder | None = None) -> Stage[Project]
     digest = model_fingerprint(path)
     gaussians = yield from read_splats_stage(path)
     groups = _opened_groups(gaussians, path, folder)
-    frame = Frame(is_metric=folder is not None and folder.is_metric)
+    frame = Frame(is_metric=gaussians.is_metric or (folder is not None and folder.is_metric))
     scene = replace(Scene.of(gaussians), frame=frame, **vars(groups))
     return Project(scene, path, folder, model_fingerprint=digest)
 

@@ -199,7 +199,7 @@ class Scene:
 
     @staticmethod
     def of(gaussians: Gaussians, labels: IntArray | None = None) -> "Scene":
-        """A scene as opened: nothing selected, hidden or moved."""
+        """A scene as opened: nothing selected, hidden or moved; metric where the file says so."""
         n = len(gaussians)
         return Scene(
             gaussians=gaussians,
@@ -208,6 +208,7 @@ class Scene:
             placement=np.zeros(n, np.int32),
             source=np.arange(n, dtype=np.int64),
             placements=Placements.identity(),
+            frame=Frame(is_metric=gaussians.is_metric),
         )
 
     def has(self, bits: State) -> BoolArray:

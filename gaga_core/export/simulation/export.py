@@ -123,6 +123,7 @@ def world_stage(
     begin = Progress(STEP, 0, len(chosen) + 1, "prepare")  # the last step writes
     gaussians = yield from as_step(begin, bake_stage(scene, indices=splats))
     gaussians = placed(gaussians, upright_place(how.up, how.scale))
+    gaussians = gaussians.with_metres(scene.frame.is_metric or how.scale != 1.0)
     finite = np.isfinite(gaussians.means).all(axis=1)
     firm = finite & (gaussians.opacities > _SOLID)
     means = gaussians.means.astype(np.float64)

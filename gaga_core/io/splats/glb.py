@@ -35,6 +35,7 @@ from gaga_core.io.files import atomic_write, check_memory, open_file
 from gaga_core.io.json_file import decode_json
 from gaga_core.io.splats.packing import (
     EDGE,
+    METRE,
     READS,
     damaged,
     file_inside,
@@ -55,6 +56,7 @@ from gaga_core.progress import Stage, portion
 MAGIC = b"glTF"
 JSON, BIN = b"JSON", b"BIN\0"  # kinds of chunks
 _HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
+_ASSET = {"version": "2.0", "generator": "gaga-studio"}
 _MOST_BUFFERS = 100
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 MOST_DEGREE = 3  # of SH that the extension has room for
@@ -224,6 +226,7 @@ def read_glb_stage(path: Path) -> Stage[Gaussians]:
     joined = joined_splats(parts, path, path.stat().st_size + buffers.n_stored)
     del parts
     whole = turned(replace(joined, comments=alike), _AXES)
+    whole = whole.with_metres(_unit_of(buffers.gltf) == METRE)
     yield reading(path, 2, 2)
     return whole
 
@@ -268,6 +271,14 @@ def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:
             check_memory(path, n_bytes, f"{len(splats):,} splats and more", n_stored)
             found.append(placed(splats, place))
     return found
+
+
+def _unit_of(gltf: Mapping[str, Any]) -> object:
+    """The unit of which our writer says that it is known: by its standard every glTF is in metres,
+    and those of splats of any scale are written all the same."""
+    asset = gltf.get("asset")
+    extras = asset.get("extras") if isinstance(asset, dict) else None
+    return extras.get("unit") if isinstance(extras, dict) else None
 
 
 def _placed_meshes(gltf: Mapping[str, Any]) -> Iterator[tuple[DoubleArray, int]]:
@@ -388,6 +399,7 @@ def write_glb_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
         "extensions": {_EXTENSION: kernel},
     }
     described = {
+        "asset": {**_ASSET, **({"extras": {"unit": METRE}} if gaussians.is_metric else {})},
         "extensionsUsed": [_EXTENSION],
         "nodes": [{"mesh": 0, "name": "splats"}],
         "meshes": [{"primitives": [primitive]}],
@@ -431,7 +443,7 @@ def glb_head(described: Mapping[str, object], columns: Mapping[str, AnyArray]) -
         accessors.append(accessor)
         offset += values.nbytes
     gltf = {
-        "asset": {"version": "2.0", "generator": "gaga-studio"},
+        "asset": _ASSET,
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         **described,

@@ -127,6 +127,7 @@ def parts_of(n: int, step: int = CHUNK) -> Iterator[slice]:
     return (slice(start, min(start + step, n)) for start in range(0, n, step))
 
 
+METRE = "metre"  # what our .sog, .glb and .usd call their unit where it is one
 READS, SORTS, WRITES = "Read splats", "Sort splats", "Write splats"
 
 

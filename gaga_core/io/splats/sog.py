@@ -30,6 +30,7 @@ from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.images import image_header
 from gaga_core.io.json_file import decode_json, read_foreign_json
 from gaga_core.io.splats.packing import (
+    METRE,
     READS,
     bytes_of_logits,
     damaged,
@@ -208,7 +209,8 @@ def _decoded(sog: _Sog) -> Stage[Gaussians]:
             labels = pixels[part, 0].astype(np.int64) + pixels[part, 1].astype(np.int64) * 256
             out.sh[part, 1:] = palette[np.minimum(labels, len(palette) - 1)]
     out = replace(out, comments=("antialiased 1",)) if is_antialiased else out
-    match sog.meta.get("up"):  # ours
+    out = out.with_metres(sog.meta.get("unit") == METRE)  # ours, as is up
+    match sog.meta.get("up"):
         case [float() | int(), float() | int(), float() | int()] as up:
             return out.with_up(up)
     return out
@@ -300,6 +302,7 @@ def _files(gaussians: Gaussians) -> Iterator[tuple[str, bytes]]:
         "count": n,
         **({"model": "antialiased"} if gaussians.is_antialiased else {}),
         **({"up": up.tolist()} if (up := gaussians.up) is not None else {}),
+        **({"unit": METRE} if gaussians.is_metric else {}),
         "means": {
             "mins": low.tolist(),
             "maxs": high.tolist(),

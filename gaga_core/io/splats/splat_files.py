@@ -243,6 +243,8 @@ def _losses(gaussians: Gaussians, form: SplatFormat) -> Iterator[str]:
         yield f"Other columns are left out: {named}."
     if form in (SplatFormat.SPLAT, SplatFormat.GLB, SplatFormat.USD) and gaussians.is_antialiased:
         yield "That the splats are to be drawn antialiased is not kept."
+    if form is SplatFormat.SPLAT and gaussians.is_metric:
+        yield "That a unit is a metre is not kept."
     clipped = _clipped(gaussians, form)
     if clipped:
         s = "" if clipped == 1 else "s"

@@ -58,6 +58,7 @@ OURS: SilentAxes = "RDF"
 _RECORD = struct.Struct("<II")  # type, bytes that follow
 _TYPE = 0xADBE0003
 _UP, _UP_TYPE = struct.Struct("<3f"), 0x47410001  # ours: which way is up, in the axes of the file
+_UNIT, _UNIT_TYPE = struct.Struct("<f"), 0x47410002  # ours: metres of a unit
 _UNSPECIFIED = "RUB"  # what the number 0 means: a file that has the extension but does not say
 _DIRECTIONS = {
     **{"R": (1, 0, 0), "L": (-1, 0, 0)},
@@ -83,10 +84,13 @@ _GZIP_LEVEL, _ZSTD_LEVEL = 5, 9
 
 
 def extensions_of(gaussians: Gaussians) -> bytes:
-    """The records that say that the axes are ours, and which way is up where that is known."""
+    """The records that say that the axes are ours, and which way is up and that a unit is a metre
+    where that is known."""
     records = _RECORD.pack(_TYPE, 4) + struct.pack("<I", AXES.index(OURS))
     if (up := gaussians.up) is not None:
         records += _RECORD.pack(_UP_TYPE, _UP.size) + _UP.pack(*up)
+    if gaussians.is_metric:
+        records += _RECORD.pack(_UNIT_TYPE, _UNIT.size) + _UNIT.pack(1.0)
     return records
 
 
@@ -201,8 +205,8 @@ def read_spz_stage(path: Path, silent_axes: str = OURS) -> Stage[Gaussians]:
     """Read an .spz file of version 1 to 4 with progress.
 
     Antialiasing becomes the comment ``antialiased 1``, as in a .ply; the axes that an extension
-    names become ours, and without one (`states_axes`) they are taken for ``silent_axes``. So does
-    which way is up, where our own extension says it.
+    names become ours, and without one (`states_axes`) they are taken for ``silent_axes``. Which
+    way is up, and that a unit is a metre, become comments where our own extensions say it.
     ``GagaError`` with one sentence when the file is damaged or newer, or needs too much memory.
     """
     with open_file(path) as file:
@@ -230,6 +234,8 @@ def decode_spz_stage(path: Path, file: BinaryIO, silent_axes: str) -> Stage[Gaus
         out = replace(out, comments=(_ANTIALIASED,))
     if axes == OURS and len(up := records.get(_UP_TYPE, b"")) == _UP.size:
         out = out.with_up(_UP.unpack(up))
+    if records.get(_UNIT_TYPE) == _UNIT.pack(1.0):
+        out = out.with_metres()
     return turned(out, axes)
 
 
@@ -400,7 +406,8 @@ def write_spz_stage(path: Path, gaussians: Gaussians, version: int = 3) -> Stage
 
     Positions get as many bits after the point as the scene's extent leaves, 16 at most; SH keep 5
     bits in degree 1 and 4 above, as Niantic's writer does. The axes are ours, as other programs
-    write them, and an extension says so; another says which way is up, where the comments do.
+    write them, and an extension says so; others say which way is up and that a unit is a metre,
+    where the comments do.
     Nothing is left when it fails.
     """
     if version not in (3, 4):

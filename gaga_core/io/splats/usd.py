@@ -18,6 +18,7 @@ from gaga_core.io.files import atomic_write, check_memory
 from gaga_core.io.splats.glb import placed
 from gaga_core.io.splats.packing import (
     EDGE,
+    METRE,
     damaged,
     joined_splats,
     logs_of_sizes,
@@ -100,9 +101,17 @@ def read_usd_stage(path: Path) -> Stage[Gaussians]:
                 f"{path.name} is not a valid OpenUSD file of splats ({error}). Export it again."
             ) from error
     yield reading(path, 1, 2)
-    joined = joined_splats(parts, path, n_bytes)
+    joined = joined_splats(parts, path, n_bytes).with_metres(_is_in_metres(stage))
     yield reading(path, 2, 2)
     return joined
+
+
+def _is_in_metres(stage: Any) -> bool:
+    """Whether our writer says that the unit is known: those of splats of any scale say metres."""
+    from pxr import UsdGeom
+
+    unit = stage.GetRootLayer().customLayerData.get("unit")
+    return bool(unit == METRE and UsdGeom.GetStageMetersPerUnit(stage) == 1)
 
 
 def _decoded(field: Any, time: Any) -> Gaussians:
@@ -189,6 +198,8 @@ def write_usd_stage(path: Path, gaussians: Gaussians) -> Stage[None]:
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    if gaussians.is_metric:
+        stage.GetRootLayer().customLayerData = {"unit": METRE}
     root = UsdGeom.Xform.Define(stage, "/World")
     stage.SetDefaultPrim(root.GetPrim())
     matrix: DoubleArray = _Y_UP

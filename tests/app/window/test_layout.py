@@ -890,6 +890,8 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _stacked_notices(d)
         _what_lies_over_the_picture(d)
         _names_in_the_list(d)
+        _name_of_what_is_isolated(d)
+        _times_of_a_camera_path(d)
         _training(d)
         _the_title_in_front_is_whole(d)
 
@@ -900,24 +902,28 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
 def test_a_question_leaves_the_splats_of_a_low_window_in_sight(
     display: str, tmp_path: Path
 ) -> None:
-    """Three lines and two rows of buttons covered all of them."""
+    """Its card and that of the first steps covered the head and the feet."""
     file = tmp_path / "a guitar on its stand.spz"
     write_without_up(file, random_gaussians(60, seed=4))
 
     def walk(d: Driver) -> None:
         card = d.engine.get_window_by_ref("//Notice 0")
-        assert card.size.y < 0.5 * d.size[1]
+        area = d.studio.ui.area
+        assert card.pos.y + card.size.y - area.top < 0.4 * area.height
         assert card.scroll_max.y == 0
+        assert not d.exists("//First steps/###Put away")
         edges = [d.engine.item_info(f"//Notice 0/###{title}") for title in _ANSWERS]
         assert all(edge.rect_clipped.max.x == edge.rect_full.max.x for edge in edges)
         with _texts() as shown:
             d.frames(2)
-        assert any(text.startswith("Is it upside down?") for text in shown), "what is asked"
+        assert "Is it upside down?" in shown, "what is asked, whole"
         d.click("Notice 0/###Turn upright")
+        d.frames(2)
+        assert d.exists("//First steps/###Put away")
         assert not any(notice.otherwise for notice in d.session.notices)
         assert d.session.unsaved
 
-    settings = Settings(first_steps_done=True, identities="none", ui_scale=2.0)
+    settings = Settings(identities="none", ui_scale=2.0)
     drive(walk, path=file, size=(800, 500), settings=settings)
 
 
@@ -1223,6 +1229,36 @@ def _names_in_the_list(d: Driver) -> None:
     assert any(text.startswith("wooden cha") for text in shown)
 
 
+def _name_of_what_is_isolated(d: Driver) -> None:
+    """It was cut to "…" where the picture had room for it."""
+    for name, wanted in (
+        ("Rider", "Isolated: Rider"),
+        ("Motorbike rider", "Motorbike rider"),
+        ("A rider on a motorbike of the fifties", "A rider"),
+    ):
+        d.on_main(partial(objects.rename, d.session, 2, name))
+        d.on_main(partial(objects.isolate_item, d.session, 2))
+        with _buttons() as shown:
+            d.frames(2)
+        button = d.engine.item_info("//Viewport/Show all")
+        assert button.rect_clipped.max.x == button.rect_full.max.x
+        text = next(one for one in shown if "Show all" in one)
+        assert text.startswith(wanted)
+        d.click("Viewport/Show all")
+
+
+def _times_of_a_camera_path(d: Driver) -> None:
+    """The slider was 45 pixels wide, and the whole time ran out of the panel."""
+    _add_keyframes(d, 2)
+    d.focus("Camera path")
+    d.frames(4)
+    for name in ("##Time", "##Total"):
+        item = d.engine.item_info(f"//Camera path/{name}")
+        assert item.rect_clipped.max.x == item.rect_full.max.x, name
+        assert item.rect_full.max.x - item.rect_full.min.x > theme.em(4), name
+    camera.clear_path(d.session)
+
+
 def _the_title_in_front_is_whole(d: Driver) -> None:
     """Eight tabs were cut to a few letters each: now they are scrolled to."""
     node = d.engine.get_window_by_ref("//Objects").dock_node
@@ -1507,12 +1543,17 @@ def _file_dialog(d: Driver, folder: Path) -> None:
 def test_path_fields_complete_what_is_typed(
     display: str, scene_folder: Path, tmp_path: Path
 ) -> None:
-    """Tab writes what all that fit have in common, and goes on where there is nothing to write."""
+    """Tab writes what all that fit have in common, and goes on where there is nothing to write.
+
+    From a path that is not there it goes on only where a new one can be named.
+    """
     for name in ("mugs", "mugs and pans/deep", "Vase"):
         (tmp_path / name).mkdir(parents=True)
+    for name in ("Vase/biker.spz", "Vase/notes.txt"):
+        (tmp_path / name).touch()
 
-    def ask(d: Driver) -> FileDialog:
-        dialog = FileDialog("Choose a folder", PathKind.OPEN_FOLDER, tmp_path)
+    def ask(d: Driver, kind: PathKind = PathKind.OPEN_FOLDER) -> FileDialog:
+        dialog = FileDialog("Choose a folder", kind, tmp_path, suffixes=(".spz",), is_placed=True)
         d.on_main(lambda: d.studio.ui.files.ask(dialog, lambda _: None))
         d.frames(3)
         return dialog
@@ -1529,9 +1570,21 @@ def test_path_fields_complete_what_is_typed(
             assert dialog._text == wanted
         d.keys(KEY.enter)
         assert d.studio.ui.files.dialog is None
+        for typed, wanted in (
+            ("Vase/b", "Vase/biker.spz"),  # such files can be opened, too
+            ("Vase/n", "Vase/n"),
+            ("none that is so called", "none that is so called"),
+        ):
+            dialog = ask(d)
+            d.engine.key_chars(typed)
+            d.keys(KEY.tab)
+            d.engine.key_chars(" go")
+            d.frames()
+            assert dialog._text == f"{wanted} go", "what is typed next arrives"
+            d.keys(KEY.escape)
         for chord, button in (((KEY.tab,), "###Open"), ((KEY.mod_shift, KEY.tab), "###New folder")):
-            for text in ("none that is so called", ""):
-                dialog = ask(d)
+            for text in ("new", "mugs", "Vase/biker.spz", ""):
+                dialog = ask(d, PathKind.NEW_FOLDER if text == "new" else PathKind.OPEN_FOLDER)
                 d.engine.key_chars(text)
                 d.keys(*chord)
                 assert dialog._text == text

@@ -35,6 +35,7 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.export_manifest import MANIFEST, listed_files, manifests_in, read_manifest
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.orientation import guess_up
+from gaga_core.scene.project import open_path_stage
 from gaga_core.scene.scene import Scene, State
 from tests.core.scene.edits.edit_walk import builders, random_affine, walk_scene
 from tests.scenes import random_gaussians
@@ -103,6 +104,35 @@ def test_a_file_tells_which_way_is_up(tmp_path: Path, form: SplatFormat) -> None
         heights = scene.gaussians.means @ np.array([x, y, z])
         read = np.sort(back.means @ guess_up(back))  # some forms sort the splats
         np.testing.assert_allclose(read, np.sort(heights), atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    "form", [form for form in SplatFormat if form not in (SplatFormat.SPLAT, SplatFormat.HTML)]
+)
+def test_a_file_says_that_its_unit_is_a_metre_only_where_that_is_known(
+    tmp_path: Path, form: SplatFormat
+) -> None:
+    if form is SplatFormat.USD:
+        pytest.importorskip("pxr")
+
+    def is_metric(scene: Scene, scale: float = 1.0) -> bool:
+        path, options = tmp_path / f"out{form.suffix}", ExportOptions(scale=scale)
+        run_stage(export_scene_stage(scene, path, form=form, options=options))
+        assert read_splats(path).is_metric == run_stage(open_path_stage(path)).scene.frame.is_metric
+        return read_splats(path).is_metric
+
+    scene = Scene.of(random_gaussians(30, seed=1).with_antialiasing(True))
+    assert not is_metric(scene)
+    History(scene).do(edits.set_scale(scene, 2.0, 0.5, np.zeros(3)))
+    assert is_metric(scene)
+    assert not is_metric(scene, scale=100)
+
+
+def test_objects_in_metres_are_opened_in_metres(tmp_path: Path) -> None:
+    scene = walk_scene()
+    History(scene).do(edits.set_scale(scene, 2.0, 0.5, np.zeros(3)))
+    run_stage(export_objects_stage(scene, tmp_path))
+    assert run_stage(open_path_stage(tmp_path)).scene.frame.is_metric
 
 
 def test_edits_during_an_export_do_not_reach_the_file(tmp_path: Path) -> None:

@@ -158,6 +158,8 @@ def test_the_sentences_name_what_is_lost(tmp_path: Path) -> None:
     assert "group" in said
     assert "normals" not in said
     assert "antialiased" in said
+    assert "metre" not in said
+    assert "metre" in " ".join(losses(g.with_metres(), SplatFormat.SPLAT))
     g.sh[3, 5, 1] = 2.0
     assert "1 splat." in " ".join(losses(g, SplatFormat.SPZ))
     assert "clipped" not in " ".join(losses(g, SplatFormat.COMPRESSED_PLY))

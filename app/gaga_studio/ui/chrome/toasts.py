@@ -28,8 +28,9 @@ _CLOSED_BY_KEY = (Level.WARNING, Level.ERROR)  # Esc has another use while the o
 _SHORT = (Level.HINT, Level.INFO)  # in a low picture: few lines, the rest in the tooltip
 _LINES = (2, 3)  # of these; where no other notice is
 _ANY_POPUP = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
-_OF_QUESTION = 1  # line over its two answers
+_OF_QUESTION = 2  # lines over its two answers
 _LOW = 14.0  # em: height of a picture of which a whole notice covers the most
+_AROUND = 5.4  # em: of a card's width, the icon, the cross and the edges
 _LEAST, _ROOM = 12.0, 6.0  # em: least width of a card, and height for one of three lines
 _MOST = 4  # on screen at once, where there is room; older ones wait
 _SIGNS = {
@@ -76,7 +77,8 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
         fresh = [n for n in fresh if n is fresh[-1] or n.otherwise or n.level not in _SHORT]
     n_lines = _LINES[len(fresh) == 1] if is_low else 0
     right = area.left + area.width - area.cube_height - em(0.7)  # the cube is as wide as high
-    at = ImVec2(right, max(area.top, area.chip_bottom, area.card_bottom) + em(0.7))
+    top = max(area.top, area.chip_bottom, area.card_bottom)
+    at = ImVec2(right, top + em(0.3 if is_low else 0.7))
     left = max(area.left, area.live_right)
     if right - left - em(0.7) < em(_LEAST):  # no room next to the card of a training
         left = area.left
@@ -89,12 +91,33 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
         if slot and size.x == width and at.y + size.y > area.bottom:
             break  # its buttons would be out of reach
         highest = max(area.bottom - at.y - em(0.4), em(4)) if is_low else em(20)
-        place = at, ImVec2(width, highest), n_lines
+        wide = min(_question_width(notice), width) if is_low and notice.otherwise else width
+        place = at, ImVec2(wide, highest), n_lines
         bottom = _card(session, state, notice, slot, place)
-        state.sizes[notice] = ImVec2(width, bottom - at.y)
-        drawn.append((at.x - width, at.y, at.x, bottom))
+        state.sizes[notice] = ImVec2(wide, bottom - at.y)
+        drawn.append((at.x - wide, at.y, at.x, bottom))
         at.y = bottom + em(0.4)
     area.notices = tuple(drawn)
+
+
+def is_asking(session: Session, state: ToastState, area: PictureArea) -> bool:
+    """Whether a question stands over a low picture, which has no room for more."""
+    asked = any(notice.otherwise and notice not in state.closed for notice in session.notices)
+    return asked and area.height < em(_LOW)
+
+
+def _question(notice: Notice) -> str:
+    """The first sentence of a notice that asks; the tooltip has all of it."""
+    return notice.text[: notice.text.find("?") + 1]
+
+
+def _question_width(notice: Notice) -> float:
+    """Of a card with the question on one line and both answers on the next, pixels."""
+    style = imgui.get_style()
+    titles = [commands.command(name).title for name in (notice.command, notice.otherwise)]
+    answers = sum(imgui.calc_text_size(t).x + 2 * style.frame_padding.x for t in titles)
+    answers += style.item_spacing.x + 2 * style.window_padding.x
+    return max(imgui.calc_text_size(_question(notice)).x + em(_AROUND), answers)
 
 
 def close_newest(session: Session, state: ToastState) -> bool:
@@ -142,10 +165,11 @@ def _card(
         top = imgui.get_cursor_pos_y()
         widgets.text(icon, color)
         imgui.same_line()
-        room, left = width - em(5.4), imgui.get_cursor_pos_x()
+        room, left = width - em(_AROUND), imgui.get_cursor_pos_x()
         if is_low and notice.level in _SHORT:
             most = _OF_QUESTION if notice.otherwise else n_lines
-            for text in widgets.few_lines(notice.text, room, most):
+            said = _question(notice) if notice.otherwise else notice.text
+            for text in widgets.few_lines(said, room, most):
                 imgui.set_cursor_pos_x(left)
                 imgui.text_unformatted(text)
                 widgets.tooltip(notice.text)
@@ -183,5 +207,9 @@ def _card(
     imgui.set_next_window_size_constraints(ImVec2(width, 0), most)
     before = state.sizes.get(notice)
     is_cut = before is not None and before.y >= most.y - 1
+    pad = imgui.get_style().window_padding
+    asks = is_low and notice.otherwise
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(pad.x, em(0.3)) if asks else pad)
     widgets.floating_card(f"Notice {slot}", draw, scrolls=is_cut)
+    imgui.pop_style_var()
     return bottom

@@ -48,6 +48,7 @@ class PathKind(Enum):
 
 
 _FOLDERS = (PathKind.OPEN_FOLDER, PathKind.NEW_FOLDER)
+_OPENING = (PathKind.OPEN_FOLDER, PathKind.OPEN_FILE)
 
 
 @dataclass
@@ -256,8 +257,9 @@ def _entries(dialog: FileDialog) -> None:
     imgui.pop_style_color()
     if visible:
         if not dialog._entries:
-            is_open = dialog.kind in (PathKind.OPEN_FOLDER, PathKind.OPEN_FILE)
-            widgets.dim("Nothing to open here." if is_open else "Nothing is here yet.")
+            widgets.dim(
+                "Nothing to open here." if dialog.kind in _OPENING else "Nothing is here yet."
+            )
         imgui.push_item_flag(imgui.ItemFlags_.no_tab_stop, True)  # arrows walk through them
         for entry in dialog._entries:
             _entry(dialog, entry)
@@ -317,6 +319,7 @@ def _answer_row(dialog: FileDialog) -> None:
         dialog.folder,
         dialog.suffixes,
         only_folders=dialog.kind in _FOLDERS,
+        must_exist=dialog.kind in _OPENING,
         hint=hint,
         flags=flags,
     )

@@ -15,10 +15,14 @@ def path_field(
     suffixes: tuple[str, ...] = (),
     *,
     only_folders: bool = False,
+    must_exist: bool = False,
     hint: str = "",
     flags: int = 0,
 ) -> tuple[bool, str]:
-    """``imgui.input_text`` for a path, which is in ``folder`` where it is relative."""
+    """``imgui.input_text`` for a path, which is in ``folder`` where it is relative.
+
+    ``must_exist``: Tab goes on only from a path that is there.
+    """
     goes_on = False
     known, id_ = imgui.get_state_storage(), imgui.get_id(label)
 
@@ -28,8 +32,9 @@ def path_field(
         # Who only walks through the fields changes nothing.
         is_typed = known.get_bool(id_)
         whole = completed(folder, typed, suffixes, only_folders) if is_typed else typed
-        goes_on = whole == typed
-        if not goes_on:
+        stays = must_exist and is_typed and not _is_there(folder, typed)
+        goes_on = whole == typed and not stays
+        if whole != typed:
             data.delete_chars(0, data.buf_text_len)
             data.insert_chars(0, whole)
         return 0
@@ -46,17 +51,25 @@ def path_field(
     return answer
 
 
+def _is_there(folder: Path, text: str) -> bool:
+    try:
+        return (folder / Path(text).expanduser()).exists()
+    except (OSError, RuntimeError):  # not allowed, or the home of nobody
+        return False
+
+
 def completed(folder: Path, text: str, suffixes: tuple[str, ...], only_folders: bool) -> str:
     """``text`` with what all paths that begin with it have in common; a whole folder ends in "/".
 
-    Letters match in either case where none match as they are typed.
+    Paths are folders and files of these ``suffixes``; without any, all files, or with
+    ``only_folders`` none. Letters match in either case where none match as they are typed.
     """
     place, begin = (text[: text.rfind("/") + 1], text[text.rfind("/") + 1 :])
     try:
         names = [
             f"{p.name}/" if p.is_dir() else p.name
             for p in (folder / Path(place or ".").expanduser()).iterdir()
-            if (p.is_dir() or (not only_folders and (not suffixes or p.suffix.lower() in suffixes)))
+            if (p.is_dir() or (p.suffix.lower() in suffixes if suffixes else not only_folders))
             and p.name.startswith(".") == begin.startswith(".")
         ]
     except (OSError, RuntimeError):  # not there, not allowed, or the home of nobody

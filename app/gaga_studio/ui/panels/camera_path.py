@@ -51,6 +51,9 @@ def _buttons(session: Session, path: CameraPath) -> None:
     command_buttons.command_button(session, "camera.film", "Save film…")
 
 
+_LEAST_SLIDER = 9.0  # em: with less room next to it, the whole time stands below the slider
+
+
 def _scrub(session: Session, path: CameraPath) -> None:
     playback = session.view.playback
     icon = icons.PAUSE if playback.is_playing else icons.PLAY
@@ -60,13 +63,16 @@ def _scrub(session: Session, path: CameraPath) -> None:
     imgui.same_line()
     of_all = "%.1f s in all"
     width = imgui.calc_text_size(of_all % path.seconds).x + 2 * imgui.get_style().frame_padding.x
-    imgui.set_next_item_width(imgui.get_content_region_avail().x - width - em(0.6))
+    room = imgui.get_content_region_avail().x
+    is_narrow = room - width < em(_LEAST_SLIDER)
+    imgui.set_next_item_width(room - (0 if is_narrow else width + em(0.6)))
     end = max(path.seconds, 1e-3)
     changed, at = widgets.slider("##Time", playback.at, 0.0, end, "%.2f s", ticks=path.times())
     if changed:
         playback.is_playing = False
         camera.scrub(session, at)
-    imgui.same_line()
+    if not is_narrow:
+        imgui.same_line()
     imgui.set_next_item_width(width)
     changed, total = drag("##Total", path.seconds, 0.05, of_all, (0.1, 3600))
     widgets.tooltip("Duration of the whole path; all times scale with it")

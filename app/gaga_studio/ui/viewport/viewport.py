@@ -638,8 +638,10 @@ def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> flo
     if not (names or is_empty) or session.is_previewing:
         return 0.0
     action = "Show all"
-    said = "Everything is hidden" if is_empty else f"Isolated: {names}"
-    text = widgets.elided(said, size.x - em(18))
+    said = ("Everything is hidden", "All is hidden") if is_empty else (f"Isolated: {names}", names)
+    around = imgui.calc_text_size(f"  ·  {action}").x + em(1.4)
+    room = size.x - around - 2 * (gizmo.height(session, size) or em(0.3))  # the cube is as wide
+    text = widgets.elided(said[imgui.calc_text_size(said[0]).x > room], room)
     wide = imgui.calc_text_size(f"{text}  ·  {action}").x + em(1.4)
     top = size.y * 0.45 if is_empty else em(0.6)
     imgui.set_cursor_screen_pos(ImVec2(corner.x + (size.x - wide) / 2, corner.y + top))
