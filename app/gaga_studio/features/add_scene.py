@@ -208,7 +208,8 @@ def select(session: Session, groups: tuple[int, ...]) -> bool:
     splats = group_indices(document.scene, groups)
     if len(splats) == 0:
         raise GagaError("These objects are not in the scene any more.")
-    done = document.select(splats.astype(np.int32))
+    title = f"Select {document.names_of(groups)}"
+    done = document.select(splats.astype(np.int32), "set", title)
     camera.frame_selected(session)
     return done
 

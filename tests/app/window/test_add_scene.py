@@ -69,5 +69,9 @@ def test_a_second_scene_by_the_menu(display: str, tmp_path: Path) -> None:
         change, groups = add_scene.changes(session).found[0]
         assert change.kind == "came"
         assert session.selected_groups() == groups
+        sheet = d.engine.window_info("//What changed").window.rect()
+        (left, _), (width, _) = d.corner, d.size
+        assert sheet.max.x < left + width / 2, "it covered what it is to show"
+        assert session.history.undo_title.startswith("Select ")
 
-    drive(walk, path=first)
+    drive(walk, path=first, size=(1600, 1000))

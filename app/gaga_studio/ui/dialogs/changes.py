@@ -20,7 +20,8 @@ def opens(session: Session) -> None:
 
 def draw(session: Session) -> None:
     """The sheet, while it is open."""
-    if not begin_modal(NAME, em(30), is_possible=session.document is not None):
+    is_open = session.document is not None
+    if not begin_modal(NAME, em(24), dims=False, is_possible=is_open, is_aside=True):
         return
     listed = add_scene.changes(session)
     widgets.dim(f"Between the open scene and {theme.plain(listed.name)}. Click to see.", wrap=True)

@@ -26,14 +26,27 @@ def highest() -> float:
     return min(viewport.size.y * HIGH, viewport.work_size.y - 2 * edge)
 
 
-def begin_modal(name: str, width: float, *, dims: bool = True, is_possible: bool = True) -> bool:
+def begin_modal(
+    name: str,
+    width: float,
+    *,
+    dims: bool = True,
+    is_possible: bool = True,
+    is_aside: bool = False,
+) -> bool:
     """A sheet in the middle of the window, ``width`` wide where there is room.
 
-    The window behind it is dimmed, but not where it is what the sheet changes. A sheet that is no
-    longer ``is_possible`` closes itself.
+    The window behind it is dimmed, but not where it is what the sheet changes; where the sheet
+    shows things in the picture, it stands ``is_aside``, in the lower left corner. A sheet that is
+    no longer ``is_possible`` closes itself.
     """
     viewport = imgui.get_main_viewport()
-    imgui.set_next_window_pos(viewport.get_center(), imgui.Cond_.always, ImVec2(0.5, 0.5))
+    at, pivot = viewport.get_center(), ImVec2(0.5, 0.5)
+    if is_aside:
+        edge = em(1)
+        at = ImVec2(viewport.work_pos.x + edge, viewport.pos.y + viewport.size.y - edge)
+        pivot = ImVec2(0, 1)
+    imgui.set_next_window_pos(at, imgui.Cond_.always, pivot)
     fitting = min(width, viewport.size.x * 0.94)
     imgui.set_next_window_size_constraints(ImVec2(fitting, 0), ImVec2(fitting, highest()))
     imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(8))
