@@ -1514,8 +1514,8 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     """Enter presses the button, Esc closes, folders are made, places are one click away."""
     taken: list[Path] = []
 
-    def ask() -> FileDialog:
-        dialog = FileDialog("Choose a folder", PathKind.OPEN_FOLDER, folder)
+    def ask(title: str = "Choose a folder") -> FileDialog:
+        dialog = FileDialog(title, PathKind.OPEN_FOLDER, folder)
         d.on_main(lambda: d.studio.ui.files.ask(dialog, taken.append))
         d.frames(3)
         return dialog
@@ -1528,7 +1528,7 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     d.keys(KEY.escape)
     assert d.studio.ui.files.dialog is None
     assert len(taken) == 1
-    dialog = ask()
+    dialog = ask("Choose another folder")  # the first one begins where it ended
     d.click("$FOCUSED/New folder")
     d.engine.key_chars_replace_enter("results")
     d.frames()

@@ -375,7 +375,7 @@ def _filter(d: Driver) -> None:
     """It says how many it lists, and goes with one click."""
     listing, table = d.session.need().feature(ObjectListView), d.session.objects()
     d.click("Objects/###Filter")
-    assert d.exists("$FOCUSED/##splats/##min") or d.exists("**/##splats/##min")
+    assert d.exists("$FOCUSED/##splats/##from") or d.exists("**/##splats/##from")
     d.click("**/Unsure only")
     d.frames(3)
     sure = measures(d.session, table)["confidence"]
