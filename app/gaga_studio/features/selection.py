@@ -275,8 +275,12 @@ def keep_selection(session: Session, name: str) -> bool:
 def keep_next_selection(session: Session) -> bool:
     """Keep the selection under the next free name: "set 3"."""
     kept = session.scene.named_selections if session.scene is not None else {}
-    n = next(i for i in range(1, len(kept) + 2) if f"set {i}" not in kept)
-    return keep_selection(session, f"set {n}")
+    name = next(f"set {i}" for i in range(1, len(kept) + 2) if f"set {i}" not in kept)
+    done = keep_selection(session, name)
+    if done:
+        where = "Named selections are at the end of the panel Select by."
+        session.notify(Level.INFO, f"Kept the selection as “{name}”. {where}")
+    return done
 
 
 @notifies

@@ -118,6 +118,7 @@ def test_kept_selections_come_back_by_name(associated: Session) -> None:
     _object(associated)
     chosen = associated.selected_indices().tolist()
     assert run("select.keep", associated)
+    assert associated.notices[-1].text.startswith("Kept the selection as “set 1”.")
     assert run("select.none", associated)
     assert selection.select_named(associated, "set 1")
     assert associated.selected_indices().tolist() == chosen
