@@ -72,6 +72,6 @@ def test_a_second_scene_by_the_menu(display: str, tmp_path: Path) -> None:
         sheet = d.engine.window_info("//What changed").window.rect()
         (left, _), (width, _) = d.corner, d.size
         assert sheet.max.x < left + width / 2, "it covered what it is to show"
-        assert session.history.undo_title.startswith("Select ")
+        assert d.history.undo_title.startswith("Select ")
 
     drive(walk, path=first, size=(1600, 1000))
