@@ -267,9 +267,13 @@ def choose_level(session: Session, level: int) -> None:
         None if scene.confidence is None else scene.confidence.astype(np.float32) / np.float32(255)
     )
     order = scene.folders.renumbered(kept)
-    session.edit(
-        lambda scene: edits.set_grouping(scene, labels, bank, names, "Change detail", sure, order)
-    )
+
+    def change(scene: Scene) -> edits.Edit | None:
+        title = "Change detail"
+        grouping = edits.set_grouping(scene, labels, bank, names, title, sure, order)
+        return edits.together(title, (grouping, *edits.carry_looks(scene, kept)))
+
+    session.edit(change)
 
 
 @notifies

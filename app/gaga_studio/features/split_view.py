@@ -12,7 +12,7 @@ from gaga_core.evaluate.photo_film import TRUTH
 from gaga_core.grouping.memory_bank import MemoryBank
 from gaga_core.masks import resize_labels
 from gaga_core.scene.edits.history import History
-from gaga_core.scene.edits.splats import spread
+from gaga_core.scene.edits.splats import regrouped
 from gaga_core.scene.frame import carried_camera
 from gaga_core.scene.scene import Revision, Scene
 from gaga_studio.features import camera as navigation
@@ -351,7 +351,7 @@ def other_labels(session: Session) -> IntArray | None:
         return None
     scene = document.scene
     key = (bank, preset, scene.revision.splats, scene.revision.labels)
-    return document.read.once("other", key, lambda: spread(scene, _renamed(labels, scene)))
+    return document.read.once("other", key, lambda: regrouped(scene, _renamed(labels, scene))[0])
 
 
 @notifies

@@ -14,7 +14,7 @@ from gaga_core.grouping.associate import BankSnapshot
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.query.group_facts import colors_outside, part_for_color
 from gaga_core.scene import objects
-from gaga_core.scene.edits.splats import spread
+from gaga_core.scene.edits.splats import regrouped
 from gaga_core.scene.objects import ObjectTable, confidence_histogram
 from gaga_core.scene.orientation import Pose, pose_of
 from gaga_core.scene.scene import Scene, State
@@ -240,8 +240,8 @@ def _by_mask(bank: MemoryBank) -> dict[tuple[str, int], Decision]:
 
 
 def labels_of_bank(bank: MemoryBank, scene: Scene) -> IntArray:
-    """Group (N,) of each splat of the scene; a duplicate has its original's."""
-    return spread(scene, np.maximum(bank.group, 0).astype(np.int32))
+    """Group (N,) of each splat of the scene, see `regrouped`."""
+    return regrouped(scene, np.maximum(bank.group, 0).astype(np.int32))[0]
 
 
 def by_group(bank: MemoryBank) -> dict[int, tuple[Decision, ...]]:

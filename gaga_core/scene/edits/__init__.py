@@ -14,6 +14,7 @@ from gaga_core.scene.edits.folders import (
     set_parent,
 )
 from gaga_core.scene.edits.objects import (
+    carry_looks,
     forget_selection,
     free_group,
     join_here,
@@ -63,6 +64,7 @@ __all__ = [
     "Edits",
     "How",
     "append",
+    "carry_looks",
     "delete",
     "delete_folder",
     "duplicate",

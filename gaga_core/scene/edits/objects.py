@@ -123,6 +123,16 @@ def set_weight(
     return None if weight == before else SetWeight(title, group, before, weight)
 
 
+def carry_looks(scene: Scene, kept: Mapping[int, int]) -> tuple[Edit | None, ...]:
+    """Edits that leave colors and weights with their groups: new ids by former ones."""
+    colors = {kept[group]: rgb for group, rgb in scene.colors.items() if group in kept}
+    weights = {kept[group]: weight for group, weight in scene.weights.items() if group in kept}
+    return (
+        *(set_color(scene, g, colors.get(g)) for g in sorted({*scene.colors, *colors})),
+        *(set_weight(scene, g, weights.get(g)) for g in sorted({*scene.weights, *weights})),
+    )
+
+
 def free_group(scene: Scene) -> int:
     """The first id above every group that was ever used."""
     order = scene.folders

@@ -280,9 +280,9 @@ def regrouped(scene: Scene, found: IntArray) -> tuple[IntArray, dict[int, int]]:
     """Groups (N,) of all splats once those of the rows of the opened file (M,) are ``found`` again.
 
     As `spread`, but an object that is a copy stays one, and copies that a person put into another
-    object stay with the nearest splats of that. What was in no object when it was copied is judged
-    as `duplicate` would judge it now: where it is more than half of an object that is found, it is
-    an object, too. Also the new ids of the groups that no row of the file is in, by former ids.
+    object stay with the nearest splats of that. A copy that is in no object is judged as
+    `duplicate` would judge it now: where it is more than half of an object that is found, it is an
+    object, too. Also the new ids of the groups that no row of the file is in, by former ids.
     """
     if len(scene) == len(found):
         return found, {}
@@ -291,9 +291,10 @@ def regrouped(scene: Scene, found: IntArray) -> tuple[IntArray, dict[int, int]]:
     now, original = scene.labels[known], scene.labels[scene.source[known]]
     follows[known] = (now == original) | (now == 0)
     labels = _spread(scene, found, follows)
-    own = ~follows & ~_continuing(scene, follows)
-    pairs = np.unique(np.stack([scene.labels[own], labels[own]], axis=1), axis=0).tolist()
-    loose = np.flatnonzero(follows & (scene.labels == 0))
+    own = np.flatnonzero(~follows & ~_continuing(scene, follows))
+    former, first_rows = np.unique(scene.labels[own], return_index=True)
+    pairs = zip(former.tolist(), labels[own[first_rows]].tolist(), strict=True)
+    loose = np.flatnonzero(follows & (scene.labels == 0) & ~scene.has(State.DELETED))
     loose = loose[loose >= scene.n_opened]
     if len(loose):
         first = max(int(labels.max()) + 1, free_group(scene))

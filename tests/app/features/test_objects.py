@@ -13,7 +13,7 @@ from gaga_core.export.export import export_scene_stage
 from gaga_core.grouping.memory_bank import MemoryBank, at_level
 from gaga_core.progress import run_stage
 from gaga_core.scene.project import open_path_stage
-from gaga_core.scene.scene import Scene, State
+from gaga_core.scene.scene import Scene, State, Weight
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.by_value import shown_colors
 from gaga_core.scene.tint import Grade
@@ -185,6 +185,28 @@ def test_a_chosen_level_is_one_edit_that_undo_takes_back(session: Session) -> No
     session.undo()
     assert np.array_equal(_scene(session).labels, before)
     assert _bank(session) is bank
+
+
+def test_a_copy_is_one_object_with_its_color_at_every_level(session: Session) -> None:
+    """Its color and weight went to another object, and while it was shown it fell into parts."""
+    scene = _scene(session)
+    selection.select_groups(session, (int(np.bincount(scene.labels)[1:].argmax()) + 1,))
+    assert transform.duplicate(session)
+    rows = session.selected_indices().copy()
+    (copy,) = set(scene.labels[rows].tolist())
+    assert objects.set_color(session, copy, (1, 0, 0))
+    assert objects.set_weight(session, copy, Weight("mass", 2.0))
+    levels = object_list.levels_of(session)
+    assert levels is not None
+    finest = len(levels.labels) - 1
+    objects.preview_level(session, finest)
+    assert session.live_labels is not None
+    assert len({*session.live_labels[rows].tolist()}) == 1
+    objects.choose_level(session, finest)
+    (group,) = set(scene.labels[rows].tolist())
+    assert scene.colors == {group: (1, 0, 0)}
+    assert scene.weights == {group: Weight("mass", 2.0)}
+    assert (np.flatnonzero(scene.labels == group) == rows).all()
 
 
 def test_a_preview_changes_nothing_of_the_scene(session: Session) -> None:

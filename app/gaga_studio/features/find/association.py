@@ -1,8 +1,7 @@
 """Find objects: associate masks with settings, identities, and the stage that comes next."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -42,8 +41,6 @@ from gaga_studio.session.rates import KnownRates
 from gaga_studio.session.session import NO_OBJECTS_OF_A_FILE, Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, ToolName
-
-T = TypeVar("T")
 
 # --- settings
 
@@ -185,8 +182,7 @@ def take_groups(document: Document, found: Association) -> str:
     n_kept = int(of_file.max(initial=0)) - int(found.labels.max(initial=0))
     labels, others = regrouped(scene, of_file)
     kept = new_ids | others
-    names = _moved(scene.names, kept)
-    colors, weights = _moved(scene.colors, kept), _moved(scene.weights, kept)
+    names = {kept[group]: name for group, name in scene.names.items() if group in kept}
     document.do(
         edits.together(
             TITLE,
@@ -200,19 +196,13 @@ def take_groups(document: Document, found: Association) -> str:
                     found.confidence,
                     scene.folders.renumbered(kept),
                 ),
-                *(edits.set_color(scene, g, colors.get(g)) for g in {*scene.colors, *colors}),
-                *(edits.set_weight(scene, g, weights.get(g)) for g in {*scene.weights, *weights}),
+                *edits.carry_looks(scene, kept),
             ),
         )
     )
     text = f"Found {counted(int((document.read.objects(None, False).ids > 0).sum()), 'object')}."
     text += f" {n_kept} of them stay as you changed them." if n_kept else ""
     return text
-
-
-def _moved(table: Mapping[int, T], new_ids: Mapping[int, int]) -> dict[int, T]:
-    """The entries of the groups that have new ids, by these."""
-    return {new: table[old] for old, new in new_ids.items() if old in table}
 
 
 def watch_bank(session: Session) -> tuple[Callable[[object], None], Callable[[], None]]:

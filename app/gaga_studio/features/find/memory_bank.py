@@ -17,7 +17,7 @@ from gaga_core.io.folder.scene_folder import select_views
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
-from gaga_core.scene.edits.splats import spread
+from gaga_core.scene.edits.splats import regrouped
 from gaga_core.scene.objects import ObjectTable, group_indices
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import camera
@@ -605,7 +605,7 @@ def timeline_labels(session: Session) -> IntArray | None:
         return None
     scene = document.scene
     key = (growth, step, scene.revision.splats)
-    return document.read.once("timeline", key, lambda: spread(scene, growth.labels_at(step)))
+    return document.read.once("timeline", key, lambda: regrouped(scene, growth.labels_at(step))[0])
 
 
 def bank_at(session: Session) -> MemoryBank | None:

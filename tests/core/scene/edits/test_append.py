@@ -259,6 +259,8 @@ def test_what_is_copied_stays_an_object_of_its_own_when_groups_change() -> None:
     assert len(loose[0] | loose[1]) == 2
     assert not (loose[0] | loose[1]) & {*found.tolist(), kept}
     assert labels[69:71].tolist() == labels[76:78].tolist() == [9, 9], "two of five"
+    history.do(edits.delete(scene, np.arange(64, 78)))
+    assert set(regrouped(scene, found)[0][64:].tolist()) <= {7, 9}, "what is deleted is no object"
 
 
 def test_groups_of_the_file_become_groups_with_its_name(room: Path, tmp_path: Path) -> None:
