@@ -561,8 +561,11 @@ def scene_of(photos: Path) -> Path:
     it is in before it; one that was begun under its own stays.
     """
     photos = photos.absolute()
-    if photos.is_dir() and photos.name in ("images", ORIGINALS) and _is_begun(photos.parent):
-        return photos.parent
+    if photos.is_dir() and photos.name in ("images", ORIGINALS):
+        if _is_begun(photos.parent):
+            return photos.parent
+        if photos.name == "images" and _is_of_others(photos.parent):
+            return photos.parent.with_name(f"{photos.parent.name}-scene")
     if photos.is_file():
         return photos.with_name(f"{photos.stem}-scene")
     own = photos.with_name(f"{photos.name}-scene")
@@ -611,8 +614,7 @@ def source_of(path: Path) -> tuple[Path | None, Path]:
     if is_video(path) or is_recording(path):
         return path, scene_of(path)
     if _is_of_others(path):
-        folder = path.absolute()
-        return path / "images", folder.with_name(f"{folder.name}-scene")
+        return path / "images", scene_of(path / "images")
     if not path.is_dir() or is_scene_folder(path) or meant_in(path) is not None:
         return None, path
     kinds = (*IMAGE_SUFFIXES, *UNREAD_SUFFIXES)

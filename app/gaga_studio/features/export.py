@@ -158,9 +158,10 @@ def _bodies_sentence(session: Session) -> str:
         return "All objects but the background become bodies."
     shown = np.unique(scene.labels[scene.visible])
     bodies = [group for group in groups if group in shown]
+    if not bodies:
+        return "None of the selected objects is visible, so there is nothing to export."
     verb = "becomes a body" if len(bodies) == 1 else "become bodies"
-    who = session.need().names_of(bodies) if bodies else "None of these objects is visible: none"
-    return f"{who} {verb}, all else stays."
+    return f"{session.need().names_of(bodies)} {verb}, all else stays."
 
 
 def _hidden_objects(scene: Scene, groups: Sequence[int] | None) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from gaga_core.errors import GagaError, counted
+from gaga_core.errors import counted
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.files import atomic_write
 from gaga_core.io.images import IMAGE_SUFFIXES
@@ -131,19 +131,21 @@ def recent(session: Session) -> tuple[Command, ...]:
     return tuple(map(open_it, session.settings.recent))
 
 
-@notifies
+def _saved_project(session: Session) -> Path | None:
+    """The project that was saved last of the file that is open, as it was looked for first."""
+    document = session.need()
+    project = document.project
+    return document.read.once("saved project", (project.path,), lambda: project.saved_of_file)
+
+
 def open_saved_project(session: Session) -> None:
-    """Open the project that was saved last of the file that is open."""
-    saved = session.need().project.saved_of_file
-    if saved is None:
-        raise GagaError("No project was saved of this file.")
-    session.open(saved)
+    """Open the project that was saved of the file that is open."""
+    saved = _saved_project(session)
+    if saved is not None:
+        session.open(saved)
 
 
-_of_project = needs(
-    lambda session: session.need().project.path is None and session.need().project.folder is None,
-    "This is no lone file of splats.",
-)
+_has_saved = needs(_saved_project, "No project was saved of this file.")
 _no_edits = needs(
     lambda session: session.need().history.is_recorded,
     "Nothing was edited since the scene was opened.",
@@ -155,7 +157,7 @@ COMMANDS: tuple[Command, ...] = (
         "file.saved_project",
         "Open the project saved of this file",
         open_saved_project,
-        enabled=first_of(no_scene, _of_project, busy),
+        enabled=first_of(_has_saved, busy),
     ),
     ask(
         "file.add_splats",

@@ -165,6 +165,7 @@ def test_a_folder_of_another_program_is_left_as_it_is(folder: Path, tmp_path: Pa
     assert found is not None
     assert found.poses
     assert (found.photos, found.scene) == (images, tmp_path / "fox-scene")
+    assert source_of(images) == (images, tmp_path / "fox-scene"), "whichever of both is chosen"
 
 
 def _pose(i: int) -> list[list[float]]:

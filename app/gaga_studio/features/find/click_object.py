@@ -409,13 +409,15 @@ def _select_objects(session: Session, points: Sequence[Point]) -> None:
     """Answer clicks on ``points`` (world) that took the tool while there were no objects, and now
     there are: with the objects there."""
     scene = session.need().scene
-    live = np.flatnonzero(~scene.has(State.DELETED)).astype(np.int32)
-    means, groups = algebra.world_means(scene, live), list[int]()
-    for point in points:
+    shown, groups = np.flatnonzero(scene.visible).astype(np.int32), list[int]()
+    means = algebra.world_means(scene, shown)
+    for point in points if len(shown) else ():
         nearest = np.square(means - np.asarray(point, np.float32)).sum(axis=1).argmin()
-        groups.append(int(scene.labels[live[nearest]]))
+        groups.append(int(scene.labels[shown[nearest]]))
     if found := tuple(dict.fromkeys(group for group in groups if group)):
         selection.select_groups(session, found)
+    elif points:
+        session.notify(Level.HINT, "There is no object where you clicked.")
 
 
 def _answer(document: Document, click: "Click", camera: Camera) -> bool:

@@ -433,7 +433,7 @@ def keep_partial(session: Session, provider: str) -> None:
     choose(session, chosen if chosen in folders else provider)
     _, made = stages.masks_of(session.need().project, provider)
     photos = f"{counted(len(made), 'photo')} of {provider} {'is' if len(made) == 1 else 'are'}"
-    command = "" if why_no_rest(session) else REST
+    command = REST if session.provider == provider and not why_no_rest(session) else ""
     session.notify(Level.INFO, f"{photos} done. Make masks continues there.", command)
 
 

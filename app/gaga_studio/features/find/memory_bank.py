@@ -364,12 +364,17 @@ def why_no_new_views(session: Session) -> str:
 def _of_other_masks(session: Session, bank: MemoryBank) -> str:
     """A sentence where most photos of the objects have none of the masks in use, "" elsewhere:
     what these would join is what those had said."""
-    known = {decision.view for decision in bank.log}
-    n_there = sum(name in association.masks_now(session) for name in known)
-    if 2 * n_there > len(known):
+    masks = association.masks_now(session)
+
+    def count() -> tuple[int, int]:
+        known = {decision.view for decision in bank.log}
+        return len(known), sum(name in masks for name in known)
+
+    n, n_there = session.need().read.once("views with masks", (bank, masks), count)
+    if 2 * n_there > n:
         return ""
     return (
-        f"The objects are of {counted(len(known), 'photo')}, of which {n_there} have masks in "
+        f"The objects are of {counted(n, 'photo')}, of which {n_there} have masks in "
         f"{session.provider}. Choose the masks that they were made of (Use the masks of), or use "
         "Find objects."
     )

@@ -49,7 +49,8 @@ class Gizmo:
         first = corner.x + line * size.x
         drawing = imgui.get_window_draw_list()
         drawing.push_clip_rect(ImVec2(first, corner.y), corner + size, True)
-        _guizmo.enable(self._matrix is not None or imgui.get_io().mouse_pos.x >= first)
+        is_taken = not line or self._matrix is not None or imgui.get_io().mouse_pos.x >= first
+        _guizmo.enable(is_taken)  # gray otherwise
         _guizmo.set_drawlist()
         _guizmo.set_rect(corner.x, corner.y, size.x, size.y)
         _guizmo.set_gizmo_size_clip_space(0.16)
