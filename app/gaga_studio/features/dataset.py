@@ -43,11 +43,11 @@ class DatasetPlan:
     def says(self) -> str:
         """What will be made, in a sentence."""
         config, (n, n_kept) = self.config, planned(self.config)
-        placements = "one placement" if n == 1 else f"about {n:,} placements"
-        kept = f"about {counted(n_kept, 'picture')}, {100 * n_kept / config.views:.0f} %"
+        placements = "one placement" if n == 1 else f"up to {n:,} placements"
+        kept = f"up to {counted(n_kept, 'picture')}, {100 * n_kept / config.views:.0f} %"
         return (
             f"{counted(config.views, 'picture')} of {placements} of the objects; for validation "
-            f"{kept if n_kept else 'none'}. In a folder that has a data set, only what is missing "
+            f"{kept if n_kept else 'none'}. Fewer where objects cannot stand elsewhere. In a folder that has a data set, only what is missing "
             "or stale is made."
         )
 

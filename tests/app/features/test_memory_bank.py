@@ -69,6 +69,23 @@ def test_cancelled_a_repair_leaves_everything(associated: Session) -> None:
     assert session.scene.bank is bank  # type: ignore[union-attr]
 
 
+def test_a_copy_made_meanwhile_is_no_part_of_a_new_object(associated: Session) -> None:
+    """Both had the same id."""
+    session = associated
+    assert memory_bank.move_mask(session, _decision(session, 3), memory_bank.NEW)
+    selection.select_groups(session, (4,))
+    assert transform.duplicate(session)
+    copies = session.selected_indices().copy()
+    (copy,) = set(_labels(session)[copies].tolist())
+    assert session.jobs.wait()
+    new = session.need().focus
+    assert new not in {0, copy}
+    assert not np.isin(np.flatnonzero(_labels(session) == new), copies).any()
+    assert set(_labels(session)[copies].tolist()) == {copy}
+    assert any(decision.by_hand for decision in session.decisions(new))
+    assert not session.decisions(copy)
+
+
 def test_objects_that_change_meanwhile_win(associated: Session) -> None:
     session = associated
     assert memory_bank.move_mask(session, _decision(session, 3), memory_bank.NEW)
