@@ -67,7 +67,7 @@ class Change:
     distance: float = 0.0  # that it moved, units of the first capture
 
     def sentence(self, *, is_metric: bool) -> str:
-        """ "mug moved by 32.0 cm"."""
+        """ "teapot moved by 32.0 cm"."""
         if self.kind != "moved":
             return f"{self.name} {self.kind}"
         return f"{self.name} moved by {length_text(self.distance, is_metric=is_metric)}"

@@ -388,7 +388,7 @@ def test_masks_that_came_later_join_and_corrections_stay(
 
 
 def test_masks_of_another_set_do_not_join(grown: tuple[Session, tuple[str, ...]]) -> None:
-    """All was found anew without what the masks of the objects had said: names went to others."""
+    """All was found again without what the masks of the objects had said: names went to others."""
     session, late = grown
     assert session.project is not None
     assert session.project.folder is not None
