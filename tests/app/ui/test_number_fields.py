@@ -48,11 +48,22 @@ class _Field:
                 io.add_mouse_button_event(0, is_down)
             self.frame()
 
+    def begin(self) -> None:
+        """Click the field, as to type into it."""
+        self._click(self._middle)
+        self.frame()
+
+    def type_at_once(self, text: str) -> None:
+        """Type and press Enter within one slow frame."""
+        self.begin()
+        imgui.get_io().add_input_characters_utf8(text)
+        imgui.get_io().add_key_event(imgui.Key.enter, True)
+        self.frame()
+
     def type(self, text: str, key: imgui.Key = imgui.Key.enter) -> None:
         """Click the field, type, and end with a key, or by a click on another item (no key)."""
         io = imgui.get_io()
-        self._click(self._middle)
-        self.frame()
+        self.begin()
         for letter in text:
             io.add_input_character(ord(letter))
             self.frame()
@@ -74,14 +85,34 @@ def _nothing_said() -> Iterator[None]:
 
 @pytest.mark.parametrize("key", [imgui.Key.enter, imgui.Key.tab, imgui.Key.none])
 @pytest.mark.parametrize(
-    ("typed", "metres"),
-    [("2", 2.0), ("10 cm", 0.1), ("1,5", 1.5), ("-12 in", -0.3048), ("0.5 m", 0.5)],
+    ("before", "typed", "metres"),
+    [
+        (0.5, "2", 2.0),
+        (0.5, "10 cm", 0.1),
+        (0.5, "1,5", 1.5),
+        (0.5, "-12 in", -0.3048),
+        (0.5, "0.5 m", 0.5),
+        # The digits of what is shown: to Dear ImGui the number stays the same.
+        (2.0, "2 cm", 0.02),
+        (10.0, "10 cm", 0.1),
+        (12.0, "12 in", 0.3048),
+        (1.0, "1 ft", 0.3048),
+    ],
 )
-def test_a_length_is_typed_with_its_unit(typed: str, metres: float, key: imgui.Key) -> None:
-    field = _Field(_METRES)
+def test_a_length_is_typed_with_its_unit(
+    before: float, typed: str, metres: float, key: imgui.Key
+) -> None:
+    field = _Field(_METRES, before)
     field.type(typed, key)
     assert field.value == pytest.approx(metres)
-    assert field.reports == (metres != 0.5), "once, and not while it is typed"
+    assert field.reports == (metres != before), "once, and not while it is typed"
+
+
+def test_a_length_that_is_typed_within_one_frame_is_kept() -> None:
+    field = _Field(_METRES, 10.0)
+    field.type_at_once("10 cm")
+    assert field.value == pytest.approx(0.1)
+    assert field.reports == 1
 
 
 @pytest.mark.parametrize("typed", ["about 2", "2 parsecs", "1 2", "-"])

@@ -129,6 +129,8 @@ def as_typed(
         _typing.text = state.text_src
     if not was_typed:
         _typing.item, _typing.before = item, _typing.text
+    if _typing.text != _typing.before:  # to Dear ImGui "10 cm" is the 10 of "10.000 m": no edit
+        imgui.internal.mark_item_edited(item)
     if is_typed:
         return False, value
     _typing.item = 0
