@@ -24,8 +24,13 @@ class _Field:
         self.frame()
         self.frame()
 
-    def frame(self) -> None:
+    def frame(self, *, is_drawn: bool = True) -> None:
         imgui.new_frame()
+        if is_drawn:
+            self._window()
+        imgui.end_frame()
+
+    def _window(self) -> None:
         imgui.set_next_window_pos(ImVec2(0, 0))
         imgui.begin("Window")
         changed, value = self._draw(value=self.value)
@@ -38,7 +43,6 @@ class _Field:
         high = imgui.get_item_rect_max()
         self._other = high.x - 3, high.y - 3
         imgui.end()
-        imgui.end_frame()
 
     def _click(self, place: tuple[float, float]) -> None:
         io = imgui.get_io()
@@ -121,6 +125,23 @@ def test_what_is_no_number_changes_nothing_and_is_told(typed: str) -> None:
     field.type(typed)
     assert field.value == 0.5
     assert number_fields.take_not_read().startswith(f'"{typed}" cannot be read here')
+
+
+@pytest.mark.parametrize("n_frames", [1, 5])
+def test_what_is_typed_goes_with_the_field(n_frames: int) -> None:
+    """A field that is drawn again is of another object, as after a selection that went."""
+    field = _Field(_METRES)
+    field.begin()
+    imgui.get_io().add_input_characters_utf8("7 cm")
+    field.frame()
+    for _ in range(n_frames):
+        field.frame(is_drawn=False)
+    field.value = 2.0
+    field.frame()
+    field.frame()
+    assert (field.value, field.reports) == (2.0, 0)
+    field.type("3 cm")
+    assert (field.value, field.reports) == (0.03, 1)
 
 
 def test_escape_and_what_stood_there_change_nothing() -> None:

@@ -39,6 +39,7 @@ class _Typing:
     """The field that is typed in: one at most, as Dear ImGui has it."""
 
     item: int = 0
+    frame: int = 0  # in which it was last drawn
     before: str = ""  # its text when that began
     text: str = ""
     not_read: str = ""  # what to tell of a text that was no number
@@ -121,7 +122,11 @@ def as_typed(
     ``value`` is its number so far, which stays while it is typed in.
     """
     item = imgui.get_id(label)
-    is_typed, was_typed = imgui.internal.temp_input_is_active(item), _typing.item == item
+    is_typed, frame = imgui.internal.temp_input_is_active(item), imgui.get_frame_count()
+    if _typing.item == item and _typing.frame != frame - 1:
+        _typing.item = 0  # it was gone meanwhile, and may be of another object now
+        drawn = False, value
+    was_typed = _typing.item == item
     if not (is_typed or was_typed):
         return drawn
     state = imgui.internal.get_input_text_state(item)
@@ -132,6 +137,7 @@ def as_typed(
     if _typing.text != _typing.before:  # to Dear ImGui "10 cm" is the 10 of "10.000 m": no edit
         imgui.internal.mark_item_edited(item)
     if is_typed:
+        _typing.frame = frame
         return False, value
     _typing.item = 0
     if _typing.text == _typing.before:  # Escape brings that back, too
