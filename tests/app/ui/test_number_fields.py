@@ -176,6 +176,8 @@ def test_what_is_typed_stays_within_the_limits() -> None:
         ("80 %", "below %d %%", 80.0),
         ("1.5x", "%.3f×", 1.5),
         ("20 cm", "from %.3g m", 0.2),
+        ("2 M", "%.1f M splats", 2.0),
+        ("500k", "%.1f M splats", 0.5),
         ("2", "1 metre = %.4g in the file", 2.0),
         ("10 cm", "%.3f", None),  # scene units: no length is known
         ("90°", _METRES, None),

@@ -28,6 +28,7 @@ _UNITS: Mapping[str, Mapping[str, float]] = {
     "×": {"×": 1.0, "x": 1.0},
     "%%": {"%": 1.0},
     "MB": {"mb": 1.0, "gb": 1e3},
+    "M": {"m": 1.0, "k": 1e-3},
 }
 _EXAMPLES = {"m": "a length as 1.5 m, 80 cm, 12 in or 5 ft", "°": "an angle as 45 or 0.5 rad"}
 _NO_SCALE = "a number: lengths with a unit need a scene with a scale (Set scale)"
