@@ -24,8 +24,13 @@ class _Field:
         self.frame()
         self.frame()
 
-    def frame(self) -> None:
+    def frame(self, *, is_drawn: bool = True) -> None:
         imgui.new_frame()
+        if is_drawn:
+            self._window()
+        imgui.end_frame()
+
+    def _window(self) -> None:
         imgui.set_next_window_pos(ImVec2(0, 0))
         imgui.begin("Window")
         changed, value = self._draw(value=self.value)
@@ -38,7 +43,6 @@ class _Field:
         high = imgui.get_item_rect_max()
         self._other = high.x - 3, high.y - 3
         imgui.end()
-        imgui.end_frame()
 
     def _click(self, place: tuple[float, float]) -> None:
         io = imgui.get_io()
@@ -48,11 +52,22 @@ class _Field:
                 io.add_mouse_button_event(0, is_down)
             self.frame()
 
+    def begin(self) -> None:
+        """Click the field, as to type into it."""
+        self._click(self._middle)
+        self.frame()
+
+    def type_at_once(self, text: str) -> None:
+        """Type and press Enter within one slow frame."""
+        self.begin()
+        imgui.get_io().add_input_characters_utf8(text)
+        imgui.get_io().add_key_event(imgui.Key.enter, True)
+        self.frame()
+
     def type(self, text: str, key: imgui.Key = imgui.Key.enter) -> None:
         """Click the field, type, and end with a key, or by a click on another item (no key)."""
         io = imgui.get_io()
-        self._click(self._middle)
-        self.frame()
+        self.begin()
         for letter in text:
             io.add_input_character(ord(letter))
             self.frame()
@@ -74,14 +89,34 @@ def _nothing_said() -> Iterator[None]:
 
 @pytest.mark.parametrize("key", [imgui.Key.enter, imgui.Key.tab, imgui.Key.none])
 @pytest.mark.parametrize(
-    ("typed", "metres"),
-    [("2", 2.0), ("10 cm", 0.1), ("1,5", 1.5), ("-12 in", -0.3048), ("0.5 m", 0.5)],
+    ("before", "typed", "metres"),
+    [
+        (0.5, "2", 2.0),
+        (0.5, "10 cm", 0.1),
+        (0.5, "1,5", 1.5),
+        (0.5, "-12 in", -0.3048),
+        (0.5, "0.5 m", 0.5),
+        # The digits of what is shown: to Dear ImGui the number stays the same.
+        (2.0, "2 cm", 0.02),
+        (10.0, "10 cm", 0.1),
+        (12.0, "12 in", 0.3048),
+        (1.0, "1 ft", 0.3048),
+    ],
 )
-def test_a_length_is_typed_with_its_unit(typed: str, metres: float, key: imgui.Key) -> None:
-    field = _Field(_METRES)
+def test_a_length_is_typed_with_its_unit(
+    before: float, typed: str, metres: float, key: imgui.Key
+) -> None:
+    field = _Field(_METRES, before)
     field.type(typed, key)
     assert field.value == pytest.approx(metres)
-    assert field.reports == (metres != 0.5), "once, and not while it is typed"
+    assert field.reports == (metres != before), "once, and not while it is typed"
+
+
+def test_a_length_that_is_typed_within_one_frame_is_kept() -> None:
+    field = _Field(_METRES, 10.0)
+    field.type_at_once("10 cm")
+    assert field.value == pytest.approx(0.1)
+    assert field.reports == 1
 
 
 @pytest.mark.parametrize("typed", ["about 2", "2 parsecs", "1 2", "-"])
@@ -90,6 +125,23 @@ def test_what_is_no_number_changes_nothing_and_is_told(typed: str) -> None:
     field.type(typed)
     assert field.value == 0.5
     assert number_fields.take_not_read().startswith(f'"{typed}" cannot be read here')
+
+
+@pytest.mark.parametrize("n_frames", [1, 5])
+def test_what_is_typed_goes_with_the_field(n_frames: int) -> None:
+    """A field that is drawn again is of another object, as after a selection that went."""
+    field = _Field(_METRES)
+    field.begin()
+    imgui.get_io().add_input_characters_utf8("7 cm")
+    field.frame()
+    for _ in range(n_frames):
+        field.frame(is_drawn=False)
+    field.value = 2.0
+    field.frame()
+    field.frame()
+    assert (field.value, field.reports) == (2.0, 0)
+    field.type("3 cm")
+    assert (field.value, field.reports) == (0.03, 1)
 
 
 def test_escape_and_what_stood_there_change_nothing() -> None:
@@ -124,6 +176,8 @@ def test_what_is_typed_stays_within_the_limits() -> None:
         ("80 %", "below %d %%", 80.0),
         ("1.5x", "%.3f×", 1.5),
         ("20 cm", "from %.3g m", 0.2),
+        ("2 M", "%.1f M splats", 2.0),
+        ("500k", "%.1f M splats", 0.5),
         ("2", "1 metre = %.4g in the file", 2.0),
         ("10 cm", "%.3f", None),  # scene units: no length is known
         ("90°", _METRES, None),

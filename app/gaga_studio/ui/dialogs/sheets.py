@@ -1,7 +1,7 @@
 """Sheets over the window: a question, all commands by name, the keys, preferences, about."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from imgui_bundle import ImVec2, imgui
 
@@ -131,6 +131,7 @@ class PaletteState:
     """What is typed into the list of commands, and which line is chosen."""
 
     text: str = ""
+    found: list[tuple[Command, str]] = field(default_factory=list)  # with its menu, as last typed
     at: int = 0
     lost_keys: bool = False  # Enter, or a click on a line, took the keyboard from the field
 
@@ -205,24 +206,29 @@ def _palette(session: Session, state: PaletteState) -> None:
         state.text,
         flags=imgui.InputTextFlags_.auto_select_all,
     )
-    menus = commands.all_menus(session)
-    found = matching(state.text, menus, lambda command: not command.enabled(session))
-    menu_of = _menu_of(menus)
-    if changed:
-        state.at = 0
+    if changed or imgui.is_window_appearing():  # lines do not move while one is chosen
+        menus = commands.all_menus(session)
+        menu_of = _menu_of(menus)
+        matches = matching(state.text, menus, lambda command: not command.enabled(session))
+        state.found, state.at = [(command, menu_of[command.id]) for command in matches], 0
+    found, reasons = state.found, [command.enabled(session) for command, _ in state.found]
     step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
     state.at = min(max(state.at + step, 0), max(len(found) - 1, 0))
     chosen: Command | None = None
     state.lost_keys = imgui.is_key_pressed(imgui.Key.enter)
     if state.lost_keys and found:
-        chosen = found[state.at]
-    why_not = found[state.at].enabled(session) if found else ""
+        chosen = found[state.at][0]
+    why_not = reasons[state.at] if found else ""
     room = imgui.get_text_line_height_with_spacing() if why_not else 0.0
     imgui.begin_child("Found", ImVec2(0, -room))
-    for position, command in enumerate(found):
-        right = commands.shortcut_of(command, session) or menu_of[command.id]
-        if _palette_line(session, command, right, position == state.at, bool(step)):
+    for position, ((command, menu), reason) in enumerate(zip(found, reasons, strict=True)):
+        right = commands.shortcut_of(command, session) or menu
+        title = theme.visual(command.title_now(session))
+        is_current = position == state.at
+        if _palette_line(command.id, title, right, reason, is_current):
             chosen, state.lost_keys = command, True
+        if is_current and step:
+            imgui.set_scroll_here_y()
     if not found:
         widgets.dim("No command is called that.")
     imgui.end_child()
@@ -234,20 +240,15 @@ def _palette(session: Session, state: PaletteState) -> None:
     imgui.end_popup()
 
 
-def _palette_line(
-    session: Session, command: Command, right: str, is_current: bool, moved: bool
-) -> bool:
-    why_not, title = command.enabled(session), theme.visual(command.title_now(session))
-    icon = command_buttons.ICONS.get(command.id, icons.BLANK)
+def _palette_line(id_: str, title: str, right: str, why_not: str, is_current: bool) -> bool:
+    icon = command_buttons.ICONS.get(id_, icons.BLANK)
     room = imgui.get_content_region_avail().x
     shown = widgets.elided(title, room - imgui.calc_text_size(right).x - em(2.5))
     with theme.text_color(theme.FAINT if why_not else theme.TEXT):
-        label = f"{icon}  {shown}###{command.id}"
+        label = f"{icon}  {shown}###{id_}"
         flags = imgui.SelectableFlags_.no_auto_close_popups
         clicked, _ = imgui.selectable(label, is_current, flags)
     widgets.tooltip(why_not or ("" if shown == title else title), of_row=True)
-    if is_current and moved:
-        imgui.set_scroll_here_y()
     imgui.same_line(room - imgui.calc_text_size(right).x)
     widgets.text(right, theme.FAINT)
     return clicked

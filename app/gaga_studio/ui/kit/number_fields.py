@@ -28,6 +28,7 @@ _UNITS: Mapping[str, Mapping[str, float]] = {
     "×": {"×": 1.0, "x": 1.0},
     "%%": {"%": 1.0},
     "MB": {"mb": 1.0, "gb": 1e3},
+    "M": {"m": 1.0, "k": 1e-3},
 }
 _EXAMPLES = {"m": "a length as 1.5 m, 80 cm, 12 in or 5 ft", "°": "an angle as 45 or 0.5 rad"}
 _NO_SCALE = "a number: lengths with a unit need a scene with a scale (Set scale)"
@@ -39,6 +40,7 @@ class _Typing:
     """The field that is typed in: one at most, as Dear ImGui has it."""
 
     item: int = 0
+    frame: int = 0  # in which it was last drawn
     before: str = ""  # its text when that began
     text: str = ""
     not_read: str = ""  # what to tell of a text that was no number
@@ -121,7 +123,11 @@ def as_typed(
     ``value`` is its number so far, which stays while it is typed in.
     """
     item = imgui.get_id(label)
-    is_typed, was_typed = imgui.internal.temp_input_is_active(item), _typing.item == item
+    is_typed, frame = imgui.internal.temp_input_is_active(item), imgui.get_frame_count()
+    if _typing.item == item and _typing.frame != frame - 1:
+        _typing.item = 0  # it was gone meanwhile, and may be of another object now
+        drawn = False, value
+    was_typed = _typing.item == item
     if not (is_typed or was_typed):
         return drawn
     state = imgui.internal.get_input_text_state(item)
@@ -129,7 +135,10 @@ def as_typed(
         _typing.text = state.text_src
     if not was_typed:
         _typing.item, _typing.before = item, _typing.text
+    if _typing.text != _typing.before:  # to Dear ImGui "10 cm" is the 10 of "10.000 m": no edit
+        imgui.internal.mark_item_edited(item)
     if is_typed:
+        _typing.frame = frame
         return False, value
     _typing.item = 0
     if _typing.text == _typing.before:  # Escape brings that back, too
