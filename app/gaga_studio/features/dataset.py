@@ -47,8 +47,8 @@ class DatasetPlan:
         kept = f"up to {counted(n_kept, 'picture')}, {100 * n_kept / config.views:.0f} %"
         return (
             f"{counted(config.views, 'picture')} of {placements} of the objects; for validation "
-            f"{kept if n_kept else 'none'}. Fewer where objects cannot stand elsewhere. In a folder "
-            "that has a data set, only what is missing or stale is made."
+            f"{kept if n_kept else 'none'}. Fewer where objects cannot stand elsewhere. In a "
+            "folder that has a data set, only what is missing or stale is made."
         )
 
 
