@@ -418,3 +418,19 @@ def test_escape_clears_the_search_and_leaves_it_where_it_is_empty(
     assert (bool(found[0]), found[1]) == (bool(typed), True)
     assert cleared == ("", bool(typed), False)
     assert left == ("", False, True)
+
+
+def test_a_function_key_leaves_the_search_box(display: str, grouped_copy: Path) -> None:
+    """F3 did nothing there, and what was typed next went into the search."""
+
+    def see(studio: Studio) -> tuple[str, bool]:
+        search = studio.session.need().feature(SearchState)
+        return search.text, imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
+
+    session = new_session(Settings(first_steps_done=True))
+    studio = Studio(grouped_copy, session=session, options=WindowOptions(size=(800, 500)))
+    rest: Stroke = ("Rest", True)
+    script = [*strokes("Control_L+f r e d"), rest, *strokes("F3"), rest, rest, *strokes("x"), rest]
+    seen = type_into(studio, script, in_a_frame=1, frame_s=0.02, see=see)
+    assert seen[1] == ("red", False)
+    assert seen[-1] == ("red", True)

@@ -286,8 +286,13 @@ def make(session: Session, request: MaskRequest | None = None) -> None:
     if reason:
         session.notify(Level.WARNING, reason)
         return
-    document = session.need()
-    ended: list[SegmentReport] = []
+    stage = make_stage(_folder(session.need()), request)
+    _start_making(session, stage, request.provider)
+
+
+def _start_making(session: Session, stage: Stage[SegmentReport], name: str) -> None:
+    """Make masks into the folder ``name``; what is made when it is cancelled is used."""
+    document, ended = session.need(), list[SegmentReport]()
 
     def done(report: SegmentReport) -> None:
         ended.append(report)
@@ -295,9 +300,9 @@ def make(session: Session, request: MaskRequest | None = None) -> None:
 
     def end() -> None:
         if not ended and session.document is document:
-            keep_partial(session, request.provider)
+            keep_partial(session, name)
 
-    session.jobs.start("Make masks", make_stage(_folder(document), request), None, done, end)
+    session.jobs.start("Make masks", stage, None, done, end)
 
 
 def rest_title(session: Session) -> str:
@@ -324,20 +329,10 @@ def make_rest(session: Session) -> None:
 
     Of masks that were not made here: with the model that is here.
     """
-    document, name = session.need(), session.provider
-    names, folder = association.bare_photos(session), _folder(document)
+    name, folder = session.provider, _folder(session.need())
     request = _request_of(session, folder.mask_folders[name])
-    ended: list[SegmentReport] = []
-
-    def done(report: SegmentReport) -> None:
-        ended.append(report)
-        take_report(session, document, report)
-
-    def end() -> None:
-        if not ended and session.document is document:
-            keep_partial(session, name)
-
-    session.jobs.start("Make masks", make_stage(folder, request, names, name), None, done, end)
+    stage = make_stage(folder, request, association.bare_photos(session), name)
+    _start_making(session, stage, name)
 
 
 def _request_of(session: Session, masks: Path) -> MaskRequest:

@@ -206,7 +206,7 @@ class Shortcuts:
 
         Nothing while a popup is open, and Escape alone while the mouse drags a handle or a number.
         While a text is being typed, Ctrl combinations of text fields (undo, copy) and keys without
-        Ctrl stay with the field; others enter the text first.
+        Ctrl, but for F1 to F12, stay with the field; others enter the text first.
         """
         io = imgui.get_io()
         before, self._n_popups = self._n_popups, len(imgui.get_current_context().open_popup_stack)
@@ -247,8 +247,9 @@ class Shortcuts:
     def _leave_field(self, session: Session, keys: str) -> None:
         """Enter the text that is typed, and run the command of ``keys`` in the next frame."""
         command = commands.for_shortcut(keys, session)
-        # Alt with Ctrl types letters on some keyboards.
-        is_its_own = keys in _OF_FIELDS or "Ctrl+" not in keys or "Alt+" in keys
+        # Alt with Ctrl types letters on some keyboards. F1 and the like type nothing.
+        types = "Ctrl+" not in keys and not keys.rpartition("+")[2][1:].isdecimal()
+        is_its_own = keys in _OF_FIELDS or types or "Alt+" in keys
         if command is not None and not is_its_own:
             self._after_text = command.id
             imgui.internal.clear_active_id()
