@@ -62,9 +62,9 @@ class SceneCache:
         return self.once("objects", key, lambda: objects.object_table(shown))
 
     def live_labels(self, live: BankSnapshot) -> IntArray:
-        """Group (N,) of each splat in the growing bank, 0 = none."""
+        """Group (N,) of each splat in the growing bank, 0 = none; copies are as they will be."""
         key = (id(live), self._scene.revision.splats)
-        return self.once("live", key, lambda: labels_of_bank(live.bank, self._scene))
+        return self.once("live", key, lambda: regrouped(self._scene, groups_of(live.bank))[0])
 
     def has_groups(self) -> bool:
         """Whether any splat belongs to an object."""
@@ -239,9 +239,9 @@ def _by_mask(bank: MemoryBank) -> dict[tuple[str, int], Decision]:
     return {(decision.view, decision.mask): decision for decision in bank.log}
 
 
-def labels_of_bank(bank: MemoryBank, scene: Scene) -> IntArray:
-    """Group (N,) of each splat of the scene, see `regrouped`."""
-    return regrouped(scene, np.maximum(bank.group, 0).astype(np.int32))[0]
+def groups_of(bank: MemoryBank) -> IntArray:
+    """Group (M,) of each row of the opened file in a bank, 0 = none."""
+    return np.maximum(bank.group, 0).astype(np.int32)
 
 
 def by_group(bank: MemoryBank) -> dict[int, tuple[Decision, ...]]:

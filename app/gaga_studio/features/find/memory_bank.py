@@ -17,7 +17,7 @@ from gaga_core.io.folder.scene_folder import select_views
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
-from gaga_core.scene.edits.splats import regrouped
+from gaga_core.scene.edits.splats import regrouped, spread
 from gaga_core.scene.objects import ObjectTable, group_indices
 from gaga_core.scene.scene import Scene
 from gaga_studio.features import camera
@@ -40,7 +40,7 @@ from gaga_studio.session.camera_rig import Pose
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, notifies
 from gaga_studio.session.rates import KnownRates
-from gaga_studio.session.scene_cache import labels_of_bank
+from gaga_studio.session.scene_cache import groups_of
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Mode, ViewState
 
@@ -309,7 +309,7 @@ def made_from(session: Session, group: int) -> int:
 
     def find() -> int:
         rows = group_indices(document.scene, group)
-        before = labels_of_bank(bank, document.scene)[rows]
+        before = spread(document.scene, groups_of(bank))[rows]  # of the originals
         return int(np.bincount(before).argmax()) if len(rows) else 0
 
     scene = document.scene
