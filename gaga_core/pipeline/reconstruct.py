@@ -565,13 +565,17 @@ def scene_of(photos: Path) -> Path:
         if _is_begun(photos.parent):
             return photos.parent
         if photos.name == "images" and _is_of_others(photos.parent):
-            return photos.parent.with_name(f"{photos.parent.name}-scene")
+            return _next_to(photos.parent)
     if photos.is_file():
         return photos.with_name(f"{photos.stem}-scene")
     own = photos.with_name(f"{photos.name}-scene")
     told = _told_name(photos)
     is_own = own.is_dir() or told == photos.name
     return own if is_own else photos.with_name(f"{told}-{own.name}")
+
+
+def _next_to(folder: Path) -> Path:
+    return folder.with_name(f"{folder.name}-scene")
 
 
 def _is_begun(folder: Path) -> bool:
@@ -614,7 +618,7 @@ def source_of(path: Path) -> tuple[Path | None, Path]:
     if is_video(path) or is_recording(path):
         return path, scene_of(path)
     if _is_of_others(path):
-        return path / "images", scene_of(path / "images")
+        return path / "images", _next_to(path.absolute())
     if not path.is_dir() or is_scene_folder(path) or meant_in(path) is not None:
         return None, path
     kinds = (*IMAGE_SUFFIXES, *UNREAD_SUFFIXES)
