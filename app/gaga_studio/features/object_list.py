@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -83,15 +83,19 @@ class PartIndex:
             found.append((parts[0].name, np.sort(parts[0].rows)))
         return found
 
+    @cached_property
+    def _every(self) -> IntArray:
+        """Splats (K,) of all objects, ascending."""
+        return np.sort(np.concatenate(list(self._rows.values())))
+
     def wholes(self, group: int) -> tuple[IntArray, ...]:
         """Splats (K,), ascending, of what a group is joined with, coarse to fine."""
         if group not in self._wholes:
             own = np.sort(self._rows[group])
             found = [own]
-            every = np.sort(np.concatenate(list(self._rows.values())))
             for labels in self._levels.labels[::-1]:
                 parent = int(np.bincount(labels[self._source[own]]).argmax())
-                rows = every[labels[self._source[every]] == parent]
+                rows = self._every[labels[self._source[self._every]] == parent]
                 if parent and len(rows) > len(found[0]) and np.isin(found[0], rows).mean() > 0.5:
                     found.insert(0, np.union1d(rows, found[0]).astype(np.int32))
             self._wholes[group] = tuple(found[:-1])
