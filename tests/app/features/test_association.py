@@ -422,9 +422,9 @@ def test_new_groups_have_other_ids_than_copies_made_meanwhile(
     found = Association(
         scene.bank, labels, np.ones(len(labels), np.float32), {}, np.zeros(0, np.int32)
     )
-    assert memory_bank.beyond(free, free, found) is found
-    assert memory_bank.beyond(99, int(labels.max()) + 1, found) is found
-    moved = memory_bank.beyond(9, free, found)
+    assert memory_bank.with_free_ids(free, free, found) is found
+    assert memory_bank.with_free_ids(99, int(labels.max()) + 1, found) is found
+    moved = memory_bank.with_free_ids(9, free, found)
     assert np.array_equal(moved.labels, np.where(labels >= free, labels + 6, labels))
     for was, now in zip(found.bank.log, moved.bank.log, strict=True):
         assert now.group == was.group + 6 * (was.group >= free)

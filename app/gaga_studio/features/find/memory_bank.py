@@ -146,7 +146,7 @@ def move_mask(session: Session, decision: Decision, group: int) -> bool:
             session.notify(Level.WARNING, _OUTVOTED)
             return
         now = document.settled().scene
-        moved = beyond(edits.free_group(now), free, repair)
+        moved = with_free_ids(edits.free_group(now), free, repair)
         document.do(_edit_of(now, labels, moved, title))
         document.focus = moved.group or document.focus
         session.notify(Level.INFO, repair.sentence())
@@ -183,7 +183,7 @@ def repaired_labels(scene: Scene, before: IntArray, after: IntArray) -> IntArray
     return labels
 
 
-def beyond(first: int, free: int, found: Found) -> Found:
+def with_free_ids(first: int, free: int, found: Found) -> Found:
     """``found`` with its new groups, whose ids begin at ``free``, from ``first`` on: copies that
     were made meanwhile have the ids between."""
     ids = (found.labels, found.bank.group)
@@ -443,7 +443,7 @@ def add_views(session: Session) -> bool:
         if not is_same():
             return
         now = document.settled().scene
-        found = beyond(edits.free_group(now), edited.free, found)
+        found = with_free_ids(edits.free_group(now), edited.free, found)
         after = repaired_labels(now, labels, found.labels)
         title = f"Add the masks of {counted(n_new, 'photo')}"
         document.do(
