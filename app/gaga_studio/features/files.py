@@ -132,7 +132,7 @@ def recent(session: Session) -> tuple[Command, ...]:
 
 
 def _saved_project(session: Session) -> Path | None:
-    """The project that was saved last of the file that is open, as it was looked for first."""
+    """The project that was saved last of the file that is open; looked for once."""
     document = session.need()
     project = document.project
     return document.read.once("saved project", (project.path,), lambda: project.saved_of_file)

@@ -37,8 +37,7 @@ class SelectBy:
 def draw(session: Session, held: SelectBy) -> None:
     """The whole panel."""
     if session.document is None:
-        what = session.nothing_open_text
-        widgets.empty_state(icons.CHART, what, "")
+        widgets.empty_state(icons.CHART, session.nothing_open_text, "")
         return
     _by_number(session, held)
     _by_color(session, held)
