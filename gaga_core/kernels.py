@@ -72,6 +72,7 @@ def _cpu_features() -> str:
     return str(features.flatten()) + wide
 
 
+_PROCESSOR = llvmlite.binding.get_host_cpu_name()
 if _FEATURES := _cpu_features():
     os.environ.setdefault("NUMBA_CPU_FEATURES", _FEATURES)
 
@@ -139,7 +140,6 @@ def mark_compiled(part: Part = "window", step: str = "") -> None:
 
 def _stamp(part: Part, step: str) -> Path:
     """File that is there when it is compiled: named by all that numba compiles for."""
-    cpu = llvmlite.binding.get_host_cpu_name()
-    parts = (_DIGEST, platform.python_version(), numba.__version__, cpu, _FEATURES)
+    parts = (_DIGEST, platform.python_version(), numba.__version__, _PROCESSOR, _FEATURES)
     name = hashlib.sha256("\n".join((*parts, step)).encode()).hexdigest()[:16]
     return Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{part}-{name}"

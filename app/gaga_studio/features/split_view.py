@@ -62,9 +62,8 @@ def compared_photo(session: Session) -> Camera | None:
         return None
     if session.rig.is_moving:
         return None
-    camera, here = session.cameras[index], session.rig.shot().camera(1, 1)
-    scale = max(session.rig.radius, 1e-9)
-    apart = np.abs(here.cam_from_world - camera.cam_from_world)
+    camera, scale = session.cameras[index], max(session.rig.radius, 1e-9)
+    apart = np.abs(session.rig.cam_from_world - camera.cam_from_world)
     is_there = apart[:3, :3].max() < 1e-6 and apart[:3, 3].max() < 1e-6 * scale
     return camera if is_there else None
 

@@ -1,5 +1,6 @@
 """The camera that a person moves: orbit, pan, zoom, fly, look, and smooth jumps."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -93,6 +94,11 @@ class CameraRig:
         return self._camera(self._size).position
 
     @property
+    def cam_from_world(self) -> DoubleArray:
+        """The camera's rigid transform (4, 4)."""
+        return self._camera(self._size).cam_from_world
+
+    @property
     def sideways(self) -> DoubleArray:
         """The picture's right (3,), unit, world."""
         return self._axes(self.pose)[0]
@@ -103,12 +109,11 @@ class CameraRig:
         return self._camera(self._size)
 
     def _camera(self, size: tuple[int, int]) -> Camera:
-        focal, eye = self._focal(size), self.eye
-        axes = self._axes(self.pose)
+        focal, away, axes = self._focal(size), self.pose.distance, self._axes(self.pose)
         if self.pose.is_orthographic:  # what is at the pivot keeps its size
-            far = self.pose.distance + _FAR * self.radius
-            focal *= far / self.pose.distance
-            eye = self.pose.pivot - far * axes[2]
+            away += _FAR * self.radius
+            focal *= away / self.pose.distance
+        eye = self.pose.pivot - away * axes[2]
         K = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
         matrix = np.eye(4)
         matrix[:3, :3] = axes
@@ -324,13 +329,16 @@ class CameraRig:
 
     def _axes(self, pose: Pose) -> DoubleArray:
         """Rows right, down, forward (3, 3), world: the rotation of ``cam_from_world``."""
-        cos_p, sin_p = np.cos(pose.pitch), np.sin(pose.pitch)
-        forward = np.array([cos_p * np.cos(pose.yaw), cos_p * np.sin(pose.yaw), sin_p])
-        right = np.array([np.sin(pose.yaw), -np.cos(pose.yaw), 0.0])
-        down = np.cross(forward, right)
-        cos_r, sin_r = np.cos(pose.roll), np.sin(pose.roll)
-        rolled = [cos_r * right + sin_r * down, cos_r * down - sin_r * right, forward]
-        return np.stack(rolled) @ self._basis
+        cos_p, sin_p = math.cos(pose.pitch), math.sin(pose.pitch)
+        cos_y, sin_y = math.cos(pose.yaw), math.sin(pose.yaw)
+        cos_r, sin_r = math.cos(pose.roll), math.sin(pose.roll)
+        level = [
+            [sin_y, -cos_y, 0.0],
+            [sin_p * cos_y, sin_p * sin_y, -cos_p],
+            [cos_p * cos_y, cos_p * sin_y, sin_p],
+        ]
+        roll = np.array([[cos_r, sin_r, 0.0], [-sin_r, cos_r, 0.0], [0.0, 0.0, 1.0]])
+        return roll @ np.array(level) @ self._basis
 
     def _angles(self, axes: DoubleArray) -> tuple[float, float, float]:
         """Yaw, pitch and roll of a camera with the rows right, down, forward (3, 3), world."""

@@ -103,9 +103,11 @@ def _strip(session: Session, document: Document, state: FilmStripState) -> None:
     last = min(bisect_right(ends, scroll + room.x + gap) + 1, len(widths))
     start = imgui.get_cursor_pos()
     _follow(session, state, widths, ends)
+    in_view = split_view.photo_in_view(session)
     for index in range(first, last):
         imgui.set_cursor_pos(ImVec2(start.x + ends[index] - widths[index] - gap, start.y))
-        _thumbnail(session, document, state, index, ImVec2(widths[index], height))
+        size = ImVec2(widths[index], height)
+        _thumbnail(session, document, state, index, size, is_active=index == in_view)
     imgui.set_cursor_pos(ImVec2(start.x + ends[-1] - gap, start.y + height))
     imgui.dummy(ImVec2(1, 1))
 
@@ -123,7 +125,13 @@ def _follow(
 
 
 def _thumbnail(
-    session: Session, document: Document, state: FilmStripState, index: int, size: ImVec2
+    session: Session,
+    document: Document,
+    state: FilmStripState,
+    index: int,
+    size: ImVec2,
+    *,
+    is_active: bool,
 ) -> None:
     camera = session.cameras[index]
     corner = imgui.get_cursor_screen_pos()
@@ -145,7 +153,6 @@ def _thumbnail(
         drawing.add_image_rounded(
             picture, corner, high, ImVec2(0, 0), ImVec2(1, 1), 0xFFFFFFFF, em(0.2)
         )
-    is_active = index == split_view.photo_in_view(session)
     if is_active or is_hot:
         color = theme.ACCENT if is_active else theme.LINE_STRONG
         drawing.add_rect(corner, high, theme.u32(color), em(0.2), theme.scaled(2))
