@@ -25,14 +25,14 @@ from gaga_core.scene.frame import carried_camera, inverse
 from gaga_core.scene.objects import group_indices, selected_groups, selected_indices
 from gaga_core.scene.orientation import (
     ground_map,
+    middle_pose,
     mirror_map,
     motion_between,
-    pose_of,
     with_degrees,
 )
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra, by_value, by_volume, neighbourhood
-from gaga_core.scene.selection.bounds import object_box
+from gaga_core.scene.selection.bounds import object_points
 from gaga_core.scene.selection.neighbourhood import floaters
 from gaga_core.scene.tint import Grade, grade_affine, tint_affine
 
@@ -363,8 +363,7 @@ def place(
     scale: Factors | UnsetType = UNSET,  # along the object's own axes
 ) -> Edit | None:
     """Put to a position, a rotation and a scale; what is not given stays."""
-    lo, hi = object_box(scene, splats)
-    start = stop = pose_of(scene, splats, (lo + hi) / 2)
+    start = stop = middle_pose(scene, splats, *object_points(scene, splats))
     if not isinstance(rotation, UnsetType):
         stop = with_degrees(stop, np.array(rotation, np.float64), local=False)
     if not isinstance(position, UnsetType):

@@ -13,7 +13,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from msgspec.structs import replace as changed
 
-from gaga_core.arrays import DoubleArray, IntArray, LongArray
+from gaga_core.arrays import BoolArray, DoubleArray, IntArray, LongArray
 from gaga_core.errors import GagaError
 from gaga_core.export.options import ExportOptions, PageContent
 from gaga_core.export.page import DRAWS, write_scene_page_stage
@@ -45,7 +45,7 @@ from gaga_core.scene.reduce import COMPARES, decimate_stage, picture_loss_stage
 from gaga_core.scene.reduce import STEP as MERGES
 from gaga_core.scene.scene import Scene, State, of_scene_now
 from gaga_core.scene.selection.algebra import world_means
-from gaga_core.scene.selection.bounds import main_parts, oriented_box, splat_mass
+from gaga_core.scene.selection.bounds import object_parts, oriented_box
 from gaga_core.scene.selection.click import loss_views
 
 MESH_LOSS = (
@@ -304,7 +304,7 @@ def export_objects_stage(
             step = Progress("Export objects", i, len(objects), entry.name)
             gaussians = yield from as_step(step, bake_stage(scene, indices=splats))
             gaussians = gaussians.with_metres(scene.frame.is_metric)
-            psnr = None
+            psnr, is_main = None, object_parts(scene, splats)
             if isinstance(form, MeshExport):
                 try:
                     solid = object_mesh_stage(gaussians, form, options.up)
@@ -320,6 +320,7 @@ def export_objects_stage(
                 fewer = _decimated(gaussians, scene.labels[splats], options, alone=True)
                 merging = int(options.decimate < 1)  # takes the most of it, else writing does
                 gaussians, rows, psnr = yield from as_step(step, fewer, merging)
+                is_main = is_main[rows]
                 step = replace(step, done=i + merging)
                 if form is SplatFormat.HTML:  # the page of one object begins with all of it
                     alone = replace(options, page=PageContent(title=entry.name))
@@ -329,7 +330,7 @@ def export_objects_stage(
                     placed = _as_written(gaussians, origin, form, options)
                     stage = write_splats_stage(staging / entry.file, placed, form)
                 yield from as_step(step, stage, 1 - merging)
-            written.append(_described(entry, options.applied(gaussians, origin), psnr))
+            written.append(_described(entry, options.applied(gaussians, origin), psnr, is_main))
         yield Progress("Export objects", len(objects), len(objects))
         if not written:
             raise GagaError("None of these objects has a surface, so there is nothing to export.")
@@ -406,11 +407,14 @@ def least_psnr(manifest: Path) -> float | None:
     return min(known, default=None)
 
 
-def _described(entry: ManifestEntry, gaussians: Gaussians, psnr: float | None) -> ManifestEntry:
-    """``entry`` with what can be told of ``gaussians``, which are written for it."""
+def _described(
+    entry: ManifestEntry, gaussians: Gaussians, psnr: float | None, is_main: BoolArray
+) -> ManifestEntry:
+    """``entry`` with what can be told of ``gaussians`` (N), which are written for it; those that
+    are no floaters: ``is_main`` (N,)."""
     means = gaussians.means[np.isfinite(gaussians.means).all(axis=1)]
     corners = [means.min(axis=0).tolist(), means.max(axis=0).tolist()] if len(means) else []
-    box = oriented_box(gaussians.means[main_parts(gaussians.means, splat_mass(gaussians))])
+    box = oriented_box(gaussians.means[is_main])
     oriented = box and BoxEntry(box.centre.tolist(), box.axes.T.tolist(), box.size.tolist())
     return changed(entry, count=len(gaussians), bbox=corners, oriented_box=oriented, psnr=psnr)
 

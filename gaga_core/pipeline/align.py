@@ -32,7 +32,7 @@ from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
 from gaga_core.scene.bake import bake, bake_stage
 from gaga_core.scene.captures import by_photos, changes
-from gaga_core.scene.captures.alignment import Alignment, Capture, NotAlignedError
+from gaga_core.scene.captures.alignment import Alignment, By, Capture, NotAlignedError
 from gaga_core.scene.captures.by_photos import align_by_photos_stage
 from gaga_core.scene.captures.changes import Change, find_changes_stage
 from gaga_core.scene.edits import Edit, append, recolor, transform
@@ -189,11 +189,10 @@ def _align_stage(
                 drawing = _drawn_stage(capture, workspace / f"drawn-{i}", engine)
                 shown[i] = yield from part(drawing, i, len(shown), _DRAW)
         matching = workspace / "matching"
+        how: By = "photos" if shown[0] is first else "surfaces"
         found = yield from align_by_photos_stage(
-            shown[0], shown[1], matching, threads=config.threads, seed=config.seed
+            shown[0], shown[1], matching, threads=config.threads, seed=config.seed, by=how
         )
-        if shown[0] is not first:
-            found = replace(found, by="surfaces")
     finally:
         shutil.rmtree(workspace, ignore_errors=True)
     compared = None

@@ -520,15 +520,14 @@ class Document:
         return self.read.selected_box(self.history.is_previewing)
 
     def selected_pose(self) -> Pose | None:
-        """Placement of the selection, about the middle of its box; None when nothing is selected.
+        """Placement of the selection, about the middle of the box that turns with it; None when
+        nothing is selected.
 
         Of several placements: as if nothing was turned or scaled. During a drag: as before it.
         """
-        box = self.selected_box()
-        if box is None:
+        if len(self.read.selected_indices()) == 0:
             return None
-        centre = (box[0] + box[1]) / 2
-        pose = self.read.selected_pose(self.history.is_previewing, centre)
+        pose = self.read.selected_pose(self.history.is_previewing)
         return pose if pose.is_one else replace(pose, turn=np.eye(3), scale=np.ones(3))
 
     def selected_sizes(self, *, local: bool) -> DoubleArray | None:
@@ -558,8 +557,8 @@ class Document:
 
     def selected_centre(self) -> DoubleArray | None:
         """Position of the handles (3,), world; None when nothing is selected."""
-        box = self.selected_box()
-        return None if box is None else (box[0] + box[1]) / 2
+        pose = self.selected_pose()
+        return None if pose is None else pose.centre
 
 
 def _stamps(project: Project) -> Stamps:

@@ -16,7 +16,7 @@ from gaga_core.query.group_facts import colors_outside, part_for_color
 from gaga_core.scene import objects
 from gaga_core.scene.edits.splats import regrouped
 from gaga_core.scene.objects import ObjectTable, confidence_histogram
-from gaga_core.scene.orientation import Pose, pose_of
+from gaga_core.scene.orientation import Pose, middle_pose
 from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.bounds import OrientedBox, object_points, oriented_box, robust_box
 from gaga_core.scene.tint import mean_color
@@ -114,14 +114,13 @@ class SceneCache:
 
         return self._placed("box", is_previewing, (), compute)
 
-    def selected_pose(self, is_previewing: bool, centre: DoubleArray) -> Pose:
-        """Pose of the selection, at least one splat, about ``centre`` (3,); as before a drag."""
-        return self._placed(
-            "pose",
-            is_previewing,
-            centre.tobytes(),
-            lambda: pose_of(self._scene, self.selected_indices(), centre),
-        )
+    def selected_pose(self, is_previewing: bool) -> Pose:
+        """`middle_pose` of the selection, at least one splat; during a drag: as before it."""
+
+        def compute() -> Pose:
+            return middle_pose(self._scene, self.selected_indices(), *self._selected_points())
+
+        return self._placed("pose", is_previewing, (), compute)
 
     def selected_sizes(self, is_previewing: bool, axes: DoubleArray) -> DoubleArray:
         """Sides (3,) of the selection's box along ``axes`` (3, 3), columns; as before a drag."""

@@ -45,6 +45,11 @@ class TrustConfig:
 
 
 _TRUST = TrustConfig()
+_FINEST = 0.001  # units, degrees and percent: nobody needs less, and its zeros are hard to read
+CURES: Mapping[By, str] = {
+    "photos": "Add photos that show both, or place it by hand.",
+    "surfaces": "Place it by hand.",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +79,19 @@ class Alignment:
     def sentence(self, *, is_metric: bool) -> str:
         """What was found, for a person."""
         what = "points of the photos" if self.by == "photos" else "points of the surfaces"
-        apart = length_text(self.residual, is_metric=is_metric)
+        apart = length_text(max(self.residual, _FINEST), is_metric=is_metric)
+        apart = apart if self.residual >= _FINEST else f"under {apart}"
         text = f"{self.n_points:,} {what} fit, {apart} apart in the median"
         if self.pixels is not None:
             text += f", and {self.pixels:.1f} pixels off where the photos show them"
         angle, scale = f"{np.degrees(self.angle):.1f}", decimal_text(self.scale, 4)
         turned = "not turned" if angle == "0.0" else f"turned by {angle}°"
         size = "of the same size" if scale == "1" else f"{scale} times as large"
-        turn_error = decimal_text(float(np.degrees(self.turn_error)), 2)
-        error = f"{turn_error}° and {decimal_text(100 * self.scale_error, 2)} %"
-        return f"{text}; {turned}, {size}, known to {error}."
+        errors = float(np.degrees(self.turn_error)), 100 * self.scale_error
+        turn, share = (
+            decimal_text(e, 2) if e >= _FINEST else f"under {decimal_text(_FINEST)}" for e in errors
+        )
+        return f"{text}; {turned}, {size}, known to {turn}° and {share} %."
 
     def to_json(self) -> dict[str, object]:
         """Plain values."""
@@ -111,7 +119,7 @@ def trusted(found: Alignment) -> Alignment:
         text = "from too few places to say how they lie to each other."
     else:
         return found
-    raise NotAlignedError(f"{what}, {text} Add photos that show both, or place it by hand.")
+    raise NotAlignedError(f"{what}, {text} {CURES[found.by]}")
 
 
 def difference(a: DoubleArray, b: DoubleArray) -> tuple[float, float]:

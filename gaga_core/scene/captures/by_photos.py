@@ -23,7 +23,9 @@ from gaga_core.placing.photos import Photo, PhotoSet, prepare_photos
 from gaga_core.placing.sfm import CameraGroup, SfmConfig, run_matching, run_step
 from gaga_core.progress import Progress, Stage, part
 from gaga_core.scene.captures.alignment import (
+    CURES,
     Alignment,
+    By,
     Capture,
     NotAlignedError,
     difference,
@@ -32,6 +34,10 @@ from gaga_core.scene.captures.alignment import (
 from gaga_core.scene.frame import inverse
 
 STAGE = "Align by photos"
+_NOTHING_SHARED: Mapping[By, str] = {
+    "photos": "No photo of one capture shows what photos of the other show.",
+    "surfaces": "No surface of one capture looks like one of the other.",
+}
 MOST_PHOTOS = 24  # of a capture, spread over it: all pairs of both are matched
 _PHOTO_SIDE = 1600  # pixels: larger photos are shrunk
 _SCORED = 1500  # points that draws are judged by
@@ -89,13 +95,15 @@ def align_by_photos_stage(
     *,
     threads: int = 0,
     seed: int = 0,
+    by: By = "photos",
 ) -> Stage[Alignment]:
-    """How ``second`` lies in the world of ``first``.
+    """How ``second`` lies in the world of ``first``; ``by`` what the photos are: "surfaces" that
+    were drawn.
 
     Raises ``NotAlignedError`` where the photos do not say.
     """
     shared = yield from _matched(first, second, workspace, threads, seed)
-    return trusted((yield from align_shared_stage(shared, seed=seed)))
+    return trusted((yield from align_shared_stage(shared, seed=seed, by=by)))
 
 
 def _matched(
@@ -221,7 +229,7 @@ def _triangulated(
     return points, good
 
 
-def align_shared_stage(shared: Shared, *, seed: int = 0) -> Stage[Alignment]:
+def align_shared_stage(shared: Shared, *, seed: int = 0, by: By = "photos") -> Stage[Alignment]:
     """The similarity that most of the shared points fit. Raises ``NotAlignedError`` without any."""
     said = f"{len(shared):,} shared features"
     yield Progress(STAGE, 0, _DRAWN, said)
@@ -232,18 +240,16 @@ def align_shared_stage(shared: Shared, *, seed: int = 0) -> Stage[Alignment]:
         yield Progress(STAGE, 1 + turn, _DRAWN, said)
         fits = np.flatnonzero(_fit_errors(best, shared).max(axis=0) < _CONFIG.fit_error)
         if n_all < _LEAST or len(fits) < _LEAST:
-            raise NotAlignedError(
-                "No photo of one capture shows what photos of the other show. Add photos that show "
-                "both, or place it by hand."
-            )
+            raise NotAlignedError(f"{_NOTHING_SHARED[by]} {CURES[by]}")
         best = _refined(best, shared.take(fits))
     moved = shared.points[1, fits] @ best[:3, :3].T + best[:3, 3]
     apart = np.linalg.norm(moved - shared.points[0, fits], axis=1)
     n_points = len(np.unique(shared.tracks[0, fits]))
     pixels = _fit_errors(best, shared)[:, fits] * shared.focal[:, fits]
     angle, scale = yield from _spread(best, shared.take(fits), rng)
-    residual = float(np.median(apart)), float(np.median(pixels))
-    return Alignment(best, "photos", n_points, n_points / n_all, *residual, angle, scale)
+    off = float(np.median(pixels)) if by == "photos" else None
+    share, residual = n_points / n_all, float(np.median(apart))
+    return Alignment(best, by, n_points, share, residual, off, angle, scale)
 
 
 def _fit_errors(world: DoubleArray, shared: Shared) -> DoubleArray:

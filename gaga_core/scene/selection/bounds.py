@@ -116,18 +116,36 @@ def object_points(
     size of objects count, in the window, in scripts and in exports.
     """
     some = rows[:: max(1, -(-len(rows) // most))]
-    means, mass = world_means(scene, some), splat_mass(scene.gaussians, some)
     labels = _whole(scene, rows)[scene.labels[some]]
     order = np.argsort(labels, kind="stable")
     objects = np.split(order, 1 + np.flatnonzero(np.diff(labels[order])))
     if len(objects) == 1:
-        return means[main_parts(means, mass)], SHARE
+        return world_means(scene, some[object_parts(scene, some)]), SHARE
     kept = np.zeros(len(some), np.bool_)
     for rows_of in objects:
-        own = rows_of[main_parts(means[rows_of], mass[rows_of])]
+        own = rows_of[object_parts(scene, some[rows_of])]
         if len(own):
-            kept[own] = within(means[own], *_middle(means[own].astype(np.float64), SHARE))
-    return means[kept], 1.0
+            means = _unplaced_means(scene, some[own])
+            kept[own] = within(means, *_middle(means, SHARE))
+    return world_means(scene, some[kept]), 1.0
+
+
+def object_parts(scene: Scene, splats: IntArray) -> BoolArray:
+    """Which of the splats (K,) of one object are no floaters (K,); not changed by moving it."""
+    return main_parts(_unplaced_means(scene, splats), splat_mass(scene.gaussians, splats))
+
+
+def _unplaced_means(scene: Scene, splats: IntArray) -> DoubleArray:
+    """Centres (K, 3), as if the placement of the first of the splats was undone for all: to the
+    digits of float32 they do not change when all are moved together."""
+    rows, row_of = np.unique(scene.placement[splats], return_inverse=True)
+    whole = np.tile(np.eye(4), (len(rows), 1, 1))
+    whole[:, :3] = scene.placements.matrix[rows]
+    undone = np.linalg.inv(whole[row_of[:1]]) @ whole  # (P, 4, 4)
+    matrix, means = undone[row_of, :3], scene.gaussians.means[splats].astype(np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):  # centres that are not finite stay so
+        moved = np.einsum("nij,nj->ni", matrix[:, :, :3], means) + matrix[:, :, 3]
+        return moved.astype(np.float32).astype(np.float64)
 
 
 def _whole(scene: Scene, rows: IntArray) -> IntArray:

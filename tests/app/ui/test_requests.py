@@ -45,6 +45,17 @@ def test_no_folder_of_ours_is_proposed(session: Session, monkeypatch: pytest.Mon
     assert start_folder(session) == Path.home()
 
 
+def test_a_scene_to_add_is_looked_for_next_to_the_open_one(session: Session) -> None:
+    """The dialog began inside the open scene, and showed no files."""
+    ui, document = UiState(), session.need()
+    openers(ui)[Request.ADD_SCENE](session)
+    folder = document.project.folder
+    assert folder is not None
+    assert ui.files.dialog is not None
+    assert ui.files.dialog.folder == folder.root.parent
+    assert ".ply" in ui.files.dialog.suffixes
+
+
 @pytest.mark.parametrize("request_", [Request.OPEN_FILE, Request.OPEN_PHOTOS, Request.SAVE_PATH])
 def test_each_dialog_begins_in_the_folder_that_its_kind_used_last(
     session: Session, tmp_path: Path, request_: Request

@@ -110,7 +110,7 @@ def test_lone_files_are_aligned_by_their_surfaces(
     turn, scale = difference(inverse(world), np.array(found["first_from_second"]))
     assert np.degrees(turn) < 0.5
     assert scale < 0.005
-    assert (found["by"], said["changes"]) == ("surfaces", None)
+    assert (found["by"], found["pixels"], said["changes"]) == ("surfaces", None, None)
     assert Path(str(said["file"])) == tmp_path / "a-align-b.json"
 
 

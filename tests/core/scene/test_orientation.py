@@ -1,28 +1,39 @@
 """Which way is up where no camera tells, and the box that shows a lone thing whole."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
+from gaga_core.export.export import export_objects_stage
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, quats_to_matrices
+from gaga_core.progress import run_stage
+from gaga_core.scene import edits
+from gaga_core.scene.edits.history import History
 from gaga_core.scene.edits.values import joined
+from gaga_core.scene.export_manifest import read_manifest
 from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.orientation import (
     clearest_view,
     estimate_up,
     guess_up,
+    middle_pose,
+    motion_between,
     up_of_moved,
     views_around,
+    with_degrees,
 )
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import (
     main_parts,
     object_box,
+    object_points,
+    oriented_box,
     splat_box,
     subject_box,
     whole_box,
@@ -175,6 +186,39 @@ def test_floaters_change_neither_the_box_nor_the_middle_of_an_object(n: int) -> 
     assert main_parts(halves, np.ones(n)).all(), "an object of two parts keeps both"
     assert main_parts(rng.uniform(size=(1, 3)), np.ones(1)).all()
     assert not main_parts(np.zeros((0, 3)), np.zeros(0)).size
+
+
+@pytest.mark.parametrize("what", ["one", "moved part", "several"])
+def test_turning_keeps_the_middle_of_what_has_floaters(what: str, tmp_path: Path) -> None:
+    """Which parts are floaters, and the middle of the box, do not change with the angle; an export
+    tells the same box."""
+    rng, n = np.random.default_rng(1), 3000
+    parts = [random_gaussians(n, seed=2)]
+    for k in range(40):  # clouds of all sizes around it, some of them floaters at some angles
+        cloud = random_gaussians(int(rng.integers(5, 250)), seed=3 + k, extent=0.15)
+        place = 2.5 * rng.normal(size=3)
+        parts.append(replace(cloud, means=(cloud.means + place).astype(np.float32)))
+    every = parts[0]
+    for part in parts[1:]:
+        every = joined(every, part)
+    labels = np.where(np.arange(len(every)) < n, 1, 2 if what == "several" else 1)
+    scene, rows = Scene.of(every, labels), np.arange(len(every), dtype=np.int32)
+    history = History(scene)
+    if what == "moved part":
+        history.do(edits.transform(scene, rows[: n // 2], np.eye(4)[:3] + [[0, 0, 0, 0.3]] * 3))
+    start = middle_pose(scene, rows, *object_points(scene, rows))
+    for degrees in rng.uniform(-180, 180, (12, 3)):
+        now = middle_pose(scene, rows, *object_points(scene, rows))
+        to = with_degrees(now, degrees, local=False)
+        history.do(edits.transform(scene, rows, motion_between(now, to)))
+        found = middle_pose(scene, rows, *object_points(scene, rows))
+        np.testing.assert_allclose(found.centre, start.centre, atol=2e-5)
+    if what == "one":
+        (entry,) = read_manifest(run_stage(export_objects_stage(scene, tmp_path))).groups
+        box = oriented_box(*object_points(scene, rows))
+        assert entry.oriented_box is not None
+        assert box is not None
+        np.testing.assert_allclose(entry.oriented_box.size, box.size, rtol=1e-5)
 
 
 @pytest.mark.parametrize("turn", [0, 2, 4, 6])

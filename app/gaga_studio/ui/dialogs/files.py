@@ -426,6 +426,7 @@ class _Asked:
     needs_scene: bool = True
     takes_folder: bool = False
     back: str = ""  # sheet that comes back when nothing was chosen
+    starts_above: bool = False  # begins where the open scene lies, not in its folder
 
 
 _OPENED = (*READ_SUFFIXES, ".json", *VIDEO_SUFFIXES, R3D)
@@ -472,7 +473,12 @@ _ASKED = {
         "Add",
     ),
     Request.ADD_SCENE: _Asked(
-        "Add a scene of the same place", PathKind.OPEN_FOLDER, add_scene.start, action="Add"
+        "Add a scene of the same place",
+        PathKind.OPEN_FOLDER,
+        add_scene.start,
+        READ_SUFFIXES,
+        "Add",
+        starts_above=True,
     ),
     Request.IMPORT_MASK_FOLDER: _Asked(
         "Import masks from a folder", PathKind.OPEN_FOLDER, masks.import_from, action="Import"
@@ -525,21 +531,23 @@ def _ask(picker: FilePicker, asked: _Asked, session: Session) -> None:
     if asked.ending == SUFFIX and session.project is not None:  # what Ctrl+S writes
         now = session.project.saves_to.name
         name = now if now.endswith(SUFFIX) else name
-    start = start_folder(session)
+    start = start_folder(session, above=asked.starts_above)
     dialog = FileDialog(asked.title, asked.kind, start, name, asked.suffixes, action=asked.action)
     dialog.takes_folder = asked.takes_folder
     picker.ask(dialog, partial(asked.then, session), asked.back)
 
 
-def start_folder(session: Session) -> Path:
-    """The folder of what is open, else of what was open before, else the user's own.
+def start_folder(session: Session, *, above: bool = False) -> Path:
+    """The folder of what is open, or the one ``above`` a scene folder; else of what was open
+    before, else the user's own.
 
     Never a hidden one of ours, where the demo is.
     """
     places: list[Path] = []
     if session.project is not None:
         folder = session.project.folder
-        places.append(folder.root if folder is not None else session.project.model_path.parent)
+        root = session.project.model_path.parent if folder is None else folder.root
+        places.append(root.parent if above and folder is not None else root)
     places += [Path(name).parent for name in session.settings.recent]
     seen = (place for place in places if not place.resolve().is_relative_to(paths.home().resolve()))
     return next((place for place in seen if place.is_dir()), Path.home())

@@ -10,7 +10,7 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.geometry import fit_similarity
 from gaga_core.progress import run_stage
-from gaga_core.scene.captures.alignment import Alignment, NotAlignedError, difference, trusted
+from gaga_core.scene.captures.alignment import Alignment, By, NotAlignedError, difference, trusted
 from gaga_core.scene.captures.by_photos import align_shared_stage, shared_of
 from gaga_core.scene.frame import carried_cameras, inverse
 from tests.core.scene.captures.scenes import any_similarity
@@ -78,8 +78,11 @@ def test_photos_of_two_places_are_refused() -> None:
     named = [replace(c, name=name) for c, name in zip(cameras, names, strict=True)]
     arrays = features(rng, tuple(named), (rng.uniform(-0.6, 0.6, (150, 3)),) * 2, wrong=1.0)
     shared = shared_of(arrays, {view.name: view for view in named})
-    with pytest.raises(NotAlignedError):
-        trusted(run_stage(align_shared_stage(shared)))
+    ways: tuple[By, ...] = ("photos", "surfaces")
+    for by in ways:
+        with pytest.raises(NotAlignedError) as refused:
+            trusted(run_stage(align_shared_stage(shared, by=by)))
+        assert ("photo" in str(refused.value)) is (by == "photos")
 
 
 def test_a_similarity_is_fitted_without_a_mirror() -> None:
@@ -94,7 +97,7 @@ def test_a_similarity_is_fitted_without_a_mirror() -> None:
 @pytest.mark.parametrize(
     ("degrees", "scale", "residual", "apart", "how"),
     [
-        (0.0, 1.0, 4.63e-06, ("0.00000463 units", "0.0 mm"), "not turned, of the same size"),
+        (0.0, 1.0, 4.63e-06, ("under 0.001 units", "under 1.0 mm"), "not turned, of the same size"),
         (-0.02, 1.00002, 0.5, ("0.5 units", "50.0 cm"), "not turned, of the same size"),
         (12.34, 1.2504, 7.0, ("7 units", "7.00 m"), "turned by 12.3°, 1.25 times as large"),
     ],
@@ -109,5 +112,5 @@ def test_how_a_capture_lies_is_told_plainly(
     for is_metric in (False, True):
         assert found.sentence(is_metric=is_metric) == (
             f"40 points of the surfaces fit, {apart[is_metric]} apart in the median; {how}, "
-            "known to 0.00005° and 0.00001 %."
+            "known to under 0.001° and under 0.001 %."
         )
