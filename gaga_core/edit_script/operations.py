@@ -25,14 +25,13 @@ from gaga_core.scene.frame import carried_camera, inverse
 from gaga_core.scene.objects import group_indices, selected_groups, selected_indices
 from gaga_core.scene.orientation import (
     ground_map,
-    middle_pose,
     mirror_map,
     motion_between,
     with_degrees,
 )
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra, by_value, by_volume, neighbourhood
-from gaga_core.scene.selection.bounds import object_points
+from gaga_core.scene.selection.bounds import middle_pose, object_points
 from gaga_core.scene.selection.neighbourhood import floaters
 from gaga_core.scene.tint import Grade, grade_affine, tint_affine
 

@@ -12,7 +12,6 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at, principal_axes, quats_to_matrices, turned
 from gaga_core.scene.frame import scale_of
 from gaga_core.scene.scene import Scene
-from gaga_core.scene.selection.bounds import robust_box
 
 _SNAP = np.cos(np.radians(3.0))  # an up this near to a world axis is that axis
 NEARLY = np.cos(np.radians(30.0))  # of ups: nearer ones are meant to be the same
@@ -305,15 +304,6 @@ def pose_of(scene: Scene, splats: IntArray, centre: DoubleArray) -> Pose:
     u, _, vt = np.linalg.svd(linear @ mirror)
     axes: DoubleArray = u @ vt
     return Pose(centre, axes @ base.T, np.diag(axes.T @ linear).copy(), base, is_one)
-
-
-def middle_pose(scene: Scene, splats: IntArray, points: AnyArray, share: float) -> Pose:
-    """The pose of splats (K,), at least one, about the middle of the box of ``points`` (M, 3) and
-    ``share``, see `object_points`: the box that turns with them, so that turning keeps its middle.
-    """
-    pose = pose_of(scene, splats, np.zeros(3))
-    lo, hi = robust_box(points @ pose.turn, share)
-    return replace(pose, centre=pose.turn @ ((lo + hi) / 2))
 
 
 def motion_between(start: Pose, stop: Pose) -> DoubleArray:

@@ -16,9 +16,15 @@ from gaga_core.query.group_facts import colors_outside, part_for_color
 from gaga_core.scene import objects
 from gaga_core.scene.edits.splats import regrouped
 from gaga_core.scene.objects import ObjectTable, confidence_histogram
-from gaga_core.scene.orientation import Pose, middle_pose
+from gaga_core.scene.orientation import Pose
 from gaga_core.scene.scene import Scene, State
-from gaga_core.scene.selection.bounds import OrientedBox, object_points, oriented_box, robust_box
+from gaga_core.scene.selection.bounds import (
+    OrientedBox,
+    middle_pose,
+    object_points,
+    oriented_box,
+    robust_box,
+)
 from gaga_core.scene.tint import mean_color
 
 T = TypeVar("T")

@@ -1,7 +1,7 @@
 """Bounds of splats: boxes that are robust to a few stray splats."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntAr
 from gaga_core.camera import Camera
 from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import along, axes_of_points, turned
+from gaga_core.scene.orientation import Pose, pose_of
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.algebra import world_means
 
@@ -130,6 +131,15 @@ def object_points(
     return world_means(scene, some[kept]), 1.0
 
 
+def middle_pose(scene: Scene, splats: IntArray, points: AnyArray, share: float) -> Pose:
+    """The pose of splats (K,), at least one, about the middle of the box of ``points`` (M, 3) and
+    ``share``, see `object_points`: the box that turns with them, so that turning keeps its middle.
+    """
+    pose = pose_of(scene, splats, np.zeros(3))
+    lo, hi = robust_box(points @ pose.turn, share)
+    return replace(pose, centre=pose.turn @ ((lo + hi) / 2))
+
+
 def object_parts(scene: Scene, splats: IntArray) -> BoolArray:
     """Which of the splats (K,) of one object are no floaters (K,); not changed by moving it."""
     return main_parts(_unplaced_means(scene, splats), splat_mass(scene.gaussians, splats))
@@ -141,9 +151,9 @@ def _unplaced_means(scene: Scene, splats: IntArray) -> DoubleArray:
     rows, row_of = np.unique(scene.placement[splats], return_inverse=True)
     whole = np.tile(np.eye(4), (len(rows), 1, 1))
     whole[:, :3] = scene.placements.matrix[rows]
-    undone = np.linalg.inv(whole[row_of[:1]]) @ whole  # (P, 4, 4)
-    matrix, means = undone[row_of, :3], scene.gaussians.means[splats].astype(np.float64)
+    means = scene.gaussians.means[splats].astype(np.float64)
     with np.errstate(over="ignore", invalid="ignore"):  # centres that are not finite stay so
+        matrix = (np.linalg.inv(whole[row_of[:1]]) @ whole)[row_of, :3]
         moved = np.einsum("nij,nj->ni", matrix[:, :, :3], means) + matrix[:, :, 3]
         return moved.astype(np.float32).astype(np.float64)
 

@@ -22,7 +22,6 @@ from gaga_core.scene.orientation import (
     clearest_view,
     estimate_up,
     guess_up,
-    middle_pose,
     motion_between,
     up_of_moved,
     views_around,
@@ -31,6 +30,7 @@ from gaga_core.scene.orientation import (
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import (
     main_parts,
+    middle_pose,
     object_box,
     object_points,
     oriented_box,
