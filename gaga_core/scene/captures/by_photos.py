@@ -33,7 +33,7 @@ from gaga_core.scene.captures.alignment import (
 )
 from gaga_core.scene.frame import inverse
 
-STAGE = "Align by photos"
+STAGE = "Align captures"
 _NOTHING_SHARED: Mapping[By, str] = {
     "photos": "No photo of one capture shows what photos of the other show.",
     "surfaces": "No surface of one capture looks like one of the other.",
