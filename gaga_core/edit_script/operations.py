@@ -27,11 +27,12 @@ from gaga_core.scene.orientation import (
     ground_map,
     mirror_map,
     motion_between,
+    pose_of,
     with_degrees,
 )
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection import algebra, by_value, by_volume, neighbourhood
-from gaga_core.scene.selection.bounds import middle_pose, object_points
+from gaga_core.scene.selection.bounds import object_points, robust_box
 from gaga_core.scene.selection.neighbourhood import floaters
 from gaga_core.scene.tint import Grade, grade_affine, tint_affine
 
@@ -362,7 +363,9 @@ def place(
     scale: Factors | UnsetType = UNSET,  # along the object's own axes
 ) -> Edit | None:
     """Put to a position, a rotation and a scale; what is not given stays."""
-    start = stop = middle_pose(scene, splats, *object_points(scene, splats))
+    # Floaters along the axes of the world: scripts that were saved earlier give the same as then.
+    lo, hi = robust_box(*object_points(scene, splats, turns_along=False))
+    start = stop = pose_of(scene, splats, (lo + hi) / 2)
     if not isinstance(rotation, UnsetType):
         stop = with_degrees(stop, np.array(rotation, np.float64), local=False)
     if not isinstance(position, UnsetType):

@@ -1,6 +1,6 @@
 """Bounds of splats: boxes that are robust to a few stray splats."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -108,26 +108,28 @@ _WHOLE_OBJECT = 0.5  # share of an object's splats from which on it is among spl
 
 
 def object_points(
-    scene: Scene, rows: IntArray, most: int = _BOUNDS_SAMPLE
+    scene: Scene, rows: IntArray, most: int = _BOUNDS_SAMPLE, *, turns_along: bool = True
 ) -> tuple[FloatArray, float]:
     """Centres (M, 3), world, of splats (K,) without floaters; of at most so many that say as much.
 
     Also the share of them that a box is to hold, along each axis: of several objects all, as each
     one has lost its own strays; among all a small one would count as such. What position, box and
-    size of objects count, in the window, in scripts and in exports.
+    size of objects count, in the window, in scripts and in exports. Floaters are told along the
+    axes of the file, which turn along with the objects, or along those of the world.
     """
     some = rows[:: max(1, -(-len(rows) // most))]
     labels = _whole(scene, rows)[scene.labels[some]]
     order = np.argsort(labels, kind="stable")
     objects = np.split(order, 1 + np.flatnonzero(np.diff(labels[order])))
+    means_of = _unplaced_means if turns_along else world_means
     if len(objects) == 1:
-        return world_means(scene, some[object_parts(scene, some)]), SHARE
+        return world_means(scene, some[object_parts(scene, some, means_of)]), SHARE
     kept = np.zeros(len(some), np.bool_)
     for rows_of in objects:
-        own = rows_of[object_parts(scene, some[rows_of])]
+        own = rows_of[object_parts(scene, some[rows_of], means_of)]
         if len(own):
-            means = _unplaced_means(scene, some[own])
-            kept[own] = within(means, *_middle(means, SHARE))
+            means = means_of(scene, some[own])
+            kept[own] = within(means, *_middle(means.astype(np.float64), SHARE))
     return world_means(scene, some[kept]), 1.0
 
 
@@ -138,11 +140,6 @@ def middle_pose(scene: Scene, splats: IntArray, points: AnyArray, share: float) 
     pose = pose_of(scene, splats, np.zeros(3))
     lo, hi = robust_box(points @ pose.turn, share)
     return replace(pose, centre=pose.turn @ ((lo + hi) / 2))
-
-
-def object_parts(scene: Scene, splats: IntArray) -> BoolArray:
-    """Which of the splats (K,) of one object are no floaters (K,); not changed by moving it."""
-    return main_parts(_unplaced_means(scene, splats), splat_mass(scene.gaussians, splats))
 
 
 def _unplaced_means(scene: Scene, splats: IntArray) -> DoubleArray:
@@ -156,6 +153,16 @@ def _unplaced_means(scene: Scene, splats: IntArray) -> DoubleArray:
         matrix = (np.linalg.inv(whole[row_of[:1]]) @ whole)[row_of, :3]
         moved = np.einsum("nij,nj->ni", matrix[:, :, :3], means) + matrix[:, :, 3]
         return moved.astype(np.float32).astype(np.float64)
+
+
+def object_parts(
+    scene: Scene,
+    splats: IntArray,
+    means_of: Callable[[Scene, IntArray], AnyArray] = _unplaced_means,
+) -> BoolArray:
+    """Which of the splats (K,) of one object are no floaters (K,); not changed by moving it, unless
+    ``means_of`` tells where they are in the world."""
+    return main_parts(means_of(scene, splats), splat_mass(scene.gaussians, splats))
 
 
 def _whole(scene: Scene, rows: IntArray) -> IntArray:
