@@ -1,14 +1,17 @@
 """The memory bank: moved masks, split objects, quality, the replay, the splats of a mask."""
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from gaga_core.grouping.memory_bank import Decision
+from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_studio.features import objects, selection, transform
 from gaga_studio.features.commands import command, run
@@ -387,9 +390,19 @@ def _mask(session: Session) -> Decision:
     return decision
 
 
-def test_overlaps_of_a_mask_are_looked_up_in_a_quiet_job(associated: Session) -> None:
+def test_overlaps_of_a_mask_are_looked_up_in_a_quiet_job(
+    associated: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    look, asked = memory_bank._look_stage, threading.Event()
+
+    def held(*args: Any) -> Stage[object]:  # or it can be done before the answer is given
+        assert asked.wait(60)
+        return (yield from look(*args))
+
+    monkeypatch.setattr(memory_bank, "_look_stage", held)
     decision = associated.decisions(3)[-1]
     assert memory_bank.mask_overlaps(associated, decision) is None
+    asked.set()
     decision = _mask(associated)
     found = memory_bank.mask_overlaps(associated, decision)
     assert found is not None
