@@ -23,7 +23,7 @@ from gaga_core.placing.poses import moved_by, pairs_by_pose, similarity_between
 from gaga_core.progress import run_stage
 from tests.core.placing.photo_scenes import FOCAL, write_photos
 
-N = 12
+N = 8
 
 
 def _noisy(cameras: tuple[Camera, ...], degrees: float, way: float) -> tuple[Camera, ...]:
