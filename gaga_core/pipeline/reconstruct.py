@@ -279,7 +279,7 @@ KERNELS, FEATURES, MATCHES, PLACES, BACKGROUND, UNDISTORTS, SURFACES, TRAINS = S
 # surface is matched. The training itself is counted in such seconds already.
 _RATES = {
     FEATURES: 0.2, MATCHES: 0.012, PLACES: 0.15, BACKGROUND: 0.2, UNDISTORTS: 0.15,
-    SURFACES: 2.6e-5, TRAINS: 1.0,
+    SURFACES: 1.3e-5, TRAINS: 1.0,
 }  # fmt: skip
 _LEARNED = 0.5  # weight of the newest run in a rate that is kept
 _MOST_OFF = 20.0  # factor: a rate that is off by more was measured while something else was wrong

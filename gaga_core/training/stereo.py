@@ -21,6 +21,7 @@ from gaga_core.arrays import (
     IntArray,
     LongArray,
     UInt8Array,
+    UInt32Array,
     check_shape,
 )
 from gaga_core.camera import Camera
@@ -173,7 +174,8 @@ def _matched_stage(
     """What each photo is compared with, and its depth map."""
     seen = [photo.camera.shows(*photo.camera.project(points)) for photo in photos]
     sources = [_sources(i, photos, points, seen) for i in range(len(photos))]
-    pixels = np.concatenate([np.zeros(0, np.float32), *(photo.grey.ravel() for photo in photos)])
+    none = np.zeros(0, np.uint32)
+    pixels = np.concatenate([none, *(kernels.packed(photo.grey) for photo in photos)])
     maps: list[_DepthMap] = []
     while len(maps) < len(photos):
         yield Progress(STAGE, len(maps), len(photos), "depth")
@@ -226,7 +228,7 @@ def _match(
     some: range,
     photos: Sequence[_Photo],
     sources: Sequence[_Sources],
-    pixels: FloatArray,
+    pixels: UInt32Array,
     known: Sequence[DoubleArray],
 ) -> list[_DepthMap]:
     """The depth maps of ``some`` photos, one a thread."""

@@ -12,24 +12,56 @@ import math
 
 import numpy as np
 
-from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, FloatArray, IntArray, LongArray
-from gaga_core.kernels import kernel
+from gaga_core.arrays import (
+    AnyArray,
+    BoolArray,
+    DoubleArray,
+    FloatArray,
+    IntArray,
+    LongArray,
+    UInt32Array,
+)
+from gaga_core.kernels import exp_below_zero, kernel
 
 REACH, STEP = 4, 2  # half a window and the distance of its samples, pixels
 SAMPLES = (2 * REACH // STEP + 1) ** 2
+_LANES = -(-SAMPLES // 16) * 16  # whole vectors; those behind the samples have no weight
 _FEWEST = 15  # samples that a source must see
 _F = np.float32
-_LIKE = -1.0 / (2 * 0.12**2)  # samples of another grey count less: they lie on another surface
+_LIKE = _F(-1.0 / (2 * 0.12**2))  # samples of another grey count less: they lie on another surface
 _FLAT = 2e-5  # variance under which a window has no texture
 _WORST = -1.0
+_INSIDE = 1e-3  # pixels that a whole window keeps from the rim of a picture: more than it rounds by
 _FROM_NEIGHBOURS, _TURNS = 2, 5  # hypotheses of a pixel in a sweep
 _STATE = np.uint64(88172645463325252)
+
+
+def _offsets() -> tuple[FloatArray, FloatArray]:
+    """Pixels right and down from the middle of a window to each of its samples."""
+    steps = np.arange(-REACH, REACH + 1, STEP, dtype=np.float32)
+    down, right = np.meshgrid(steps, steps, indexing="ij")
+    behind = (0, _LANES - SAMPLES)
+    return np.pad(right.ravel(), behind), np.pad(down.ravel(), behind)
+
+
+_RIGHT, _DOWN = _offsets()
+_BYTE, _8, _16, _24 = np.uint32(255), np.uint32(8), np.uint32(16), np.uint32(24)
+
+
+def packed(grey: FloatArray) -> UInt32Array:
+    """Pixels (H W,) of a picture (H, W) in 0..1, each with the next to the right and below in 8
+    bits: one load brings what lies around a place between them."""
+    levels = np.pad(np.round(grey * 255).astype(np.uint32), (0, 1), mode="edge")
+    right, below = levels[:-1, 1:], levels[1:, :-1]
+    four = levels[:-1, :-1] | right << _8 | below << _16 | levels[1:, 1:] << _24
+    result: UInt32Array = four.astype(np.uint32).ravel()
+    return result
 
 
 @kernel
 def match_view(
     grey: FloatArray,  # (H, W)
-    pixels: FloatArray,  # all pictures, one behind the other
+    pixels: UInt32Array,  # of all pictures, one behind the other: `packed`
     sources: LongArray,  # (S, 3) offset in ``pixels``, width, height
     M: DoubleArray,  # (S, 3, 3)
     t: DoubleArray,  # (S, 3)
@@ -47,13 +79,15 @@ def match_view(
     at first, and half as far each sweep.
     """
     height, width = grey.shape
-    values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
+    values, weights = np.zeros(_LANES, np.float32), np.zeros(_LANES, np.float32)
     random = np.array([_STATE + np.uint64(7919 * seed)], np.uint64)
-    trial = np.empty(3, np.float64)
     for y in range(height):
         for x in range(width):
             _window(grey, y, x, values, weights)
-            scores[y, x] = _score(values, weights, y, x, planes[y, x], pixels, sources, M, t)
+            w, wx, wy = planes[y, x, 0], planes[y, x, 1], planes[y, x, 2]
+            scores[y, x] = _score(
+                values, weights, grey[y, x], y, x, w, wx, wy, pixels, sources, M, t
+            )
     for sweep in range(n_sweeps):
         reach = 0.5**sweep
         step = 1 if sweep % 2 == 0 else -1
@@ -68,18 +102,20 @@ def match_view(
                         other_x, other_y = x - step * (turn == 0), y - step * (turn == 1)
                         if not (0 <= other_x < width and 0 <= other_y < height):
                             continue
-                        _extend(planes, other_y, other_x, y, x, trial)
+                        w, wx, wy = _extended(planes, other_y, other_x, y, x)
                     else:
-                        _vary(planes[y, x], turn, reach, most - least, steepest, random, trial)
-                    limit = steepest * trial[0]
-                    if not (least <= trial[0] <= most):
+                        w, wx, wy = _varied(
+                            planes, y, x, turn, reach, most - least, steepest, random
+                        )
+                    limit = steepest * w
+                    if not (least <= w <= most and abs(wx) <= limit and abs(wy) <= limit):
                         continue
-                    if not (abs(trial[1]) <= limit and abs(trial[2]) <= limit):
-                        continue
-                    score = _score(values, weights, y, x, trial, pixels, sources, M, t)
+                    score = _score(
+                        values, weights, grey[y, x], y, x, w, wx, wy, pixels, sources, M, t
+                    )
                     if score > best:
                         best = score
-                        planes[y, x] = trial
+                        planes[y, x, 0], planes[y, x, 1], planes[y, x, 2] = w, wx, wy
                 scores[y, x] = best
 
 
@@ -121,51 +157,53 @@ def count_agreeing(
 
 @kernel
 def _window(grey: FloatArray, y: int, x: int, values: FloatArray, weights: FloatArray) -> None:
-    """Samples of the window around a pixel, and what each counts."""
+    """Samples of the window around a pixel, less its middle, and what each counts: one in all."""
     height, width = grey.shape
     middle = grey[y, x]
     k = 0
     for dy in range(-REACH, REACH + 1, STEP):
+        row = min(height - 1, max(0, y + dy))
         for dx in range(-REACH, REACH + 1, STEP):
-            value = grey[min(height - 1, max(0, y + dy)), min(width - 1, max(0, x + dx))]
-            values[k] = value
-            weights[k] = _F(math.exp((value - middle) * (value - middle) * _LIKE))
+            values[k] = grey[row, min(width - 1, max(0, x + dx))] - middle
             k += 1
+    total = _F(0)
+    for k in range(SAMPLES):
+        weights[k] = exp_below_zero(max(values[k] * values[k] * _LIKE, _F(-87)))
+        total += weights[k]
+    for k in range(SAMPLES):
+        weights[k] /= total
 
 
 @kernel
-def _extend(
-    planes: DoubleArray, from_y: int, from_x: int, y: int, x: int, trial: DoubleArray
-) -> None:
+def _extended(
+    planes: DoubleArray, from_y: int, from_x: int, y: int, x: int
+) -> tuple[float, float, float]:
     """The plane of another pixel, at this one."""
-    trial[1], trial[2] = planes[from_y, from_x, 1], planes[from_y, from_x, 2]
-    trial[0] = planes[from_y, from_x, 0] + (x - from_x) * trial[1] + (y - from_y) * trial[2]
+    wx, wy = planes[from_y, from_x, 1], planes[from_y, from_x, 2]
+    return planes[from_y, from_x, 0] + (x - from_x) * wx + (y - from_y) * wy, wx, wy
 
 
 @kernel
-def _vary(
-    plane: DoubleArray,
+def _varied(
+    planes: DoubleArray,
+    y: int,
+    x: int,
     turn: int,
     reach: float,
     span: float,
     steepest: float,
     random: AnyArray,  # (1,) uint64, changed
-    trial: DoubleArray,
-) -> None:
-    """A plane near ``plane``: far and tilted, at another depth, and close by but tilted."""
+) -> tuple[float, float, float]:
+    """A plane near that of a pixel: far and tilted, at another depth, and close by but tilted."""
     r0, r1, r2 = _random(random), _random(random), _random(random)
-    trial[0], trial[1], trial[2] = plane[0], plane[1], plane[2]
-    tilt = reach * steepest * plane[0]
+    w, wx, wy = planes[y, x, 0], planes[y, x, 1], planes[y, x, 2]
+    tilt = reach * steepest * w
     if turn == _FROM_NEIGHBOURS:
-        trial[0] += 0.5 * reach * span * r0
-    elif turn == _FROM_NEIGHBOURS + 1:
-        trial[0] += 0.125 * reach * span * r0
-        return
-    else:
-        trial[0] *= 1.0 + 0.2 * reach * r0
-        tilt *= 0.25
-    trial[1] += tilt * r1
-    trial[2] += tilt * r2
+        return w + 0.5 * reach * span * r0, wx + tilt * r1, wy + tilt * r2
+    if turn == _FROM_NEIGHBOURS + 1:
+        return w + 0.125 * reach * span * r0, wx, wy
+    tilt *= 0.25
+    return w * (1.0 + 0.2 * reach * r0), wx + tilt * r1, wy + tilt * r2
 
 
 @kernel
@@ -183,10 +221,13 @@ def _random(state: AnyArray) -> float:
 def _score(
     values: FloatArray,
     weights: FloatArray,
+    middle: np.float32,
     y: int,
     x: int,
-    plane: DoubleArray,
-    pixels: FloatArray,
+    w: float,
+    wx: float,
+    wy: float,
+    pixels: UInt32Array,
     sources: LongArray,
     M: DoubleArray,
     t: DoubleArray,
@@ -194,7 +235,7 @@ def _score(
     """Mean similarity of the two sources that agree best: from others it may be hidden."""
     first, second = _WORST, _WORST
     for s in range(len(sources)):
-        found = _similarity(values, weights, y, x, plane, pixels, sources[s], M[s], t[s])
+        found = _similarity(values, weights, middle, y, x, w, wx, wy, pixels, sources, M, t, s)
         if found > first:
             second = first
             first = found
@@ -207,49 +248,138 @@ def _score(
 def _similarity(
     values: FloatArray,
     weights: FloatArray,
+    middle: np.float32,
     y: int,
     x: int,
-    plane: DoubleArray,
-    pixels: FloatArray,
-    source: LongArray,  # (3,)
-    M: DoubleArray,  # (3, 3)
-    t: DoubleArray,  # (3,)
+    w: float,
+    wx: float,
+    wy: float,
+    pixels: UInt32Array,
+    sources: LongArray,
+    M: DoubleArray,
+    t: DoubleArray,
+    s: int,
 ) -> float:
     """Weighted normalised cross-correlation of a window and its place in a source; -1 = unseen."""
-    offset, width, height = source[0], source[1], source[2]
-    w, wx, wy = plane[0], plane[1], plane[2]
-    ax, ay, az = M[0, 0] + wx * t[0], M[1, 0] + wx * t[1], M[2, 0] + wx * t[2]
-    bx, by, bz = M[0, 1] + wy * t[0], M[1, 1] + wy * t[1], M[2, 1] + wy * t[2]
-    px = M[0, 0] * x + M[0, 1] * y + M[0, 2] + w * t[0]
-    py = M[1, 0] * x + M[1, 1] * y + M[1, 2] + w * t[1]
-    pz = M[2, 0] * x + M[2, 1] * y + M[2, 2] + w * t[2]
-    if not pz > 1e-9:
+    offset, width, height = sources[s, 0], sources[s, 1], sources[s, 2]
+    # Of the middle of the window, and what a pixel to the right and one down adds.
+    at = (
+        M[s, 0, 0] * x + M[s, 0, 1] * y + M[s, 0, 2] + w * t[s, 0],
+        M[s, 1, 0] * x + M[s, 1, 1] * y + M[s, 1, 2] + w * t[s, 1],
+        M[s, 2, 0] * x + M[s, 2, 1] * y + M[s, 2, 2] + w * t[s, 2],
+    )
+    right = M[s, 0, 0] + wx * t[s, 0], M[s, 1, 0] + wx * t[s, 1], M[s, 2, 0] + wx * t[s, 2]
+    down = M[s, 0, 1] + wy * t[s, 0], M[s, 1, 1] + wy * t[s, 1], M[s, 2, 1] + wy * t[s, 2]
+    # Where a window leaves the picture is linear in its sample: the corners tell of all of it.
+    from_left = _room(at, right, down, 1.0, 0.0, -_INSIDE)
+    from_right = _room(at, right, down, -1.0, 0.0, width - 1 - _INSIDE)
+    from_top = _room(at, right, down, 0.0, 1.0, -_INSIDE)
+    from_foot = _room(at, right, down, 0.0, -1.0, height - 1 - _INSIDE)
+    front = _room(at, right, down, 0.0, 0.0, 1.0)
+    if not min(from_left[1], from_right[1], from_top[1], from_foot[1], front[1]) > 0.0:
         return _WORST
+    if not min(from_left[0], from_right[0], from_top[0], from_foot[0], front[0]) > 1e-9:
+        return _part_similarity(
+            values, weights, middle, at, right, down, pixels, offset, width, height
+        )
+    px, py, pz = _F(at[0]), _F(at[1]), _F(at[2])
+    ax, ay, az = _F(right[0]), _F(right[1]), _F(right[2])
+    bx, by, bz = _F(down[0]), _F(down[1]), _F(down[2])
+    sa, sb, saa, sbb, sab = _F(0), _F(0), _F(0), _F(0), _F(0)
+    for k in range(_LANES):
+        depth = _F(1) / (pz + _RIGHT[k] * az + _DOWN[k] * bz)
+        u = (px + _RIGHT[k] * ax + _DOWN[k] * bx) * depth
+        v = (py + _RIGHT[k] * ay + _DOWN[k] * by) * depth
+        column, row = np.int32(u), np.int32(v)
+        fu, fv = u - _F(column), v - _F(row)
+        four = pixels[np.uint32(offset) + np.uint32(row) * np.uint32(width) + np.uint32(column)]
+        b = _between(four, fu, fv) - middle
+        wa, wb = weights[k] * values[k], weights[k] * b
+        sa += wa
+        sb += wb
+        saa += wa * values[k]
+        sbb += wb * b
+        sab += wa * b
+    return _correlation(1.0, float(sa), float(sb), float(saa), float(sbb), float(sab))
+
+
+@kernel
+def _room(
+    at: tuple[float, float, float],
+    right: tuple[float, float, float],
+    down: tuple[float, float, float],
+    a: float,
+    b: float,
+    c: float,
+) -> tuple[float, float]:
+    """Least and largest a u' + b v' + c w' of a window whose samples are (u', v', w')."""
+    here = a * at[0] + b * at[1] + c * at[2]
+    reach = REACH * (
+        abs(a * right[0] + b * right[1] + c * right[2])
+        + abs(a * down[0] + b * down[1] + c * down[2])
+    )
+    return here - reach, here + reach
+
+
+@kernel
+def _part_similarity(
+    values: FloatArray,
+    weights: FloatArray,
+    middle: np.float32,
+    at: tuple[float, float, float],
+    right: tuple[float, float, float],
+    down: tuple[float, float, float],
+    pixels: UInt32Array,
+    offset: int,
+    width: int,
+    height: int,
+) -> float:
+    """`_similarity` of those samples that the source sees."""
     total, sa, sb, saa, sbb, sab = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    n, k = 0, 0
-    for dy in range(-REACH, REACH + 1, STEP):
-        for dx in range(-REACH, REACH + 1, STEP):
-            qz = pz + dx * az + dy * bz
-            u = (px + dx * ax + dy * bx) / qz
-            v = (py + dx * ay + dy * by) / qz
-            if qz > 1e-9 and u >= 0.0 and v >= 0.0 and u < width - 1 and v < height - 1:
-                column, row = int(u), int(v)
-                fu, fv = u - column, v - row
-                at = offset + row * width + column
-                top = pixels[at] + fu * (pixels[at + 1] - pixels[at])
-                low = pixels[at + width] + fu * (pixels[at + width + 1] - pixels[at + width])
-                b = top + fv * (low - top)
-                a, weight = values[k], weights[k]
-                total += weight
-                sa += weight * a
-                sb += weight * b
-                saa += weight * a * a
-                sbb += weight * b * b
-                sab += weight * a * b
-                n += 1
-            k += 1
+    n = 0
+    for k in range(SAMPLES):
+        dx, dy = _RIGHT[k], _DOWN[k]
+        qz = at[2] + dx * right[2] + dy * down[2]
+        u = (at[0] + dx * right[0] + dy * down[0]) / qz
+        v = (at[1] + dx * right[1] + dy * down[1]) / qz
+        if qz > 1e-9 and u >= 0.0 and v >= 0.0 and u < width - 1 and v < height - 1:
+            column, row = int(u), int(v)
+            fu, fv = u - column, v - row
+            four = pixels[offset + row * width + column]
+            b = _between(four, _F(fu), _F(fv)) - middle
+            a, weight = values[k], weights[k]
+            total += weight
+            sa += weight * a
+            sb += weight * b
+            saa += weight * a * a
+            sbb += weight * b * b
+            sab += weight * a * b
+            n += 1
     if n < _FEWEST:
         return _WORST
+    return _correlation(total, sa, sb, saa, sbb, sab)
+
+
+@kernel
+def _between(four: np.uint32, fu: np.float32, fv: np.float32) -> np.float32:
+    """Grey in 0..1 between a pixel and the next to the right and below."""
+    top_left, top_right = _F(four & _BYTE), _F((four >> _8) & _BYTE)
+    low_left, low_right = _F((four >> _16) & _BYTE), _F(four >> _24)
+    top = top_left + fu * (top_right - top_left)
+    low = low_left + fu * (low_right - low_left)
+    return (top + fv * (low - top)) * _F(1 / 255)
+
+
+@kernel
+def _correlation(
+    total: float,
+    sa: float,
+    sb: float,
+    saa: float,
+    sbb: float,
+    sab: float,
+) -> float:
+    """Of two weighted samples from their sums; -1 where one has no texture."""
     ma, mb = sa / total, sb / total
     va, vb = saa / total - ma * ma, sbb / total - mb * mb
     if va < _FLAT or vb < _FLAT:
