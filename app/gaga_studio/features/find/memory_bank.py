@@ -578,7 +578,7 @@ def views_text(session: Session, views: Sequence[str]) -> str:
     train = folder.train if folder is not None else ()
     kind = "training photos" if len(train) < len(session.cameras) else "photos"
     if not set(views) <= set(train):
-        return f"All {counted(len(views), 'view')}"
+        return f"All {counted(len(views), 'photo')}"
     of = f"All {len(train)}" if len(views) == len(train) else f"{len(views)} of {len(train)}"
     return f"{of} {kind}"
 
