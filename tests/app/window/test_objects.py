@@ -1,6 +1,7 @@
 """The object list and the memory bank in the window: colors, switches, dragging, moved masks."""
 
 import json
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from PIL import Image
 from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.grouping.levels import Levels
 from gaga_core.io.splats.splat_files import write_splats
+from gaga_core.progress import Progress, Stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.values import joined
 from gaga_core.scene.objects import group_indices
@@ -515,6 +517,39 @@ def _the_row_stays_in_view(d: Driver) -> None:
         d.session.undo()
 
 
+def _no_row_moves_while_a_job_runs(d: Driver) -> None:
+    """The slider above them went, and came back when the job ended."""
+    ends = threading.Event()
+
+    def job() -> Stage[None]:
+        yield Progress("Wait", 0, 1)
+        ends.wait(120)
+
+    row = f"//Objects/**/object {int(d.session.objects().ids[1])}/##row"
+
+    def top() -> float:
+        return float(d.engine.item_info(row).rect_full.min.y)
+
+    search = d.session.need().feature(SearchState)
+    d.until(
+        lambda: search.described is not None, "rows move once when it is known what lies behind"
+    )
+    d.frames(3)
+    before, labels = top(), d.session.need().scene.labels.copy()
+    slider = d.engine.item_info("//Objects/##Detail").rect_full.min
+    d.on_main(lambda: d.session.jobs.start("Wait", job()))
+    d.frames(3)
+    assert top() == before
+    d.engine.mouse_move_to_pos(ImVec2(slider.x + 3, slider.y + 8))
+    d.engine.mouse_click(0)
+    d.frames(2)
+    assert d.session.live is None
+    assert np.array_equal(d.session.need().scene.labels, labels)
+    ends.set()
+    d.settle()
+    assert top() == before
+
+
 def test_the_slider_of_detail_is_one_edit(display: str, grouped_copy: Path) -> None:
     (masks,) = (grouped_copy / "masks").iterdir()
     (masks / "provider.json").write_text(json.dumps({"provider": "regions", "views": {}}))
@@ -541,6 +576,7 @@ def test_the_slider_of_detail_is_one_edit(display: str, grouped_copy: Path) -> N
         assert session.need().history.cursor == place + 1
         session.undo()
         assert np.array_equal(document.scene.labels, before)
+        _no_row_moves_while_a_job_runs(d)
         _the_row_stays_in_view(d)
         _split_and_join(d)
 
