@@ -19,15 +19,17 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.values import joined
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
-from gaga_studio.features import folders, object_list, objects, selection, split_view
+from gaga_studio.features import folders, measure, object_list, objects, selection, split_view
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.features.object_list import UNSURE, ListFilter, ObjectListView, measures
+from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, load_settings
 from gaga_studio.tools.move import MoveTool
 from gaga_studio.ui.panels import rows
 from gaga_studio.ui.panels.rows import RowColumns
+from gaga_studio.ui.viewport import gizmo
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import random_gaussians
@@ -677,3 +679,39 @@ def test_objects_have_their_names_where_no_list_is_shown(display: str, grouped_c
 
     settings = Settings(ui_scale=2.0, first_steps_done=True)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
+
+
+def test_the_label_of_a_handle_has_the_unit_of_the_scene(
+    display: str, grouped_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It said "X : 0.123" in a scene in metres."""
+    asked: list[str] = []
+
+    def unit(session: Session) -> str:
+        asked.append(measure.unit(session))
+        return asked[-1]
+
+    def walk(d: Driver) -> None:
+        d.select(2)
+        d.on_main(
+            lambda: d.session.edit(lambda scene: edits.set_scale(scene, 1.0, 2.0, np.zeros(3)))
+        )
+        d.keys(KEY._1)
+        d.settle()
+        handles = MoveTool().handles(d.session)
+        assert handles is not None
+        d.move_to(*d.project(handles[:3, 3]))
+        d.frames(2)
+        d.engine.mouse_down(0)
+        x, y = d.corner
+        u, v = d.project(handles[:3, 3])
+        d.engine.mouse_move_to_pos(ImVec2(x + u + 60, y + v + 20))
+        d.frames(4)
+        monkeypatch.setattr(gizmo, "length_unit", unit)
+        d.frames(2)
+        assert asked
+        assert {*asked} == {" m"}
+        d.engine.mouse_up(0)
+        d.frames(2)
+
+    drive(walk, path=grouped_copy, size=(1280, 720))
