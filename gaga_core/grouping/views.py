@@ -38,7 +38,7 @@ def views_with_masks(cameras: Sequence[Camera], masks: MaskSet) -> tuple[Camera,
     views = [camera for camera in cameras if camera.name in masks]
     if not views:
         raise GagaError(
-            f"None of the {len(cameras)} views has masks{where}. "
+            f"None of the {len(cameras)} photos has masks{where}. "
             "Name each mask file like its photo, or choose another mask folder."
         )
     return tuple(sorted(views, key=lambda camera: natural_order(camera.name)))
@@ -165,12 +165,12 @@ class GatedViews:
             notes.append("These masks have no levels: the detail has no effect.")
         if n_views < n_cameras:
             notes.append(
-                f"{n_cameras - n_views} of {n_cameras} views have no masks and took no part."
+                f"{n_cameras - n_views} of {n_cameras} photos have no masks and took no part."
             )
         if self.resized:
             notes.append(
-                f"The masks of {len(self.resized)} of {n_views} views had another size than the "
-                "view; they were resized."
+                f"The masks of {len(self.resized)} of {n_views} photos had another size than the "
+                "photo; they were resized."
             )
         return tuple(notes)
 

@@ -157,7 +157,10 @@ def usual_seconds(first: Capture, second: Capture, config: AlignConfig) -> dict[
     counts |= {LOOKS: n, _FEATURES: n, _MATCHES: n * (n - 1) // 2, by_photos.STAGE: 1}
     if _is_compared(first, second, config):
         counts[changes.STAGE] = 1
-    return {step: _RATES[step] * count for step, count in counts.items()}
+    seconds = {step: _RATES[step] * count for step, count in counts.items()}
+    if not _by_surfaces(first, second, config):
+        return seconds
+    return {by_photos.OF_SURFACES.get(step, step): s for step, s in seconds.items()}
 
 
 def _by_surfaces(first: Capture, second: Capture, config: AlignConfig) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.io.files import safe_name
 from gaga_core.io.folder.scene_folder import SceneFolder, select_views
 from gaga_core.io.folder.staging import publish_all, staging_folder
@@ -35,7 +35,7 @@ class ImportReport:
     name: str  # of the new mask folder
     folder: str
     views: tuple[str, ...]  # that have masks now
-    without: tuple[str, ...]  # views of the scene that got none
+    without: tuple[str, ...]  # photos of the scene that objects are found in and have none now
     unmatched: tuple[str, ...]  # masks that belong to no view
     resized: tuple[str, ...]  # views whose masks had another size (nearest neighbour)
     misfits: tuple[str, ...]  # views whose masks have another shape than the photo: left out
@@ -44,15 +44,17 @@ class ImportReport:
     def notes(self) -> list[str]:
         """Sentences for people."""
         found = [self.recognised]
-        for names, text in (
-            (self.unmatched, "masks belong to no view"),
-            (self.misfits, "views got none, because their masks have another shape than the photo"),
-            (self.resized, "views had masks of another size, which were resized"),
-            (self.without, "views of the scene have no masks"),
+        for names, what, text in (
+            (self.unmatched, "mask", "had no photo of its name"),
+            (self.misfits, "photo", "got none, because the masks have another shape"),
+            (self.resized, "photo", "had masks of another size, which were resized"),
+            (self.without, "photo", "got no masks"),
         ):
             if names:
                 more = ", ..." if len(names) > _LISTED else ""
-                found.append(f"{len(names)} {text} ({', '.join(names[:_LISTED])}{more}).")
+                found.append(
+                    f"{counted(len(names), what)} {text} ({', '.join(names[:_LISTED])}{more})."
+                )
         return found
 
     def to_json(self) -> dict[str, object]:
@@ -111,13 +113,13 @@ def import_masks(
                 labels = dense
             write_labels(staging / name / f"{view_key(camera.name)}.png", labels)
             counts[camera.name] = len(ids) - 1
-        names = [camera.name for camera in folder.cameras]
+        photos = folder.train_photos or folder.train
         report = ImportReport(
             recognised=found.said,
             name=name,
             folder=str(target),
             views=tuple(counts),
-            without=tuple(n for n in names if n not in counts and n not in odd["misfits"]),
+            without=tuple(photo for photo in photos if photo not in counts),
             unmatched=unmatched,
             resized=tuple(odd["resized"]),
             misfits=tuple(odd["misfits"]),

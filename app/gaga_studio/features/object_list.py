@@ -502,10 +502,8 @@ def part_index(session: Session) -> PartIndex | None:
 
 
 def levels_of(session: Session) -> Levels | None:
-    """The levels of the open scene; None where its groups have none, or while they are made."""
-    if session.scene is None or session.jobs.running is not None:
-        return None
-    bank = session.scene.bank
+    """The levels of the open scene; None where its groups have none."""
+    bank = session.scene.bank if session.scene is not None else None
     return None if bank is None else bank.levels
 
 

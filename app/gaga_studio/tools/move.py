@@ -22,12 +22,12 @@ class MoveTool(ClickTool):
 
     def __init__(self, name: ToolName = ToolName.MOVE) -> None:
         self.name = name
-        self._start: DoubleArray | None = None
+        self.start: DoubleArray | None = None  # (4, 4) pose of the handles before the drag, world
 
     @property
     def is_dragging(self) -> bool:
         """Whether a handle is held."""
-        return self._start is not None
+        return self.start is not None
 
     def handles(self, session: Session) -> DoubleArray | None:
         """Pose of the handles, (4, 4) world; None when nothing is selected."""
@@ -44,24 +44,24 @@ class MoveTool(ClickTool):
 
     def begin(self, session: Session) -> None:
         """Begin a drag of a handle."""
-        self._start = self.handles(session)
+        self.start = self.handles(session)
 
     def move_to(self, session: Session, handles: DoubleArray) -> None:
         """Show the selection at the handles' new matrix (4, 4), world."""
-        if self._start is not None:
-            motion = (handles @ np.linalg.inv(self._start))[:3]
+        if self.start is not None:
+            motion = (handles @ np.linalg.inv(self.start))[:3]
             transform.preview_move(session, motion, _VERBS[self.name])
 
     def finish(self, session: Session) -> bool:
         """End the drag: one edit, if anything moved."""
-        self._start = None
+        self.start = None
         return session.commit_preview()
 
     def cancel(self, session: Session) -> None:
         """Cancel (Escape): the selection stays where it was."""
         if self.is_dragging:
             session.cancel_preview()
-        self._start = None
+        self.start = None
 
     def click(self, session: Session, place: ViewportPoint) -> None:
         """Select the object under the mouse."""

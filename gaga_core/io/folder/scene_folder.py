@@ -57,6 +57,11 @@ class SceneFolder:
     up: tuple[float, float, float] | None = None  # unit, world; None = by the cameras
 
     @property
+    def train_photos(self) -> tuple[str, ...]:
+        """The train views whose photo is on disk: those that masks are made for."""
+        return tuple(name for name in self.train if name in self.image_paths)
+
+    @property
     def work(self) -> Path:
         """The folder of everything that we write."""
         return self.root / "gaga"

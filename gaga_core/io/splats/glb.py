@@ -54,6 +54,7 @@ from gaga_core.io.splats.spz import decode_spz_stage, turned
 from gaga_core.progress import Stage, portion
 
 MAGIC = b"glTF"
+_SPLATS_ALONE = (".ply", ".splat", ".spz", ".sog", ".ksplat")  # files that are no mesh
 JSON, BIN = b"JSON", b"BIN\0"  # kinds of chunks
 _HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _ASSET = {"version": "2.0", "generator": "gaga-studio"}
@@ -220,7 +221,7 @@ def read_glb_stage(path: Path) -> Stage[Gaussians]:
     except _DAMAGED as error:
         raise GagaError(f"{path.name} is not a valid glTF ({error}). Export it again.") from error
     if not parts:
-        raise GagaError(f"{path.name} holds no splats ({_EXTENSION}). Choose another file.")
+        raise GagaError(_why_no_splats(path, has_meshes=bool(buffers.gltf.get("meshes"))))
     yield reading(path, 1, 2)
     alike = parts[0].comments if len({part.comments for part in parts}) == 1 else ()
     joined = joined_splats(parts, path, path.stat().st_size + buffers.n_stored)
@@ -229,6 +230,19 @@ def read_glb_stage(path: Path) -> Stage[Gaussians]:
     whole = whole.with_metres(_unit_of(buffers.gltf) == METRE)
     yield reading(path, 2, 2)
     return whole
+
+
+def _why_no_splats(path: Path, *, has_meshes: bool) -> str:
+    """The sentence on a glTF without splats; of a mesh it names a file of splats next to it."""
+    if not has_meshes:
+        return f"{path.name} holds no splats ({_EXTENSION}). Choose another file."
+    near = sorted(path.parent.iterdir(), key=lambda file: (file.stem != path.stem, file.name))
+    splats = [file.name for file in near if file.suffix in _SPLATS_ALONE and file.is_file()]
+    cure = "Export the object as splats (.ply, .spz, .sog, ...) and open that."
+    return (
+        f"{path.name} is a mesh of triangles, and gaga-studio opens splats alone. "
+        f"{f'Open {splats[0]} next to it.' if splats else cure}"
+    )
 
 
 def _splats_of(buffers: Buffers, path: Path) -> Stage[list[Gaussians]]:

@@ -20,8 +20,8 @@ from gaga_core.io.arrays_file import TEXT, Column, read_columns
 from gaga_core.io.cameras.given import Lens
 from gaga_core.placing import photos as looking
 from gaga_core.placing.photos import Photo, PhotoSet, prepare_photos
-from gaga_core.placing.sfm import CameraGroup, SfmConfig, run_matching, run_step
-from gaga_core.progress import Progress, Stage, part
+from gaga_core.placing.sfm import TITLES, CameraGroup, SfmConfig, run_matching, run_step
+from gaga_core.progress import Progress, Stage, mapped, part
 from gaga_core.scene.captures.alignment import (
     CURES,
     Alignment,
@@ -34,6 +34,8 @@ from gaga_core.scene.captures.alignment import (
 from gaga_core.scene.frame import inverse
 
 STAGE = "Align captures"
+# What steps are called that work on drawn surfaces, by their names for photos.
+OF_SURFACES = {looking.STAGE: "Look at the drawn surfaces", TITLES["match"]: "Match surfaces"}
 _NOTHING_SHARED: Mapping[By, str] = {
     "photos": "No photo of one capture shows what photos of the other show.",
     "surfaces": "No surface of one capture looks like one of the other.",
@@ -102,7 +104,11 @@ def align_by_photos_stage(
 
     Raises ``NotAlignedError`` where the photos do not say.
     """
-    shared = yield from _matched(first, second, workspace, threads, seed)
+    names = OF_SURFACES if by == "surfaces" else {}
+    matching = _matched(first, second, workspace, threads, seed)
+    shared = yield from mapped(
+        matching, lambda step: replace(step, stage=names.get(step.stage, step.stage))
+    )
     return trusted((yield from align_shared_stage(shared, seed=seed, by=by)))
 
 

@@ -1,5 +1,6 @@
 """Identities in the session: trained after the paper's groups, chosen, undone, saved."""
 
+import shutil
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,6 +15,7 @@ from gaga_core.grouping.associate import AssociateConfig, Association
 from gaga_core.identity.field import load_identity
 from gaga_core.identity.train import FILE as CHECKPOINT
 from gaga_core.io.folder.scene_folder import open_scene_folder
+from gaga_core.io.masks.label_maps import write_labels
 from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.pipeline.compile_kernels import usual_seconds
 from gaga_core.pipeline.settings import GroupSettings, IdentitySettings
@@ -409,6 +411,24 @@ def test_masks_of_another_set_do_not_join(grown: tuple[Session, tuple[str, ...]]
     assert f"those of {made}" in memory_bank.where_masks_are(session, decision)
     (path / f"{Path(decision.view).stem}.png").unlink()
     assert memory_bank.where_masks_are(session, decision) == "Its masks are gone."
+
+
+@pytest.mark.parametrize("name", ["9.png", "left/9.png", "left/9.tif"])
+def test_masks_of_photos_in_subfolders_are_told_where_they_are(
+    associated: Session, name: str
+) -> None:
+    """They lie in a subfolder, or next to the others as other programs write them; those were
+    said to be gone."""
+    assert associated.project is not None
+    assert associated.project.folder is not None
+    made, path = associated.provider, associated.project.folder.mask_folders[associated.provider]
+    shutil.copytree(path, path.with_name("other"))
+    decision = replace(scene_of(associated).bank.log[0], view="left/9.jpg")  # type: ignore[union-attr]
+    (path / name).parent.mkdir(exist_ok=True)
+    assert masks.choose(associated, "other")
+    assert memory_bank.where_masks_are(associated, decision) == "Its masks are gone."
+    write_labels(path / name, np.ones((2, 2), np.int32))
+    assert f"those of {made}" in memory_bank.where_masks_are(associated, decision)
 
 
 def test_new_groups_have_other_ids_than_copies_made_meanwhile(

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from gaga_core.io.masks.label_maps import RECORD, read_labels, write_labels
+from gaga_core.pipeline.import_masks import import_masks
+from gaga_core.progress import run_stage
 from gaga_core.scene.scene import Scene
 from gaga_core.segmentation.choose import ProviderEntry, ProviderSettings
 from gaga_core.segmentation.models.catalogue import KNOWN, known_model
@@ -245,6 +247,29 @@ def test_an_import_says_what_it_saw_and_asks_before(bare: Session, tmp_path: Pat
     assert masks.mask_folders(bare) == ("theirs", "theirs 2")
     assert masks.choose(bare, "theirs")
     assert bare.provider == "theirs"
+
+
+def test_an_import_counts_photos_without_masks_as_the_card_does(
+    bare: Session, tmp_path: Path
+) -> None:
+    """It counted those for tests as well, and called them views."""
+    assert bare.project is not None
+    assert bare.project.folder is not None
+    folder, source = bare.project.folder, tmp_path / "theirs"
+    assert folder.test
+    source.mkdir()
+    name = f"{Path(folder.train[0]).stem}.png"
+    write_labels(
+        source / name, np.ones((folder.cameras[0].height, folder.cameras[0].width), np.int32)
+    )
+    report = run_stage(import_masks(folder, source))
+    assert masks.choose(bare, report.name)
+    assert report.without == association.bare_photos(bare)
+    offer = association.stage_offer(bare)
+    assert offer is not None
+    n = len(report.without)
+    assert f" {n} photos have no masks yet." in offer.reason
+    assert report.notes()[-1].startswith(f"{n} photos got no masks (")
 
 
 def test_what_is_no_mask_is_said_and_nothing_is_asked(bare: Session, tmp_path: Path) -> None:

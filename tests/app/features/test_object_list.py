@@ -1,11 +1,13 @@
 """Pictures of objects in the list: alone, tight, and those of the present state."""
 
+import threading
 import time
 
 import numpy as np
 import pytest
 
 from gaga_core.arrays import UInt8Array
+from gaga_core.progress import Progress, Stage
 from gaga_core.scene.object_picture import GROUND
 from gaga_core.scene.objects import group_indices
 from gaga_studio.features import object_list, selection, transform
@@ -55,6 +57,27 @@ def test_a_picture_shows_the_object_alone_as_large_as_fits(measured: Session) ->
     assert not drawn[:, [0, -1]].any()
     rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
     assert max(np.ptp(rows), np.ptp(columns)) > 0.75 * object_list.SMALL
+
+
+def test_a_copy_made_while_a_job_runs_has_a_name_and_a_picture(measured: Session) -> None:
+    """It was "group 12" without a picture until the job ended."""
+    ends = threading.Event()
+
+    def job() -> Stage[None]:
+        yield Progress("Wait", 0, 1)
+        ends.wait(120)
+
+    assert measured.jobs.start("Wait", job())
+    selection.select_groups(measured, (2,))
+    assert transform.duplicate(measured)
+    (copy,) = measured.selected_groups()
+    measure(measured)
+    assert measured.jobs.running is not None
+    assert not measured.need().name_of(copy).startswith("group")
+    _, shown = picture(measured, copy)
+    assert np.abs(shown.astype(int) - GROUND).max() > 12
+    ends.set()
+    assert measured.jobs.wait()
 
 
 def test_a_few_strays_do_not_make_the_object_small(measured: Session) -> None:

@@ -222,7 +222,7 @@ def test_an_edit_of_parts_is_called_so(associated: Session) -> None:
 
 
 def test_one_view_is_no_views(associated: Session) -> None:
-    """An object of one photo was "seen in 1 views"."""
+    """An object of one photo was "seen in 1 photos"."""
     document, group = associated.need(), objects_of(associated)[0]
     assert document.scene.bank is not None
     log = document.scene.bank.log
@@ -233,7 +233,7 @@ def test_one_view_is_no_views(associated: Session) -> None:
         document.scene.revision.labels += 1  # as any change of the bank is
         document.select(group_indices(document.scene, group), "set", "Select")
         _, facts = inspector.title(associated, document)
-        assert facts[-1] == ("seen in 1 view" if n == 1 else "seen in 2 views")
+        assert facts[-1] == ("seen in 1 photo" if n == 1 else "seen in 2 photos")
 
 
 def test_loose_splats_next_to_those_of_objects_are_told_apart(associated: Session) -> None:

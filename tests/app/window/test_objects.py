@@ -1,6 +1,7 @@
 """The object list and the memory bank in the window: colors, switches, dragging, moved masks."""
 
 import json
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,19 +14,22 @@ from PIL import Image
 from gaga_core.arrays import IntArray, UInt8Array
 from gaga_core.grouping.levels import Levels
 from gaga_core.io.splats.splat_files import write_splats
+from gaga_core.progress import Progress, Stage
 from gaga_core.scene import edits
 from gaga_core.scene.edits.values import joined
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.scene import State
-from gaga_studio.features import folders, object_list, objects, selection, split_view
+from gaga_studio.features import folders, measure, object_list, objects, selection, split_view
 from gaga_studio.features.commands import run
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.features.object_list import UNSURE, ListFilter, ObjectListView, measures
+from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings, load_settings
 from gaga_studio.tools.move import MoveTool
 from gaga_studio.ui.panels import rows
 from gaga_studio.ui.panels.rows import RowColumns
+from gaga_studio.ui.viewport import gizmo
 from tests.app.folders import write_scene
 from tests.app.window.driver import KEY, Driver, drive
 from tests.scenes import random_gaussians
@@ -515,6 +519,39 @@ def _the_row_stays_in_view(d: Driver) -> None:
         d.session.undo()
 
 
+def _no_row_moves_while_a_job_runs(d: Driver) -> None:
+    """The slider above them went, and came back when the job ended."""
+    ends = threading.Event()
+
+    def job() -> Stage[None]:
+        yield Progress("Wait", 0, 1)
+        ends.wait(120)
+
+    row = f"//Objects/**/object {int(d.session.objects().ids[1])}/##row"
+
+    def top() -> float:
+        return float(d.engine.item_info(row).rect_full.min.y)
+
+    search = d.session.need().feature(SearchState)
+    d.until(
+        lambda: search.described is not None, "rows move once when it is known what lies behind"
+    )
+    d.frames(3)
+    before, labels = top(), d.session.need().scene.labels.copy()
+    slider = d.engine.item_info("//Objects/##Detail").rect_full.min
+    d.on_main(lambda: d.session.jobs.start("Wait", job()))
+    d.frames(3)
+    assert top() == before
+    d.engine.mouse_move_to_pos(ImVec2(slider.x + 3, slider.y + 8))
+    d.engine.mouse_click(0)
+    d.frames(2)
+    assert d.session.live is None
+    assert np.array_equal(d.session.need().scene.labels, labels)
+    ends.set()
+    d.settle()
+    assert top() == before
+
+
 def test_the_slider_of_detail_is_one_edit(display: str, grouped_copy: Path) -> None:
     (masks,) = (grouped_copy / "masks").iterdir()
     (masks / "provider.json").write_text(json.dumps({"provider": "regions", "views": {}}))
@@ -541,6 +578,7 @@ def test_the_slider_of_detail_is_one_edit(display: str, grouped_copy: Path) -> N
         assert session.need().history.cursor == place + 1
         session.undo()
         assert np.array_equal(document.scene.labels, before)
+        _no_row_moves_while_a_job_runs(d)
         _the_row_stays_in_view(d)
         _split_and_join(d)
 
@@ -641,3 +679,39 @@ def test_objects_have_their_names_where_no_list_is_shown(display: str, grouped_c
 
     settings = Settings(ui_scale=2.0, first_steps_done=True)
     drive(walk, path=grouped_copy, size=(800, 500), settings=settings)
+
+
+def test_the_label_of_a_handle_has_the_unit_of_the_scene(
+    display: str, grouped_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It said "X : 0.123" in a scene in metres."""
+    asked: list[str] = []
+
+    def unit(session: Session) -> str:
+        asked.append(measure.unit(session))
+        return asked[-1]
+
+    def walk(d: Driver) -> None:
+        d.select(2)
+        d.on_main(
+            lambda: d.session.edit(lambda scene: edits.set_scale(scene, 1.0, 2.0, np.zeros(3)))
+        )
+        d.keys(KEY._1)
+        d.settle()
+        handles = MoveTool().handles(d.session)
+        assert handles is not None
+        d.move_to(*d.project(handles[:3, 3]))
+        d.frames(2)
+        d.engine.mouse_down(0)
+        x, y = d.corner
+        u, v = d.project(handles[:3, 3])
+        d.engine.mouse_move_to_pos(ImVec2(x + u + 60, y + v + 20))
+        d.frames(4)
+        monkeypatch.setattr(gizmo, "length_unit", unit)
+        d.frames(2)
+        assert asked
+        assert {*asked} == {" m"}
+        d.engine.mouse_up(0)
+        d.frames(2)
+
+    drive(walk, path=grouped_copy, size=(1280, 720))

@@ -10,9 +10,11 @@ from scipy.spatial.transform import Rotation
 from gaga_core.io.files import assets
 from gaga_core.io.splats.splat_files import read_splats, write_splats
 from gaga_core.pipeline import align
-from gaga_core.progress import run_stage
+from gaga_core.pipeline.settings import AlignConfig
+from gaga_core.progress import Progress, run_stage
 from gaga_core.scene.bake import bake
 from gaga_core.scene.captures.alignment import difference
+from gaga_core.scene.captures.by_photos import align_by_photos_stage
 from gaga_core.scene.edits import transform
 from gaga_core.scene.frame import inverse
 from gaga_core.scene.scene import Scene
@@ -48,6 +50,20 @@ def test_two_halves_come_together(halves: tuple[Path, Path, np.ndarray], capsys:
     assert scale < 0.005
     assert said["changes"] is None  # there are no splats
     assert sorted(p.name for p in first.iterdir()) == ["gaga", "images", "sparse"]
+
+
+def test_no_step_is_named_for_photos_where_surfaces_are_matched(
+    halves: tuple[Path, Path, np.ndarray], tmp_path: Path
+) -> None:
+    """The first one was "Look at photos" in scenes that have none."""
+    first, second = (run_stage(align.open_capture_stage(path))[0] for path in halves[:2])
+    steps: list[Progress] = []
+    run_stage(align_by_photos_stage(first, second, tmp_path / "work", by="surfaces"), steps.append)
+    names = list(dict.fromkeys(step.stage for step in steps))
+    assert names[0] == "Look at the drawn surfaces"
+    assert [name for name in names if "photo" in name] == []
+    usual = align.usual_seconds(first, second, AlignConfig(by="surfaces"))
+    assert [step for step in usual if step in names] == names, "each has its share of the bar"
 
 
 def test_photos_that_another_program_placed_are_placed(tmp_path: Path, capsys: Capture) -> None:

@@ -21,6 +21,7 @@ from gaga_core.geometry import matrices_to_quats, quats_to_matrices
 from gaga_core.io.meshes import MeshFile, TriangleMesh, write_mesh
 from gaga_core.io.splats.glb import Buffers
 from gaga_core.io.splats.packing import joined_splats
+from gaga_core.io.splats.splat_files import read_splats_stage
 from gaga_core.progress import run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.orientation import views_around
@@ -183,6 +184,21 @@ def test_another_program_reads_the_same_mesh(
         shown = Buffers.of(path.read_bytes(), path).accessor(1, 3)
         wanted = np.where(wanted <= 0.04045, wanted / 12.92, ((wanted + 0.055) / 1.055) ** 2.4)
     assert np.abs(shown - wanted).max() < 0.02
+
+
+def test_a_mesh_that_is_opened_is_called_one_and_names_the_splats_next_to_it(
+    sphere: TriangleMesh, tmp_path: Path
+) -> None:
+    path = tmp_path / "cup.glb"
+    write_mesh(path, sphere, MeshFile.GLB, "cup")
+    for file, cure in (
+        ("groups.json", "Export the object as splats"),
+        ("a.ply", "Open a.ply next to it"),
+        ("cup.spz", "Open cup.spz next to it"),
+    ):
+        (tmp_path / file).touch()
+        with pytest.raises(GagaError, match=rf"cup.glb is a mesh of triangles, .*\. {cure}"):
+            run_stage(read_splats_stage(path))
 
 
 def test_a_mesh_has_about_as_many_triangles_as_are_asked_for() -> None:

@@ -84,7 +84,7 @@ def test_views_go_by_name_and_need_masks(scene: Synthetic) -> None:
     result = run_stage(associate_stage(scene.gaussians, backwards, masks, choose()))
     views = [decision.view for decision in result.bank.log]
     assert list(dict.fromkeys(views)) == ["002.png", "004.png"]
-    assert any("6 of 8 views have no masks" in note for note in result.notes)
+    assert any("6 of 8 photos have no masks" in note for note in result.notes)
 
 
 def test_the_same_again_bit_for_bit(
@@ -110,7 +110,7 @@ def test_masks_of_another_size_are_resized_with_a_note(
     masks = MaskSet({name: partial(doubled, name) for name in exact.names})
     result = run_stage(associate_stage(scene.gaussians, scene.cameras, masks, choose()))
     assert (result.labels == association.labels).all()
-    assert any("8 of 8 views had another size" in note for note in result.notes)
+    assert any("8 of 8 photos had another size" in note for note in result.notes)
 
 
 def test_300_objects_keep_300_groups() -> None:
@@ -143,7 +143,7 @@ def test_nothing_to_associate_is_a_plain_sentence(scene: Synthetic) -> None:
     with pytest.raises(GagaError, match="no masks"):
         run_stage(associate_stage(scene.gaussians, scene.cameras, MaskSet(), choose()))
     other = MaskSet({"other.png": lambda: np.zeros((2, 2), np.int32)}, "masks/sam")
-    with pytest.raises(GagaError, match="None of the 8 views has masks in masks/sam"):
+    with pytest.raises(GagaError, match="None of the 8 photos has masks in masks/sam"):
         run_stage(associate_stage(scene.gaussians, scene.cameras, other, choose()))
     nothing = scene.gaussians.take(np.zeros(0, np.int64))
     with pytest.raises(GagaError, match="no Gaussians"):

@@ -51,7 +51,7 @@ UNSCORED = {stem: flat(masks, scored=False) for stem, masks in SCORED.items()}
 def scene(root: Path) -> SceneFolder:
     K = np.array([[50.0, 0, W / 2], [0, 50, H / 2], [0, 0, 1]])
     cameras = tuple(Camera(K, np.eye(4), W, H, name) for name in NAMES)
-    return SceneFolder(root, None, cameras, {})
+    return SceneFolder(root, None, cameras, {}, train=NAMES)
 
 
 def rle(mask: BoolArray, *, compressed: bool) -> dict[str, object]:

@@ -130,7 +130,7 @@ def test_sizes_that_fit_are_resized_and_others_are_named(tmp_path: Path) -> None
     assert report.resized == report.views == ("a.b.jpg",)
     assert report.misfits == ("frame_007.png",)
     assert report.unmatched == ("other",)
-    assert report.without == ("frame_010.png",)
+    assert report.without == ("frame_007.png", "frame_010.png")
     assert np.array_equal(read_labels(tmp_path / "masks/s/a.b.png"), TRUE["a.b"])
     assert len(report.notes()) == 5
     camera = scene(tmp_path).cameras[0]

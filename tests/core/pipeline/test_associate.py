@@ -248,7 +248,7 @@ def test_plain_sentences(folder: SceneFolder, tmp_path: Path) -> None:
         run_stage(render_views(folder, what="normals"))  # type: ignore[arg-type]
     empty = tmp_path / "empty"
     empty.mkdir()
-    with pytest.raises(GagaError, match=r"None of the 6 views has masks|no masks"):
+    with pytest.raises(GagaError, match=r"None of the 6 photos has masks|no masks"):
         run_stage(associate_scene(folder, empty))
     (folder.root / "point_cloud.ply").unlink()
     with pytest.raises(GagaError, match="no model"):

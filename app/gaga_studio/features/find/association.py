@@ -474,7 +474,7 @@ def _no_masks(folder: SceneFolder) -> StageOffer:
             f"Put {'it' if n == 1 else 'them'} back, or import masks."
         )
     seconds = _LEAST_SECONDS + len(folder.train) * _SECONDS_PER_PHOTO
-    n_needed = sum(name in folder.image_paths for name in folder.train) or n_photos
+    n_needed = len(folder.train_photos) or n_photos
     n_tests = n_photos - n_needed  # they get none, so that there are fewer masks then
     rest = f"; {n_tests} more {'is' if n_tests == 1 else 'are'} for testing" if n_tests else ""
     reason = f"{_photos_have(n_needed)} no masks yet{rest}."
@@ -502,7 +502,7 @@ def bare_photos(session: Session) -> tuple[str, ...]:
     if folder is None:
         return ()
     masks = masks_now(session)
-    return tuple(name for name in folder.train if name in folder.image_paths and name not in masks)
+    return tuple(name for name in folder.train_photos if name not in masks)
 
 
 def _photos_have(n: int) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import PurePath
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -14,6 +14,7 @@ from gaga_core.grouping.associate import AssociateConfig, Association
 from gaga_core.grouping.figures import BankGrowth
 from gaga_core.grouping.memory_bank import Decision, MemoryBank, renumbered
 from gaga_core.io.folder.scene_folder import select_views
+from gaga_core.io.masks.label_maps import label_files_of, view_key
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
@@ -382,9 +383,18 @@ def _of_other_masks(session: Session, bank: MemoryBank) -> str:
 
 def where_masks_are(session: Session, decision: Decision) -> str:
     """Why the mask of a decision cannot be shown: it is gone, or in a folder that is not in use."""
-    folder, stem = session.need().project.folder, PurePath(decision.view).with_suffix(".png")
-    others = folder.mask_folders.items() if folder is not None else ()
-    names = [name for name, path in others if (path / stem).is_file()]
+    document = session.need()
+    folder = document.project.folder
+    paths = {} if folder is None else {n: p for n, p in folder.mask_folders.items() if p.is_dir()}
+    inner = PurePosixPath(view_key(decision.view)).parent
+    places = [place for path in paths.values() for place in (path, path / inner)]
+    changed = tuple(place.stat().st_mtime_ns for place in places if place.is_dir())
+
+    def find() -> list[str]:
+        known, view = [camera.name for camera in document.cameras], [decision.view]
+        return [name for name, path in paths.items() if label_files_of(path, view, known)]
+
+    names = document.read.once("folders of a mask", (decision.view, *paths, changed), find)
     if not names or session.provider in names:
         return "Its masks are gone."
     return f"Its masks are those of {names[0]}, and others are in use: Find, Use the masks of."
@@ -568,7 +578,7 @@ def views_text(session: Session, views: Sequence[str]) -> str:
     train = folder.train if folder is not None else ()
     kind = "training photos" if len(train) < len(session.cameras) else "photos"
     if not set(views) <= set(train):
-        return f"All {counted(len(views), 'view')}"
+        return f"All {counted(len(views), 'photo')}"
     of = f"All {len(train)}" if len(views) == len(train) else f"{len(views)} of {len(train)}"
     return f"{of} {kind}"
 

@@ -381,7 +381,9 @@ def follow(session: Session) -> None:
     if session.jobs.quiet is None:
         nouns = search.nouns_to_look_up()
         if is_new:
-            if is_asked or (rests and session.jobs.running is None):
+            # Next to a job only what was edited: a copy has a name and a picture before it ends.
+            is_edited = search.measured is not None
+            if is_asked or (rests and (is_edited or session.jobs.running is None)):
                 _measure(session, document, cameras, key)
         elif nouns and search.measured is not None and search.measured.pictures is not None:
             stage = look_up_stage(search.measured.pictures, nouns, search.know)

@@ -494,7 +494,7 @@ def title(session: Session, document: Document) -> tuple[str, list[str]]:
     if n_loose:
         facts.append(counted(n_loose, "loose splat"))
     if row is not None and table.n_views[row]:
-        facts.append(f"seen in {counted(int(table.n_views[row]), 'view')}")
+        facts.append(f"seen in {counted(int(table.n_views[row]), 'photo')}")
     return f"{name} and loose splats" if n_loose else name, facts
 
 

@@ -91,7 +91,7 @@ def _head(document: Document, group: int, whole: int, decisions: Sequence[Decisi
     masks = counted(len(decisions), "mask")
     n_by_hand = sum(decision.by_hand for decision in decisions)
     by_hand = f", {n_by_hand} by hand" if n_by_hand else ""
-    text = f"{masks} from {counted(n_views, 'view')}{by_hand}"
+    text = f"{masks} from {counted(n_views, 'photo')}{by_hand}"
     widgets.dim(widgets.elided(text, imgui.get_content_region_avail().x))
     widgets.tooltip(
         f"Overlap: {_OVERLAPS[document.read.overlap_is_of_points()]}. Right-click a mask that "

@@ -88,18 +88,25 @@ def _nothing_yet(session: Session) -> None:
 
 
 def _detail_slider(session: Session, state: ObjectListState) -> None:
-    """Draw the slider where the groups of the scene have levels."""
+    """Draw the slider where the groups of the scene have levels.
+
+    It keeps its place while a job runs: the rows below do not move.
+    """
     levels = object_list.levels_of(session)
     if levels is None:
         state.level = None
         return
     shown = levels.chosen if state.level is None else state.level
+    why_not = session.jobs.why_busy if state.level is None else ""
     widgets.field_name("Detail", em(4))
+    imgui.begin_disabled(bool(why_not))
     moved, level = imgui.slider_int(
         "##Detail", shown, 0, len(levels.labels) - 1, "", imgui.SliderFlags_.always_clamp
     )
     ended = imgui.is_item_deactivated()
-    widgets.tooltip("Left: groups of objects. Right: small pieces. Ctrl+Z takes a change back.")
+    imgui.end_disabled()
+    hint = "Left: groups of objects. Right: small pieces. Ctrl+Z takes a change back."
+    widgets.tooltip(why_not or hint)
     if moved and level != state.level:
         state.level = level
         objects.preview_level(session, level)

@@ -8,6 +8,7 @@ from imgui_bundle import ImVec2, ImVec4, imgui, imguizmo
 from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_studio.features import split_view
+from gaga_studio.features.measure import unit as length_unit
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.tools.gestures import CLICK_PIXELS
@@ -22,6 +23,24 @@ _OPERATIONS = {
     ToolName.ROTATE: _guizmo.OPERATION.rotate,
     ToolName.SCALE: _guizmo.OPERATION.scale,
 }
+
+
+_MOVES = {  # which of x, y and z each handle moves, as the library names them next to it
+    _guizmo.MOVETYPE.mt_move_x: (0,),
+    _guizmo.MOVETYPE.mt_move_y: (1,),
+    _guizmo.MOVETYPE.mt_move_z: (2,),
+    _guizmo.MOVETYPE.mt_move_yz: (1, 2),
+    _guizmo.MOVETYPE.mt_move_zx: (0, 2),
+    _guizmo.MOVETYPE.mt_move_xy: (0, 1),
+    _guizmo.MOVETYPE.mt_move_screen: (0, 1, 2),
+}
+_LABEL = 15.0  # pixels right of and below the handles, where the library writes
+
+
+def label_of(handle: _guizmo.MOVETYPE, way: DoubleArray) -> str:
+    """What the library writes next to a handle that has moved by ``way`` (3,), world; "" for one
+    that does not move."""
+    return " ".join(f"{'XYZ'[axis]} : {way[axis]:5.3f}" for axis in _MOVES.get(handle, ()))
 
 
 class Gizmo:
@@ -63,6 +82,16 @@ class Gizmo:
             None,
             _step(tool.name, camera, at) if session.view.snaps else None,
         )
+        if self._matrix is not None and tool.start is not None:
+            way = at[:3, 3] - tool.start[:3, 3]
+            label = label_of(_guizmo.get_active_move_type(), way)
+            (u, v), *_ = camera.project(at[None, :3, 3])[0]
+            scale = size.x / camera.width
+            after = u * scale + _LABEL + imgui.calc_text_size(label).x
+            place = corner + ImVec2(after, v * scale + _LABEL)
+            unit = length_unit(session) if label else ""
+            drawing.add_text(place + ImVec2(1, 1), theme.u32(ImVec4(0, 0, 0, 1)), unit)
+            drawing.add_text(place, theme.u32(ImVec4(1, 1, 1, 1)), unit)
         drawing.pop_clip_rect()
         held = _guizmo.is_using()
         if held and not self._ignored:
