@@ -601,6 +601,9 @@ def _the_palette_runs_a_command(d: Driver) -> None:
     assert d.mode() is Mode.DEPTH
     d.keys(KEY.f1)
     assert d.exists("Keys and mouse/###Close")
+    d.engine.key_chars("depth")
+    d.frames(2)
+    assert d.studio.ui.palette.text_of_keys == "depth", "the field has the keyboard"
     d.keys(KEY.escape)
     assert not d.exists("Keys and mouse/###Close")
 
