@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaga_studio.__main__ import display_problem, library_problem, parse
-from gaga_studio.features.commands import COMMANDS, MENUS, new_session
+from gaga_studio.features.commands import COMMANDS, MENUS, all_menus, new_session
 from gaga_studio.ui.dialogs import preferences
 from gaga_studio.ui.dialogs.sheets import keys_with, matching
 from gaga_studio.ui.panels import inspector
@@ -96,6 +96,18 @@ def test_the_sheet_of_keys_finds_a_key_by_what_it_does_and_back() -> None:
     assert [title for rows in found["erase"].values() for _, title in rows][:1] == ["Delete"]
     assert {keys for keys, _ in found["orbit"]["Mouse"]} == {"Drag", "Middle drag"}
     assert found["no such"] == {}
+
+
+def test_the_palette_finds_panels() -> None:
+    menus = all_menus(new_session())
+    first = {
+        text: matching(text, menus)[0].id
+        for text in ("inspector", "outliner", "memory bank", "bookmarks", "history", "film strip")
+    }
+    assert list(first.values()) == [
+        *("panel.inspector", "panel.objects", "panel.memory_bank", "panel.bookmarks"),
+        *("view.history", "panel.views"),
+    ]
 
 
 def test_the_handles_see_the_pixels_of_the_camera() -> None:

@@ -95,7 +95,7 @@ _WORDS = {
     "view.centres": "centers points dots wireframe",
     "view.groups": "objects segmentation colours",
     "view.background": "colour black white",
-    "view.history": "versions undo changes log compare",
+    "view.history": "panel versions undo changes log compare",
     "view.panels_back": "reset layout default docks",
     "view.panels": "show hide sidebar inspector full screen",
     "view.lod": "performance speed slow",
@@ -120,6 +120,13 @@ _WORDS = {
     "tool.turn_upright": "flip upside down rotate scene",
     "tool.measure": "distance ruler",
     "tool.set_scale": "measure units metres meters size known length",
+    "panel.objects": "outliner list tree hierarchy groups",
+    "panel.inspector": "properties attributes details",
+    "panel.select_by": "filter range",
+    "panel.memory_bank": "masks groups",
+    "panel.views": "photos film strip cameras images",
+    "panel.camera_path": "keyframes animation timeline",
+    "panel.bookmarks": "saved cameras",
     "help.shortcuts": "hotkeys keyboard bindings",
 }
 
