@@ -1625,6 +1625,16 @@ def _a_film_has_a_free_name_or_replaces_when_asked(d: Driver, folder: Path) -> N
         d.engine.key_chars(typed)
         d.keys(KEY.enter)
         assert taken[-1] == folder / wanted, "the next one begins where the last one went"
+    dialog = d.on_main(lambda: writing("Save the film", d.session, "film.mp4", (".mp4", ".webm")))
+    d.on_main(partial(d.studio.ui.files.ask, dialog, taken.append))
+    d.frames(3)
+    for typed, is_wrong in (("a.m", False), ("4v", True), ("a.webm", False), ("a", True)):
+        d.engine.key_chars(typed) if typed != "a.webm" else d.engine.key_chars_replace(typed)
+        d.frames(2)
+        assert bool(dialog.message) == is_wrong, f"{typed}: said while it is typed"
+    d.keys(KEY.enter)
+    assert not dialog.is_done
+    d.keys(KEY.escape)
     dialog = FileDialog("Save", PathKind.SAVE_FILE, folder, "film.mp4", (".mp4",))
     d.on_main(lambda: d.studio.ui.files.ask(dialog, taken.append))
     d.frames(3)
