@@ -135,6 +135,7 @@ def _list(
     imgui.pop_style_var()
     if not is_open:
         return
+    imgui.push_style_var(imgui.StyleVar_.cell_padding, row_kinds.cell_padding(height))
     row_kinds.set_up(columns, state.sort[0])
     state.sort = row_kinds.sorting()
     _scroll(state, lines, height)
@@ -142,6 +143,7 @@ def _list(
     open_name = state.rows.renaming_folder or state.rows.renaming
     _draw_lines(rows, lines, None if open_name is None else _line_at(lines, open_name))
     imgui.end_table()
+    imgui.pop_style_var()
 
 
 def _draw_lines(rows: Rows, lines: Lines, renamed: int | None) -> None:
@@ -171,7 +173,9 @@ def _background_row(session: Session, n: int, high: float) -> None:
     imgui.table_next_row(0, high)
     imgui.table_set_column_index(0)
     flags = imgui.SelectableFlags_.span_all_columns
-    if imgui.selectable("##background", False, flags, ImVec2(0, high))[0]:
+    with row_kinds.spaced_as_cells():
+        is_clicked = imgui.selectable("##background", False, flags, ImVec2(0, high))[0]
+    if is_clicked:
         session.change_settings(replace(session.settings, folds_background=not folds))
     widgets.tooltip(
         "Walls, floors, tables and other large flat objects; click to show or hide them"
