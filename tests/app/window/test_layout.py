@@ -843,6 +843,10 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         side = d.engine.item_info("//Viewport/##Left side").rect_full
         assert side.get_width() > imgui.calc_text_size("Picture").x + 1.5 * side.get_height()
         d.click("Viewport/Close split view")
+        d.command("clone with a brush")
+        assert d.session.tool is ToolName.CLONE
+        is_whole(d, "**/###Clone with a brush")
+        d.on_main(partial(commands.run, "tool.pick", d.session))
         d.until(lambda: bool(d.scene.described), "the floor is listed with the background")
         d.frames(2)
         table = d.engine.window_info("//Objects/Table").window
