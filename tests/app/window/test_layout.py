@@ -748,7 +748,7 @@ def _names_of_what_was_done(d: Driver) -> None:
     d.keys(KEY.escape)
     _add_keyframes(d, 2)
     d.session.view.playback.is_playing = True
-    assert not _said(d, "camera.film", "takes"), "what pictures cost is told by the first ones"
+    assert _said(d, "camera.film", "takes about"), "by what films took here, as in the status bar"
     assert not d.session.view.playback.is_playing, "it stops behind the sheet"
     d.keys(KEY.escape)
     assert "%.3f" in _number_formats(d)
@@ -843,6 +843,14 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         side = d.engine.item_info("//Viewport/##Left side").rect_full
         assert side.get_width() > imgui.calc_text_size("Picture").x + 1.5 * side.get_height()
         d.click("Viewport/Close split view")
+        d.on_main(partial(commands.run, "select.all", d.session))
+        d.on_main(partial(commands.run, "object.hide", d.session))
+        d.frames(4)
+        area = d.studio.ui.area
+        assert area.bottom - area.chip_bottom > 0.6 * area.height, "a notice has room for its lines"
+        d.on_main(partial(commands.run, "edit.undo", d.session))
+        d.on_main(partial(commands.run, "edit.undo", d.session))
+        d.frames(4)
         d.command("clone with a brush")
         assert d.session.tool is ToolName.CLONE
         is_whole(d, "**/###Clone with a brush")
