@@ -228,10 +228,7 @@ def _popup(name: str) -> Callable[[Session], object]:
 
 
 def _panel(name: str) -> Callable[[Session], None]:
-    def bring(session: Session) -> None:
-        session.view.show_panels, session.view.asked_panel = True, name
-
-    return bring
+    return lambda session: session.view.ask_for_panel(name)
 
 
 def _in_panel(

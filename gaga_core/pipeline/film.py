@@ -32,13 +32,13 @@ _WRITTEN = {".mp4": 4.2e-8, ".webm": 9.1e-8, ".png": 1.9e-7, ".jpg": 1e-8, ".jpe
 
 
 def usual_seconds(
-    target: Path, size: tuple[int, int], n_splats: int, n_written: int, n_drawn: int
+    suffix: str, size: tuple[int, int], n_splats: int, n_written: int, n_drawn: int
 ) -> float:
     """Seconds that a film, or a picture, usually takes of which ``n_drawn`` pictures of a ``size``
     are drawn by the rasterizer and ``n_written`` are written."""
     n_pixels = size[0] * size[1]
     each = _DRAWN[0] * n_splats + _DRAWN[1] * n_pixels
-    return n_drawn * each + n_written * n_pixels * _WRITTEN[target.suffix.lower()]
+    return n_drawn * each + n_written * n_pixels * _WRITTEN[suffix.lower()]
 
 
 # --- Two pictures in one, with a line between them.

@@ -193,9 +193,9 @@ OPEN_RECENT, USE_MASKS = "Open recent", "Use the masks of"
 
 
 def all_menus(session: Session) -> Mapping[str, tuple[Command, ...]]:
-    """The menus, and the submenus whose commands hang on what is there, by title."""
+    """The menus, the submenus whose commands hang on what is there, and the panels, by title."""
     more = {OPEN_RECENT: files.recent(session), USE_MASKS: masks.folder_commands(session)}
-    return {**MENUS, **more}
+    return {**MENUS, **more, "Panel": view.PANELS}
 
 
 def _own_keys(chosen: Command) -> Keys:

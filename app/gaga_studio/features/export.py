@@ -34,6 +34,7 @@ from gaga_core.io.files import explain_os_error, safe_name
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import SplatFormat, form_of
 from gaga_core.io.video import video_suffix
+from gaga_core.kernels import STAGE as KERNELS
 from gaga_core.pipeline import film as video
 from gaga_core.pipeline.film import FilmConfig
 from gaga_core.pipeline.film import What as FilmWhat
@@ -386,14 +387,9 @@ def export_film(
     """
     document = session.need()
     settled = document.settled()
-    requests, camera_path = session.render_requests, camera.path_of(session)
-    painter: video.Painter | None = None
-    if requests is not None and requests.is_fast and max(config.video.size) <= requests.max_side:
-        painter = _painter(session, config)
+    camera_path = camera.path_of(session)
     earlier = split_view.scene_before(session) if before and config.split is not None else None
-    left: video.Painter | None = None
-    if painter is not None and config.split is not None and earlier is None:
-        left = _painter(session, replace(config, what=config.split.left))
+    painter, left = _painters(session, config, has_earlier=earlier is not None)
     looked = replace(config, antialiased=_look(session))
     stage = video.film_stage(
         settled.scene,
@@ -403,13 +399,24 @@ def export_film(
         painter=painter,
         left=video.LeftSide(earlier, left),
     )
-    n, n_sides = len(camera_path.frame_times(config.video.fps)), 1 if config.split is None else 2
-    n_drawn = n * (n_sides - sum(one is not None for one in (painter, left)))
     return session.jobs.start(
         f"Film {target.name}",
-        _drawn(session, stage, target, config.video.size, n, n_drawn),
+        _drawn(session, stage, _film_amount(session, config, target.suffix, before=before)),
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
     )
+
+
+def _painters(
+    session: Session, config: FilmConfig, *, has_earlier: bool
+) -> tuple[video.Painter | None, video.Painter | None]:
+    """The window's drawing of a film, and of what is left of its line; None: the rasterizer's."""
+    requests = session.render_requests
+    if requests is None or not requests.is_fast or max(config.video.size) > requests.max_side:
+        return None, None
+    painter = _painter(session, config)
+    if painter is None or config.split is None or has_earlier:
+        return painter, None
+    return painter, _painter(session, replace(config, what=config.split.left))
 
 
 def photos_of(session: Session, views: str) -> tuple[str, ...]:
@@ -427,13 +434,10 @@ def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, v
     """Write a film through photos as a job: what is chosen of them left of a line."""
     video_suffix(target)
     names = photos_of(session, views)
-    n_written = len(names) * max(round(config.seconds * config.video.fps), 1)
-    n_drawn = len(names) * (2 if config.left == "errors" else 1)
     stage = photo_film_stage(session.need().settled(), target, config, names)
     return session.jobs.start(
         f"Film {target.name}",
-        # Most of its pictures are like the one before, and so sooner written.
-        _drawn(session, stage, target, config.video.size, n_written, n_drawn, " of photos"),
+        _drawn(session, stage, _photo_film_amount(session, config, views, target.suffix)),
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
     )
 
@@ -466,32 +470,86 @@ def save_picture(
     )
     return session.jobs.start(
         f"Save {target.name}",
-        _drawn(session, stage, target, size, 1, 1 if painter is None else 0),
+        _drawn(session, stage, _Amount(target.suffix, size, 1, 1 if painter is None else 0)),
         on_done=lambda path: session.notify(
             Level.INFO, f"Saved the picture to {path}.", shows=path
         ),
     )
 
 
-def _drawn(
-    session: Session,
-    stage: Stage[Path],
-    target: Path,
-    size: tuple[int, int],
-    n_written: int,
-    n_drawn: int,
-    kind: str = "",
-) -> Stage[Path]:
-    """``stage``, which writes a film or a picture, with its time left; see `video.usual_seconds`.
+@dataclass(frozen=True)
+class _Amount:
+    """How much a film or a picture is: of a ``size``, ``n_drawn`` by the rasterizer. What one of a
+    ``kind`` took says nothing of another."""
 
-    What one of a ``kind`` took says nothing of another. Behind the kernels where the rasterizer
-    draws: the window draws otherwise.
+    suffix: str
+    size: tuple[int, int]
+    n_written: int
+    n_drawn: int
+    kind: str = ""
+
+    @property
+    def rate_name(self) -> str:
+        kind = self.kind if self.n_drawn else f"{self.kind} of the window"
+        return f"Write {self.suffix.lower()}{kind}"
+
+    def usual_seconds(self, session: Session) -> float:
+        """See `video.usual_seconds`."""
+        document = session.need()
+        scene, revision = document.scene, document.scene.revision
+        n_splats = document.read.once(
+            "shown splats", (revision.splats, revision.state), lambda: int(scene.visible.sum())
+        )
+        return video.usual_seconds(self.suffix, self.size, n_splats, self.n_written, self.n_drawn)
+
+    def seconds_here(self, session: Session) -> float:
+        """Seconds until it is written on this machine."""
+        kernels_s = stages.kernels_seconds("window") if self.n_drawn else 0.0
+        rates = session.rates
+        return self.usual_seconds(session) * rates.of(self.rate_name) + kernels_s * rates.of(
+            KERNELS
+        )
+
+
+def _film_amount(session: Session, config: FilmConfig, suffix: str, *, before: bool) -> _Amount:
+    has_earlier = (
+        before and config.split is not None and split_view.scene_before(session) is not None
+    )
+    painters = _painters(session, config, has_earlier=has_earlier)
+    n = len(camera.path_of(session).frame_times(config.video.fps))
+    n_sides = 1 if config.split is None else 2
+    n_drawn = n * (n_sides - sum(one is not None for one in painters))
+    return _Amount(suffix, config.video.size, n, n_drawn)
+
+
+def _photo_film_amount(
+    session: Session, config: PhotoFilmConfig, views: str, suffix: str
+) -> _Amount:
+    n_photos = len(photos_of(session, views))
+    n_written = n_photos * max(round(config.seconds * config.video.fps), 1)
+    n_drawn = n_photos * (2 if config.left == "errors" else 1)
+    # Most of its pictures are like the one before, and so sooner written.
+    return _Amount(suffix, config.video.size, n_written, n_drawn, " of photos")
+
+
+def film_seconds(session: Session, config: FilmConfig, *, before: bool = False) -> float:
+    """Return the seconds that `export_film` of an .mp4 takes here."""
+    return _film_amount(session, config, ".mp4", before=before).seconds_here(session)
+
+
+def photo_film_seconds(session: Session, config: PhotoFilmConfig, views: str) -> float:
+    """Return the seconds that `export_photo_film` of an .mp4 takes here."""
+    return _photo_film_amount(session, config, views, ".mp4").seconds_here(session)
+
+
+def _drawn(session: Session, stage: Stage[Path], amount: _Amount) -> Stage[Path]:
+    """``stage``, which writes a film or a picture, with its time left.
+
+    Behind the kernels where the rasterizer draws: the window draws otherwise.
     """
-    n_splats = int(session.need().scene.visible.sum())
-    usual_s = video.usual_seconds(target, size, n_splats, n_written, n_drawn)
-    name = f"Write {target.suffix.lower()}{kind}"
-    if not n_drawn:
-        return session.rates.timed(stage, f"{name} of the window", usual_s)
+    name, usual_s = amount.rate_name, amount.usual_seconds(session)
+    if not amount.n_drawn:
+        return session.rates.timed(stage, name, usual_s)
     return stages.prepared(
         session.rates, "Draw", lambda: stage, parts=("window",), usual_s=usual_s, name=name
     )

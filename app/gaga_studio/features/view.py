@@ -119,6 +119,22 @@ def _look(look: SplatLook, title: str) -> Command:
     )
 
 
+# --- panels
+
+
+def _panel(name: str) -> Command:
+    id_ = f"panel.{name.lower().replace(' ', '_')}"
+    return Command(id_, name, lambda session: session.view.ask_for_panel(name))
+
+
+# Of the list of commands alone: History and Timeline have commands in menus.
+PANELS = tuple(
+    map(
+        _panel,
+        ("Objects", "Inspector", "Select by", "Memory bank", "Views", "Camera path", "Bookmarks"),
+    )
+)
+
 # --- tools
 
 

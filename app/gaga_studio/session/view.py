@@ -178,6 +178,10 @@ class ViewState:
     playback: Playback = field(default_factory=Playback)
     pointed: tuple[float, ...] | None = None  # surface point (3,) that a menu was opened on
 
+    def ask_for_panel(self, name: str) -> None:
+        """Show the panel called ``name``, in front of the others, with the keyboard."""
+        self.show_panels, self.asked_panel = True, name
+
     def take_asked_panel(self) -> str:
         """The panel that is to come to the front, told once; "" = none."""
         asked, self.asked_panel = self.asked_panel, ""

@@ -360,6 +360,10 @@ def test_a_film_is_a_job_that_can_be_cancelled(walked: Session, tmp_path: Path) 
     assert walked.jobs.wait()
     assert target.stat().st_size > 500
     assert str(target) in walked.notices[-1].text
+    expected = export.film_seconds(walked, _SMALL)
+    assert 0 < expected < 120
+    twice = replace(_SMALL.video, fps=2 * _SMALL.video.fps)
+    assert export.film_seconds(walked, replace(_SMALL, video=twice)) > expected
     before = replace(_SMALL, split=Split("rgb", 0.5))
     walked.need().select(np.arange(100, dtype=np.int32))
     assert run("object.hide", walked)

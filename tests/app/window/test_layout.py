@@ -748,7 +748,7 @@ def _names_of_what_was_done(d: Driver) -> None:
     d.keys(KEY.escape)
     _add_keyframes(d, 2)
     d.session.view.playback.is_playing = True
-    assert not _said(d, "camera.film", "takes"), "what pictures cost is told by the first ones"
+    assert _said(d, "camera.film", "takes about"), "by what films took here, as in the status bar"
     assert not d.session.view.playback.is_playing, "it stops behind the sheet"
     d.keys(KEY.escape)
     assert "%.3f" in _number_formats(d)
@@ -843,8 +843,25 @@ def test_a_low_window_with_large_text_is_used_by_hand(
         side = d.engine.item_info("//Viewport/##Left side").rect_full
         assert side.get_width() > imgui.calc_text_size("Picture").x + 1.5 * side.get_height()
         d.click("Viewport/Close split view")
-        rows = d.engine.window_info("//Objects/Table").window.inner_clip_rect
-        assert rows.max.y - rows.min.y > 2.5 * 30, "more than one row"
+        d.on_main(partial(commands.run, "select.all", d.session))
+        d.on_main(partial(commands.run, "object.hide", d.session))
+        d.frames(4)
+        area = d.studio.ui.area
+        assert area.bottom - area.chip_bottom > 0.6 * area.height, "a notice has room for its lines"
+        d.on_main(partial(commands.run, "edit.undo", d.session))
+        d.on_main(partial(commands.run, "edit.undo", d.session))
+        d.frames(4)
+        d.command("clone with a brush")
+        assert d.session.tool is ToolName.CLONE
+        is_whole(d, "**/###Clone with a brush")
+        d.on_main(partial(commands.run, "tool.pick", d.session))
+        d.until(lambda: bool(d.scene.described), "the floor is listed with the background")
+        d.frames(2)
+        table = d.engine.window_info("//Objects/Table").window
+        d.on_main(partial(imgui.internal.set_scroll_y, table, 0.0))
+        d.frames(2)
+        for group in range(2, 6):
+            is_whole(d, f"Objects/**/object {group}/##row")
         d.keys(KEY.escape)
         d.command("make masks")
         assert d.engine.get_window_by_ref("//Make masks").scroll_max.y == 0, "the buttons stay"
@@ -1625,6 +1642,16 @@ def _a_film_has_a_free_name_or_replaces_when_asked(d: Driver, folder: Path) -> N
         d.engine.key_chars(typed)
         d.keys(KEY.enter)
         assert taken[-1] == folder / wanted, "the next one begins where the last one went"
+    dialog = d.on_main(lambda: writing("Save the film", d.session, "film.mp4", (".mp4", ".webm")))
+    d.on_main(partial(d.studio.ui.files.ask, dialog, taken.append))
+    d.frames(3)
+    for typed, is_wrong in (("a.m", False), ("4v", True), ("a.webm", False), ("a", True)):
+        d.engine.key_chars(typed) if typed != "a.webm" else d.engine.key_chars_replace(typed)
+        d.frames(2)
+        assert bool(dialog.message) == is_wrong, f"{typed}: said while it is typed"
+    d.keys(KEY.enter)
+    assert not dialog.is_done
+    d.keys(KEY.escape)
     dialog = FileDialog("Save", PathKind.SAVE_FILE, folder, "film.mp4", (".mp4",))
     d.on_main(lambda: d.studio.ui.files.ask(dialog, taken.append))
     d.frames(3)

@@ -601,6 +601,26 @@ def test_what_was_selected_when_saved_has_its_masks_when_reopened(
     drive(reopened, path=grouped_copy)
 
 
+def test_the_selected_row_of_a_reopened_scene_is_in_view(display: str, grouped_copy: Path) -> None:
+    """The floor goes to the end of the list once the objects have their names."""
+
+    def save(d: Driver) -> None:
+        d.select(1)
+        d.keys(KEY.mod_ctrl, KEY.s)
+        d.settle()
+
+    def reopened(d: Driver) -> None:
+        d.until(lambda: bool(d.scene.described), "the objects are described")
+        d.frames(4)
+        assert d.session.selected_groups() == (1,)
+        row = d.engine.item_info("//Objects/**/object 1/##row")
+        assert row.rect_clipped.get_height() == row.rect_full.get_height() > 0
+
+    settings = Settings(ui_scale=2.0, first_steps_done=True)
+    drive(save, path=grouped_copy)
+    drive(reopened, path=grouped_copy, size=(800, 500), settings=settings)
+
+
 def test_a_click_on_the_handles_moves_nothing(display: str, grouped_scene: Path) -> None:
     def walk(d: Driver) -> None:
         d.select(int(d.session.objects().ids[1]))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from gaga_studio.__main__ import display_problem, library_problem, parse
-from gaga_studio.features.commands import COMMANDS
+from gaga_studio.features.commands import COMMANDS, MENUS, all_menus, new_session
 from gaga_studio.ui.dialogs import preferences
-from gaga_studio.ui.dialogs.sheets import matching
+from gaga_studio.ui.dialogs.sheets import keys_with, matching
 from gaga_studio.ui.panels import inspector
 from gaga_studio.ui.viewport.gizmo import projection
 from tests.app.folders import write_scene
@@ -86,6 +86,28 @@ def test_the_palette_finds_by_any_word() -> None:
     assert [c.id for c in possible[:2]] == first
     assert matching("no such thing") == []
     assert len(matching("")) == len(COMMANDS)
+
+
+def test_the_sheet_of_keys_finds_a_key_by_what_it_does_and_back() -> None:
+    session = new_session()
+    found = {text: keys_with(text, session) for text in ("", "ctrl+z", "erase", "orbit", "no such")}
+    assert found[""].keys() - {"Mouse"} <= MENUS.keys()
+    assert ("Ctrl+Z", "Undo") in found["ctrl+z"]["Edit"]
+    assert [title for rows in found["erase"].values() for _, title in rows][:1] == ["Delete"]
+    assert {keys for keys, _ in found["orbit"]["Mouse"]} == {"Drag", "Middle drag"}
+    assert found["no such"] == {}
+
+
+def test_the_palette_finds_panels() -> None:
+    menus = all_menus(new_session())
+    first = {
+        text: matching(text, menus)[0].id
+        for text in ("inspector", "outliner", "memory bank", "bookmarks", "history", "film strip")
+    }
+    assert list(first.values()) == [
+        *("panel.inspector", "panel.objects", "panel.memory_bank", "panel.bookmarks"),
+        *("view.history", "panel.views"),
+    ]
 
 
 def test_the_handles_see_the_pixels_of_the_camera() -> None:

@@ -601,8 +601,17 @@ def _the_palette_runs_a_command(d: Driver) -> None:
     assert d.mode() is Mode.DEPTH
     d.keys(KEY.f1)
     assert d.exists("Keys and mouse/###Close")
+    d.engine.key_chars("depth")
+    d.frames(2)
+    assert d.studio.ui.palette.text_of_keys == "depth", "the field has the keyboard"
     d.keys(KEY.escape)
     assert not d.exists("Keys and mouse/###Close")
+    d.focus("Inspector")
+    for panel in ("Memory bank", "Inspector", "Objects"):
+        d.command(panel.lower())
+        window = imgui.get_current_context().nav_window
+        assert not d.engine.get_window_by_ref(f"//{panel}").hidden
+        assert window.root_window.name == panel, "it has the keyboard"
 
 
 def _a_rectangle_selects_what_it_holds(d: Driver) -> None:

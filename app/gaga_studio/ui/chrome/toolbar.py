@@ -41,7 +41,6 @@ _IN_BAR = {
     ToolName.ROTATE,
     ToolName.SCALE,
 }
-_WITH_CARD = {*REGION_TOOLS, ToolName.OBJECT, ToolName.COLOR}
 _RULE, _GAP, _STRENGTH = 1.3, 0.4, 6.0  # of a line between groups, between buttons, of a slider; em
 
 
@@ -66,7 +65,7 @@ def draw_card(session: Session, area: PictureArea, top: float) -> float:
     previews = (cleanup, fill, add_scene)
     if session.training is not None or any(one.shown(session) is not None for one in previews):
         return top
-    if not area.has_options or session.tool not in _WITH_CARD:
+    if not area.has_options or not _width(session):
         return top
     imgui.set_cursor_screen_pos(imgui.ImVec2(area.left + em(0.7), top))
     imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(em(0.35), em(0.35)))

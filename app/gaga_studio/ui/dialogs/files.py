@@ -325,6 +325,8 @@ def _answer_row(dialog: FileDialog) -> None:
     )
     if imgui.is_item_edited() and dialog._text.endswith(("/", "\\")):
         _follow(dialog)
+    elif imgui.is_item_edited() and dialog.is_further:
+        dialog.message = _wrong_ending(dialog, Path(dialog._text.strip()), is_typed=True)
     if entered:
         _accept(dialog)
         dialog._wants_keyboard = True  # what was not taken is typed again
@@ -370,10 +372,22 @@ def _accept_save(dialog: FileDialog, path: Path, text: str) -> None:
     else:
         suffix = dialog.suffixes[0] if dialog.suffixes else ""
         target = path if path.suffix or not suffix else path.with_suffix(suffix)
-        if target.exists() and dialog.message != _overwrite(target):
+        if dialog.is_further and (wrong := _wrong_ending(dialog, target)):
+            dialog.message = wrong
+        elif target.exists() and dialog.message != _overwrite(target):
             dialog.message = _overwrite(target)
         else:
             _finish(dialog, target)
+
+
+def _wrong_ending(dialog: FileDialog, path: Path, *, is_typed: bool = False) -> str:
+    """Why a file called so cannot be written; "" where it can, or where more ``is_typed``."""
+    ending = path.suffix.lower()
+    if ending in dialog.suffixes or (
+        is_typed and any(x.startswith(ending) for x in dialog.suffixes)
+    ):
+        return ""
+    return f"{path.name}: choose a name that ends in {' or '.join(dialog.suffixes)}."
 
 
 def _overwrite(path: Path) -> str:

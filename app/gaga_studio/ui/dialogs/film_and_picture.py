@@ -7,18 +7,19 @@ from typing import Literal
 
 from imgui_bundle import ImVec2, imgui
 
-from gaga_core.errors import counted
+from gaga_core.errors import GagaError, counted
 from gaga_core.evaluate.photo_film import PhotoFilmConfig, PhotoSide
 from gaga_core.io.video import VideoConfig
 from gaga_core.pipeline import film as pipeline_video
 from gaga_core.pipeline.film import Split, What
 from gaga_studio.features import camera, export, split_view
 from gaga_studio.features.camera import no_path, no_photo_files
+from gaga_studio.features.find.association import duration_text
 from gaga_studio.session.notices import notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import Side
 from gaga_studio.ui.dialogs.files import FilePicker, stem, writing
-from gaga_studio.ui.kit import icons, widgets
+from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.modal import answer, begin_modal, body
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
@@ -125,9 +126,15 @@ def _film(session: Session, choices: FilmChoices) -> bool:
         widgets.field_name("Quality", em(_NAMES))
         _, choices.quality = widgets.slider("##Quality", choices.quality, 1, 100, "%d")
         seconds, n = _length(session, choices)
+        why_not = takes = ""
+        try:
+            takes = f"; takes {duration_text(_takes(session, choices))}" if n else ""
+        except GagaError as error:  # sides that no film has
+            why_not = str(error)
         kinds = ".mp4 (H.264) or .webm (VP9)"
-        widgets.dim(f"{seconds:.1f} seconds, {counted(n, 'picture')}; {kinds}", wrap=True)
-    return _ends(FILM)
+        said = f"{seconds:.1f} seconds, {counted(n, 'picture')}{takes}; {kinds}"
+        widgets.text(why_not or said, theme.WARN if why_not else theme.DIM, wrap=True)
+    return _ends(FILM, why_not)
 
 
 def _along(session: Session, choices: FilmChoices) -> None:
@@ -154,6 +161,15 @@ def _length(session: Session, choices: FilmChoices) -> tuple[float, int]:
         return n_photos * n_each / choices.fps, n_photos * n_each
     path = camera.path_of(session)
     return path.seconds, len(path.frame_times(choices.fps)) if path.keyframes else 0
+
+
+def _takes(session: Session, choices: FilmChoices) -> float:
+    """Seconds until the film is written."""
+    if choices.through_photos:
+        config = choices.photo_config(session)
+        return export.photo_film_seconds(session, config, choices.views)
+    is_before = choices.left == "before"
+    return export.film_seconds(session, choices.config(session), before=is_before)
 
 
 def _photos(session: Session, choices: FilmChoices) -> None:
@@ -213,9 +229,9 @@ def _size(size: tuple[int, int]) -> tuple[int, int]:
     return size
 
 
-def _ends(title: str) -> bool:
+def _ends(title: str, why_not: str = "") -> bool:
     imgui.dummy(ImVec2(0, em(0.3)))
-    return answer(f"{title}…", Face("Save as…", width=em(9), primary=True))
+    return answer(f"{title}…", Face("Save as…", width=em(9), primary=True), why_not=why_not)
 
 
 @notifies

@@ -12,7 +12,7 @@ from gaga_studio.features.commands import MENUS
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.modal import QUESTION, begin_modal, close_row, enter_is_free
+from gaga_studio.ui.kit.modal import QUESTION, begin_modal, body_height, close_row, enter_is_free
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -95,7 +95,7 @@ _WORDS = {
     "view.centres": "centers points dots wireframe",
     "view.groups": "objects segmentation colours",
     "view.background": "colour black white",
-    "view.history": "versions undo changes log compare",
+    "view.history": "panel versions undo changes log compare",
     "view.panels_back": "reset layout default docks",
     "view.panels": "show hide sidebar inspector full screen",
     "view.lod": "performance speed slow",
@@ -120,9 +120,17 @@ _WORDS = {
     "tool.turn_upright": "flip upside down rotate scene",
     "tool.measure": "distance ruler",
     "tool.set_scale": "measure units metres meters size known length",
+    "panel.objects": "outliner list tree hierarchy groups",
+    "panel.inspector": "properties attributes details",
+    "panel.select_by": "filter range",
+    "panel.memory_bank": "masks groups",
+    "panel.views": "photos film strip cameras images",
+    "panel.camera_path": "keyframes animation timeline",
+    "panel.bookmarks": "saved cameras",
     "help.shortcuts": "hotkeys keyboard bindings",
 }
 
+_SECOND_COLUMN = "Object"  # the menu that begins it in the sheet of keys
 COMMANDS_SHEET, KEYS, ABOUT = "Commands", "Keys and mouse", "About gaga-studio"
 
 
@@ -134,6 +142,7 @@ class PaletteState:
     found: list[tuple[Command, str]] = field(default_factory=list)  # with its menu, as last typed
     at: int = 0
     lost_keys: bool = False  # Enter, or a click on a line, took the keyboard from the field
+    text_of_keys: str = ""  # what is typed into the sheet of keys
 
 
 def open_commands(palette: PaletteState) -> None:
@@ -145,7 +154,7 @@ def open_commands(palette: PaletteState) -> None:
 def draw(session: Session, palette: PaletteState) -> None:
     """Whatever is open of them."""
     _palette(session, palette)
-    _shortcuts(session)
+    _shortcuts(session, palette)
     _about()
     _question(session)
 
@@ -267,12 +276,7 @@ def matching(
     then titles that begin with its first one, of these those in which each begins a word, then has
     a place; of equal ones those that are available."""
     words = text.casefold().split()
-    menu_of = _menu_of(menus)
-    listed = [command for menu in menus.values() for command in menu]
-    texts = {
-        c.id: f"{menu_of[c.id]} {c.title} {c.id} {_WORDS.get(c.id, '')}".casefold() for c in listed
-    }
-    found = [c for c in listed if all(word in texts[c.id] for word in words)]
+    found = [c for title, menu in menus.items() for c in menu if _has(words, title, c)]
     first = words[0] if words else ""
 
     def rank(c: Command) -> tuple[bool, ...]:
@@ -286,27 +290,53 @@ def matching(
     return sorted(found, key=rank)
 
 
-def _shortcuts(session: Session) -> None:
+def _has(words: Sequence[str], menu: str, command: Command, keys: str = "") -> bool:
+    """Whether a command is called by every one of ``words``, which are in lower case."""
+    own = f"{menu} {command.title} {command.id} {_WORDS.get(command.id, '')} {keys}".casefold()
+    return all(word in own for word in words)
+
+
+def _shortcuts(session: Session, state: PaletteState) -> None:
     if not begin_modal(KEYS, em(50)):
         return
-    columns = 2 if imgui.get_content_region_avail().x > em(38) else 1
-    height = min(em(30), imgui.get_main_viewport().size.y * 0.92 - em(7))
-    imgui.begin_child("Sheet", ImVec2(0, height))
+    if imgui.is_window_appearing():
+        state.text_of_keys = ""
+        imgui.set_keyboard_focus_here()
+    imgui.set_next_item_width(-1)
+    hint = f"{icons.SEARCH}  Type a key, or what it does"
+    _, state.text_of_keys = imgui.input_text_with_hint("##Filter", hint, state.text_of_keys)
+    is_wide = imgui.get_content_region_avail().x > em(38)
+    columns = 2 if is_wide and not state.text_of_keys else 1
+    imgui.begin_child("Sheet", ImVec2(0, body_height(em(30))))
+    sections = keys_with(state.text_of_keys, session)
     if imgui.begin_table("Columns", columns):
         imgui.table_next_column()
-        _sheet("Mouse", MOUSE)
-        for position, (menu, listed) in enumerate(MENUS.items()):
-            if position == 4 and columns == 2:
+        for menu, rows in sections.items():
+            if menu == _SECOND_COLUMN and columns == 2:
                 imgui.table_next_column()
-            rows = [(", ".join(commands.keys_of(c, session)), c.title.rstrip("…")) for c in listed]
-            _sheet(menu, [(keys, title) for keys, title in rows if keys])
+            _sheet(menu, rows)
         imgui.end_table()
+    if not sections:
+        widgets.dim("No key is called that, or does that.")
     imgui.end_child()
     close_row()
     imgui.end_popup()
 
 
-def _sheet(title: str, rows: "tuple[tuple[str, str], ...] | list[tuple[str, str]]") -> None:
+def keys_with(text: str, session: Session) -> dict[str, list[tuple[str, str]]]:
+    """Keys and what they do, by menu: those that have every word of ``text``."""
+    words = text.casefold().split()
+    texts = {row: f"mouse {' '.join(row)}".casefold() for row in MOUSE}
+    found = {"Mouse": [row for row in MOUSE if all(word in texts[row] for word in words)]}
+    for menu, listed in MENUS.items():
+        rows = [(c, ", ".join(commands.keys_of(c, session))) for c in listed]
+        found[menu] = [
+            (keys, c.title.rstrip("…")) for c, keys in rows if keys and _has(words, menu, c, keys)
+        ]
+    return {title: rows for title, rows in found.items() if rows}
+
+
+def _sheet(title: str, rows: Sequence[tuple[str, str]]) -> None:
     widgets.heading(title)
     left = em(9)
     for keys, text in rows:

@@ -44,6 +44,7 @@ class ObjectListState:
     was_row_hovered: bool = False
     scroll_to: int | str | None = None  # group or folder to scroll to
     last_selected: tuple[int, ...] = ()
+    n_background: int = -1  # objects in the background, as drawn last; -1: not drawn yet
 
 
 def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: PictureArea) -> None:
@@ -124,7 +125,11 @@ def _list(
     table: ObjectTable,
 ) -> None:
     measured = memory_bank.quality_column(session, table)
+    _follow_selection(session, document, state)  # its folder opens before there are lines
     lines = object_list.lines(session, table, *state.sort, state.rows.renaming)
+    if lines.n_background != state.n_background:  # rows went there: names are found after opening
+        state.n_background = lines.n_background
+        state.scroll_to = state.scroll_to or next(iter(session.selected_groups()), None)
     height = row_kinds.height(imgui.get_content_region_avail().y)
     parts = object_list.part_index(session)
     order = document.scene.folders
@@ -137,13 +142,15 @@ def _list(
     imgui.pop_style_var()
     if not is_open:
         return
+    imgui.push_style_var(imgui.StyleVar_.cell_padding, row_kinds.cell_padding(height))
     row_kinds.set_up(columns, state.sort[0])
     state.sort = row_kinds.sorting()
-    _follow_selection(session, document, state, lines, height)
+    _scroll(state, lines, height)
     rows = Rows(session, document, state.rows, masks, table, measured, lines.shown, columns, parts)
     open_name = state.rows.renaming_folder or state.rows.renaming
     _draw_lines(rows, lines, None if open_name is None else _line_at(lines, open_name))
     imgui.end_table()
+    imgui.pop_style_var()
 
 
 def _draw_lines(rows: Rows, lines: Lines, renamed: int | None) -> None:
@@ -173,7 +180,9 @@ def _background_row(session: Session, n: int, high: float) -> None:
     imgui.table_next_row(0, high)
     imgui.table_set_column_index(0)
     flags = imgui.SelectableFlags_.span_all_columns
-    if imgui.selectable("##background", False, flags, ImVec2(0, high))[0]:
+    with row_kinds.spaced_as_cells():
+        is_clicked = imgui.selectable("##background", False, flags, ImVec2(0, high))[0]
+    if is_clicked:
         session.change_settings(replace(session.settings, folds_background=not folds))
     widgets.tooltip(
         "Walls, floors, tables and other large flat objects; click to show or hide them"
@@ -195,10 +204,8 @@ def _highlight(session: Session, state: ObjectListState) -> None:
     state.was_row_hovered = bool(hovered)
 
 
-def _follow_selection(
-    session: Session, document: Document, state: ObjectListState, lines: Lines, height: float
-) -> None:
-    """Scroll to an object that was selected, but not by its row; its folder opens."""
+def _follow_selection(session: Session, document: Document, state: ObjectListState) -> None:
+    """Have an object scrolled to that was selected, but not by its row; its folder opens."""
     selected = session.selected_groups()
     if selected != state.last_selected:
         state.last_selected = selected
@@ -206,6 +213,10 @@ def _follow_selection(
             state.scroll_to = selected[0]
             document.feature(ObjectListView).reveal_group(document.scene.folders, selected[0])
     state.rows.was_clicked = False
+
+
+def _scroll(state: ObjectListState, lines: Lines, height: float) -> None:
+    """Scroll to what is asked for, unless it is in view."""
     if state.scroll_to is None:
         return
     at = _line_at(lines, state.scroll_to)

@@ -1,6 +1,7 @@
 """The rows of the object list, of objects, folders and parts: their columns, names and switches."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -97,13 +98,24 @@ class RowState:
         self.has_keyboard = self.is_active = False
 
 
+@contextmanager
+def spaced_as_cells() -> Iterator[None]:
+    """What can be clicked covers its row: the toolkit makes it as much higher as items are apart,
+    and the row as its cells have padding."""
+    style = imgui.get_style()
+    spacing = ImVec2(style.item_spacing.x, 2 * style.cell_padding.y)
+    imgui.push_style_var(imgui.StyleVar_.item_spacing, spacing)
+    yield
+    imgui.pop_style_var()
+
+
 def select_area(is_selected: bool, is_partly: bool, height: float) -> bool:
     """Draw what is clicked to select a row, under all its cells; whether it was clicked."""
     lit = imgui.get_style_color_vec4(imgui.Col_.header)
     if is_partly:
         lit = imgui.ImVec4(lit.x, lit.y, lit.z, lit.w * _HALF_LIT)
     imgui.push_style_color(imgui.Col_.header, lit)
-    with widgets.lit_while_hovered(is_selected):
+    with widgets.lit_while_hovered(is_selected), spaced_as_cells():
         clicked, _ = imgui.selectable("##row", is_selected, _FLAGS, ImVec2(0, height))
     imgui.pop_style_color()
     return clicked
@@ -338,14 +350,26 @@ def switches_width(columns: RowColumns) -> float:
 
 # --- One line of the object list: color, picture, name, numbers, switches.
 
-_HIGH, _LOW = 50.0, 25.0  # of a row, with a picture of 48, and in a low list; pixels at 96 dpi
+# Heights of a row, with a picture of 48, in a low list, and in one of few rows; pixels at 96 dpi.
+_HIGH, _LOW, _LEAST = 50.0, 25.0, 17.0
+_FEW = 4  # low rows; a list that has no room for them has lower ones
 _ENOUGH = 5  # high rows that a list must have room for
 _GOOD, _FAIR = 0.75, 0.5  # agreements
 
 
 def height(room: float) -> float:
     """Of a row in a list ``room`` pixels high, in pixels of this screen."""
-    return theme.scaled(_HIGH if room > _ENOUGH * theme.scaled(_HIGH) else _LOW)
+    if room > _ENOUGH * theme.scaled(_HIGH):
+        return theme.scaled(_HIGH)
+    low = theme.scaled(_LOW)
+    needed = (_FEW + 1) * (low + 2 * imgui.get_style().cell_padding.y)  # with the header
+    return low if room > needed else theme.scaled(_LEAST)
+
+
+def cell_padding(height: float) -> ImVec2:
+    """Of the cells of rows so high: least of all where they are many in little room."""
+    least = ImVec2(theme.scaled(3), 0)
+    return least if height <= theme.scaled(_LEAST) else imgui.get_style().cell_padding
 
 
 @dataclass(frozen=True, eq=False)

@@ -632,7 +632,8 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea, mo
 def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> float:
     """A button at the head of the picture while only a few objects are shown; its lower edge.
 
-    In the middle of the picture while nothing is shown at all.
+    In the middle of the picture while nothing is shown at all, unless that is low: notices stand
+    below it.
     """
     names, is_empty = objects.isolated(session), objects.all_hidden(session)
     if not (names or is_empty) or session.is_previewing:
@@ -643,7 +644,7 @@ def _way_out_of_isolation(session: Session, corner: ImVec2, size: ImVec2) -> flo
     room = size.x - around - 2 * (gizmo.height(session, size) or em(0.3))  # the cube is as wide
     text = widgets.elided(said[imgui.calc_text_size(said[0]).x > room], room)
     wide = imgui.calc_text_size(f"{text}  ·  {action}").x + em(1.4)
-    top = size.y * 0.45 if is_empty else em(0.6)
+    top = size.y * 0.45 if is_empty and size.y > em(_LOW_AREA) else em(0.6)
     imgui.set_cursor_screen_pos(ImVec2(corner.x + (size.x - wide) / 2, corner.y + top))
     face = Face(f"{text}  ·  {action}", width=wide)
     if widgets.button(action, face, hint="Show what is hidden; hidden splats are not exported"):
