@@ -202,10 +202,16 @@ def shared_of(arrays: Mapping[str, np.ndarray], posed: Mapping[str, Camera]) -> 
 def _errors(points: DoubleArray, poses: DoubleArray, seen: DoubleArray) -> DoubleArray:
     """Distance (...,) between where points (..., 3) project and where they are ``seen``; infinite
     behind the camera."""
-    p = np.einsum("...ij,...j->...i", poses[..., :3], points) + poses[..., 3]
-    depth = np.where(p[..., 2] > 1e-9, p[..., 2], np.nan)
-    off = np.linalg.norm(p[..., :2] / depth[..., None] - seen, axis=-1)
-    return np.nan_to_num(off, nan=np.inf)
+    # Sums of whole columns: a third of the time of products of small matrices.
+    x, y, z = (points[..., k] for k in range(3))
+    u, v, depth = (
+        p[..., 0] * x + p[..., 1] * y + p[..., 2] * z + p[..., 3]
+        for p in (poses[..., i, :] for i in range(3))
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.sqrt((u / depth - seen[..., 0]) ** 2 + (v / depth - seen[..., 1]) ** 2)
+    result: DoubleArray = np.where(depth > 1e-9, off, np.inf)
+    return result
 
 
 def _triangulated(
@@ -247,7 +253,8 @@ def align_shared_stage(shared: Shared, *, seed: int = 0, by: By = "photos") -> S
         fits = np.flatnonzero(_fit_errors(best, shared).max(axis=0) < _CONFIG.fit_error)
         if n_all < _LEAST or len(fits) < _LEAST:
             raise NotAlignedError(f"{_NOTHING_SHARED[by]} {CURES[by]}")
-        best = _refined(best, shared.take(fits))
+        some = fits if turn == _TURNS - 1 else rng.permutation(fits)[:_SCORED]
+        best = _refined(best, shared.take(some))
     moved = shared.points[1, fits] @ best[:3, :3].T + best[:3, 3]
     apart = np.linalg.norm(moved - shared.points[0, fits], axis=1)
     n_points = len(np.unique(shared.tracks[0, fits]))
