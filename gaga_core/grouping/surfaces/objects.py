@@ -138,9 +138,11 @@ def grown(
     node = np.arange(int(leaf.max()) + 1)  # of each cluster
     parent, evidence, length = [-1] * len(node), [_CERTAIN] * len(node), [0.0] * len(node)
     leaves = borders_of(seen, leaf)
-    judged = borders(leaves.features)
-    for of_round in ROUNDS[1:]:
-        graph = parted(borders_of(seen, cluster).judged(borders), cluster)
+    of_leaves = graph = leaves.judged(borders)
+    for k, of_round in enumerate(ROUNDS[1:]):
+        if k > 0:
+            graph = borders_of(seen, cluster).judged(borders)
+        graph = parted(graph, cluster)
         into = np.arange(len(node))
         for a, b, value, edges in linked(graph, of_round):
             parent[node[a]] = parent[node[b]] = len(parent)
@@ -152,7 +154,9 @@ def grown(
             into = into[into]
         node, cluster = node[np.unique(into)], dense(into)[cluster]
     numbers = np.array(evidence), np.array(length)
-    return Tree(fine, leaf, finest, np.array(parent, np.int64), *numbers, leaves, judged)
+    return Tree(
+        fine, leaf, finest, np.array(parent, np.int64), *numbers, leaves, of_leaves.evidence
+    )
 
 
 # --- What nodes of the tree look like.
@@ -343,17 +347,18 @@ CHOSEN = 3  # of them: no price
 def best_cut(tree: Tree, worth: DoubleArray) -> LongArray:
     """The nodes (K,), ascending, that together hold all leaves with the greatest sum of ``worth``
     (n,)."""
-    n = len(tree.parent)
-    below, is_best = np.zeros(n), np.zeros(n, np.bool_)
-    for k in range(n):
-        is_best[k] = k < tree.n_leaves or worth[k] >= below[k]
-        if tree.parent[k] >= 0:
-            below[tree.parent[k]] += worth[k] if is_best[k] else below[k]
-    is_open = np.ones(n, np.bool_)
+    n, n_leaves = len(tree.parent), tree.n_leaves
+    parent, worths = tree.parent.tolist(), worth.tolist()
+    below, is_best = [0.0] * n, [False] * n
+    for k, (up, own) in enumerate(zip(parent, worths, strict=True)):
+        is_best[k] = k < n_leaves or own >= below[k]
+        if up >= 0:
+            below[up] += own if is_best[k] else below[k]
+    is_open = [True] * n
     for k in range(n - 1, -1, -1):
-        up = tree.parent[k]
+        up = parent[k]
         is_open[k] = up < 0 or (is_open[up] and not is_best[up])
-    return np.flatnonzero(is_open & is_best)
+    return np.flatnonzero(np.array(is_open) & is_best)
 
 
 def cuts(
@@ -370,7 +375,7 @@ def cuts(
     levels = np.empty((len(PRICES), tree.n_leaves), np.int64)
     for node_of, price in zip(levels, PRICES, strict=True):
         for k in best_cut(tree, worth - price):
-            node_of[leaves[k].indices] = k
+            node_of[leaves.indices[leaves.indptr[k] : leaves.indptr[k + 1]]] = k
     sure = objectness[levels[CHOSEN]]
     behind = (sure < least) | is_rest[levels[CHOSEN]]
     for i, node_of in enumerate(levels):
