@@ -74,7 +74,7 @@ def summary(found: "Filling") -> tuple[str, ...]:
     if len(found.splats) == 0:
         lines.append(f"No new splats: {_why(found)} What is open now stays open.")
     if len(found.unseen):
-        lines.append(f"{len(found.unseen):,} more removed that were out of sight")
+        lines.append(f"{counted(len(found.unseen), 'splat')} out of sight removed as well")
     if len(found.stained):
         lines.append(f"{counted(len(found.stained), 'splat')} in its shadow lightened")
     elif found.lighten:

@@ -299,6 +299,13 @@ def test_photos_become_splats_before_the_eyes(
             "what is left out is seen",
         )
         _capture(d, "training")
+        d.focus("Views")
+        d.click("**/View 001.jpg")  # as photos of a scene
+        place = next(c.position for c in training.cameras if c.name == "001.jpg")
+        d.until(lambda: np.allclose(session.rig.eye, place, atol=1e-4), "the photo's camera")
+        d.keys(KEY.mod_ctrl, KEY.s)  # there is nothing to save yet, and that is said
+        tool = d.studio.picture.controller.tool(session)
+        assert status.status_text(session, tool) == session.jobs.why_busy
         for size, scale in (((800, 500), 2.0), ((1000, 640), 1.0)):
             large = replace(session.settings, ui_scale=scale)
             d.on_main(partial(session.change_settings, large))

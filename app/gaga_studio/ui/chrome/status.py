@@ -51,6 +51,8 @@ def _look(_period: int) -> Backend:
 def status_text(session: Session, tool: Tool, *, is_typing: bool = False) -> str:
     """One line, never empty. ``is_typing``: Enter and Esc go to a field."""
     document = session.document
+    if document is None and session.hint:  # why a key did nothing
+        return session.hint
     if session.training is not None and session.training.is_stopped:
         back = reconstruction.before_training(session)
         return f"Training has stopped. Continue it, keep these splats, or go back to {back}."

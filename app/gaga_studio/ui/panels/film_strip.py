@@ -3,6 +3,7 @@
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from itertools import accumulate
+from pathlib import Path
 
 from imgui_bundle import ImVec2, imgui
 
@@ -14,6 +15,8 @@ from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.theme import em
+
+_FROM_CAMERA = "click to view the scene from this camera"
 
 
 @dataclass
@@ -62,12 +65,23 @@ def _photos(session: Session) -> None:
         high = max(imgui.get_window_height() - bar, em(2))
         step = high * aspect + em(0.5)
         start, left = imgui.get_cursor_pos(), imgui.get_scroll_x()
+        training = session.training
+        # Splats of a training are looked at as a scene is.
+        shown = training.cameras if training is not None and training.scene is not None else ()
+        cameras = {Path(camera.name).stem: camera for camera in shown}
         first = max(int(left / step), 0)
         last = min(int((left + imgui.get_window_width()) / step) + 1, len(files))
         for at in range(first, last):
             imgui.set_cursor_pos(ImVec2(start.x + at * step, start.y))
             textures.place(textures.photo_file(session, files[at]), high * aspect, aspect)
-            widgets.tooltip(files[at].name)
+            taken_from = cameras.get(files[at].stem)
+            hint = ""
+            if taken_from is not None:
+                hint = f": {_FROM_CAMERA}"
+                imgui.set_cursor_pos(ImVec2(start.x + at * step, start.y))
+                if imgui.invisible_button(f"View {files[at].name}", ImVec2(high * aspect, high)):
+                    session.rig.go_to(taken_from)
+            widgets.tooltip(f"{files[at].name}{hint}")
         imgui.set_cursor_pos(ImVec2(start.x + len(files) * step - em(0.5), start.y))
         imgui.dummy(ImVec2(1, 1))
     imgui.end_child()
@@ -139,7 +153,7 @@ def _thumbnail(
     if imgui.invisible_button(f"View {camera.name}", size):
         navigation.go_to_view(session, index)
     is_hot = imgui.is_item_hovered()
-    widgets.tooltip(f"{camera.name}: click to view the scene from this camera")
+    widgets.tooltip(f"{camera.name}: {_FROM_CAMERA}")
     drawing = imgui.get_window_draw_list()
     if state.shows_masks:
         bank = document.scene.bank if session.live is None else session.live.bank

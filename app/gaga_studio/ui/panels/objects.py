@@ -6,6 +6,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.objects import ObjectTable
+from gaga_core.scene.scene import State
 from gaga_studio.features import commands, folders, object_list, objects
 from gaga_studio.features.find import association, memory_bank
 from gaga_studio.features.object_list import Line, Lines, ObjectListView
@@ -31,6 +32,8 @@ _TABLE_FLAGS = (
     | imgui.TableFlags_.no_pad_outer_x
     | imgui.TableFlags_.sizing_fixed_fit
 )
+
+_NO_OBJECT = "Nothing in this scene belongs to an object."
 
 
 @dataclass
@@ -73,7 +76,9 @@ def _nothing_yet(session: Session) -> None:
         widgets.empty_state(icons.BOXES, "No objects yet", "They appear here as views are done.")
         return
     offer = association.stage_offer(session)
-    busy = session.jobs.why_busy or "Nothing in this scene belongs to an object."
+    is_empty = session.need().scene.has(State.DELETED).all()
+    nothing = "All splats are deleted." if is_empty else _NO_OBJECT
+    busy = session.jobs.why_busy or nothing
     reason = offer.reason if offer is not None else busy
     widgets.empty_state(icons.BOXES, "No objects yet", reason)
     if offer is not None and offer.command:
