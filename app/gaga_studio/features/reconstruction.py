@@ -415,7 +415,7 @@ def _points(scene: Path) -> "Gaussians | None":
 _ROUND_S = 40.0  # seconds for once around
 _LONGEST_STEP_S = 1.0  # on a slow machine it turns more slowly, and never jumps
 _REST_S = 4.0  # before it begins
-_SHARE = 0.2  # of the time that drawing may take: the training needs the processor
+_SHARE = 0.2  # of the time that new pictures may take: the training needs the processor
 
 
 class Turning:
@@ -430,7 +430,7 @@ class Turning:
         self.pose = pose
         self.is_by_hand = False
         self.rests_s = _REST_S
-        self.since_s = 0.0  # since the last step
+        self.since_s = 0.0  # since the last picture was begun
         self.path: CameraPath | None = None  # from where it began to turn
         self.at_s = 0.0  # in the path
 
@@ -453,33 +453,36 @@ def switch_turning(session: Session) -> None:
 def tick(session: Session, dt: float, is_drawn: bool, picture_s: float) -> None:
     """Show the newest splats of a training, and turn its picture by what ``dt`` seconds make.
 
-    Both wait until the last picture ``is_drawn``, which took ``picture_s`` seconds: a slow machine
-    would begin picture after picture and end none. A move by hand ends the turn (`switch_turning`
-    goes on): the picture stays where a person turned it. It keeps to where photos were taken from:
-    around a thing at a wall it swings in front of it.
+    Both wait until the last picture ``is_drawn``, and drawing had its share of the time: it took
+    ``picture_s`` seconds, panels included. A slow machine would begin picture after picture, and
+    where the processor draws the training would go on in what is left. A move by hand ends the turn
+    (`switch_turning` goes on): the picture stays where a person turned it. It keeps to where photos
+    were taken from: around a thing at a wall it swings in front of it.
     """
     training, rig, state = session.training, session.rig, session.feature(Turning)
-    if training is not None and is_drawn:
-        training.show()
     if training is None or not training.cameras or training.scene is None or training.is_stopped:
         return
     if state.training is not training:
         state.begin(training, rig.goal)
     state.is_by_hand |= rig.goal is not state.pose
+    state.since_s += dt
+    may_draw = is_drawn and state.since_s * _SHARE >= picture_s
+    is_new = may_draw and training.show()
+    since_s = state.since_s
+    if is_new:
+        state.since_s = 0.0
     if not turns(session):
         return
     state.rests_s -= dt
-    if state.rests_s > 0:
+    if state.rests_s > 0 or not may_draw:
         return
-    state.since_s += dt
-    if is_drawn and state.since_s * _SHARE >= picture_s:
-        if state.path is None:
-            places, basis = np.array([c.position for c in training.cameras]), upright_basis(rig.up)
-            path = turntable(rig.shot(), rig.up, _ROUND_S, seen_from=places, basis=basis)
-            state.path, state.at_s = path, 0.0
-        state.at_s += min(state.since_s, _LONGEST_STEP_S)
-        rig.go_to_shot(state.path.shot(state.at_s % _ROUND_S), animated=False)
-        state.pose, state.since_s = rig.pose, 0.0
+    if state.path is None:
+        places, basis = np.array([c.position for c in training.cameras]), upright_basis(rig.up)
+        path = turntable(rig.shot(), rig.up, _ROUND_S, seen_from=places, basis=basis)
+        state.path, state.at_s = path, 0.0
+    state.at_s += min(since_s, _LONGEST_STEP_S)
+    rig.go_to_shot(state.path.shot(state.at_s % _ROUND_S), animated=False)
+    state.pose, state.since_s = rig.pose, 0.0
 
 
 def _nothing() -> Stage[None]:

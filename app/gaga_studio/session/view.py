@@ -329,18 +329,20 @@ class TrainingPreview:
             self.show()
         return is_first
 
-    def show(self) -> None:
-        """Put the newest splats into the same scene, so that the former depth order is kept."""
+    def show(self) -> bool:
+        """Put the newest splats into the same scene, so that the former depth order is kept; return
+        whether there are any."""
         if self._newest is None or self._newest is self._shown:
-            return
+            return False
         self._shown, new = self._newest, Scene.of(self._newest)
         if self.scene is None:
             self.scene = new
-            return
+            return True
         scene = self.scene
         scene.gaussians, scene.labels, scene.state = new.gaussians, new.labels, new.state
         scene.placement, scene.source = new.placement, new.source
         scene.revision.splats_changed(kept=0)
+        return True
 
 
 def smoothed(losses: Sequence[float] | np.ndarray, n: int = _POINTS) -> list[tuple[float, float]]:

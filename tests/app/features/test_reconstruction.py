@@ -241,6 +241,11 @@ def test_the_picture_turns_while_splats_are_trained_until_it_is_moved_by_hand(
     assert 1 <= np.count_nonzero(steps) <= 2, "drawing takes a fifth of the time"
     run("view.turn_in_training", session)
     assert turned(9) == 0
+    before = scene.revision.splats
+    for _ in range(40):
+        training.take(TrainingUpdate(made.cameras, gaussians=replace(made.gaussians)))
+        turned(0.1, took=0.4)
+    assert 1 <= scene.revision.splats - before <= 3, "and so for the newest splats"
     run("view.turn_in_training", session)
     training.is_stopped = True
     assert turned(9) == 0
