@@ -1203,6 +1203,26 @@ def _names_in_the_memory_bank(d: Driver) -> None:
         with _texts() as shown:
             d.frames(2)
     assert {Path(one.view).stem[-3:] for one in decisions[:2]} <= {text[-3:] for text in shown}
+    table = d.engine.window_info("//Memory bank/Decisions").window.rect()
+    assert table.get_height() > 3 * imgui.get_text_line_height_with_spacing(), "one half of a row"
+    decision = d.session.decisions(2)[0]
+    d.on_main(lambda: objects.rename(d.session, 2, "a round object with a long name " * 3))
+    d.click(f"Memory bank/**/{decision.view} {decision.mask}/##decision")
+    panel = d.engine.get_window_by_ref("//Memory bank")
+    d.on_main(partial(imgui.internal.set_scroll_y, panel, panel.scroll_max.y))
+    d.settle()
+    bars = d.engine.window_info("//Memory bank/Chosen mask").window.rect()
+    style = imgui.get_style()
+    before = style.hover_delay_normal, style.hover_delay_short, style.hover_stationary_delay
+    style.hover_delay_normal = style.hover_delay_short = style.hover_stationary_delay = 0.0
+    last = bars.max.y - 0.75 * imgui.get_text_line_height_with_spacing()
+    d.engine.mouse_move_to_pos(ImVec2((bars.min.x + bars.max.x) / 2, last))
+    assert _tooltip(d)
+    style.hover_delay_normal, style.hover_delay_short, style.hover_stationary_delay = before
+    tip = d.engine.get_window_by_ref("//##Tooltip_00")
+    assert tip.content_size.x < tip.size.x, "names went on outside of the window"
+    d.on_main(partial(commands.run, "edit.undo", d.session))
+    d.click("Viewport/**/Close photo")
 
 
 def _stacked_notices(d: Driver) -> None:
