@@ -11,7 +11,7 @@ from gaga_studio.session.notices import Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.settings import Settings
 from gaga_studio.studio import SceneUi, UiState, openers
-from gaga_studio.ui.dialogs.files import FileDialog, start_folder
+from gaga_studio.ui.dialogs.files import FileDialog, draw, start_folder, writing
 from gaga_studio.ui.panels.film_strip import FilmStripState
 from tests.app.window.driver import KEY, Driver, drive
 
@@ -106,6 +106,44 @@ def test_save_as_proposes_what_a_save_writes(session: Session, tmp_path: Path) -
     assert proposed() == f"{session.project.folder.root.name}.gaga"
     session.project.path = tmp_path / "x.2.gaga"
     assert proposed() == "x.2.gaga"
+
+
+class _Native:
+    """The desktop's dialog, answered."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def ready(self, _: int) -> bool:
+        return True
+
+    def result(self) -> str:
+        return str(self.path)
+
+
+@pytest.mark.parametrize(
+    ("typed", "taken"),
+    [
+        ("a.mp4", "a.mp4"),
+        ("there.mp4", "there.mp4"),  # the desktop asked whether it is replaced
+        ("a", "a.mp4"),
+        ("there", None),  # nobody asked whether there.mp4 is replaced
+        ("a.avi", None),
+    ],
+)
+def test_a_name_of_the_desktops_dialog_is_looked_at_like_ours(
+    session: Session, tmp_path: Path, typed: str, taken: str | None
+) -> None:
+    """It was refused after the dialog had gone, and a name without an ending got none."""
+    (tmp_path / "there.mp4").touch()
+    dialog = writing("Save the film", session, "film.mp4", (".mp4", ".webm"))
+    dialog.use_native, dialog._native = True, _Native(tmp_path / typed)  # type: ignore[assignment]
+    draw(dialog)
+    assert dialog.result == (tmp_path / taken if taken else None)
+    assert dialog.is_done is bool(taken)
+    if taken is None:  # ours goes on, with the name and why it is not taken
+        assert (dialog.use_native, dialog.folder, dialog.name) == (False, tmp_path, typed)
+        assert dialog.message
 
 
 def test_another_scene_forgets_what_belonged_to_the_former() -> None:

@@ -62,6 +62,19 @@ class TextWatch:
 
         return drawn
 
+    def hinted(self, draw: Callable[..., Any]) -> Callable[..., Any]:
+        """``draw`` a text field, then look whether its hint fits."""
+
+        def drawn(label: str, hint: str, *rest: Any, **named: Any) -> Any:
+            answer = draw(label, hint, *rest, **named)
+            pad = imgui.get_style().frame_padding.x
+            wide = imgui.get_item_rect_size().x - 2 * pad
+            if self.is_on and imgui.calc_text_size(hint).x > wide + _CLOSE:
+                self._note(hint, "is wider than its field")
+            return answer
+
+        return drawn
+
     def _look(self, text: str) -> None:
         """Whether what was drawn last is cut; what can be scrolled to is not."""
         if not self.is_on:

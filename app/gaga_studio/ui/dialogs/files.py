@@ -138,14 +138,21 @@ def draw(dialog: FileDialog) -> None:
 
 
 def _draw_native(dialog: FileDialog) -> None:
+    """Wait for the desktop's dialog; ours goes on from a name that only the desktop's accepts."""
     if dialog._native is None:
         dialog._native = _start_native(dialog)
     if not dialog._native.ready(0):
         return
     answer = dialog._native.result()
     chosen = answer[0] if isinstance(answer, list) and answer else answer
-    dialog.result = Path(chosen) if isinstance(chosen, str) and chosen else None
-    dialog.is_done = True
+    path = Path(chosen) if isinstance(chosen, str) and chosen else None
+    if path is None or dialog.kind is not PathKind.SAVE_FILE:
+        dialog.result, dialog.is_done = path, True
+        return
+    dialog.folder, dialog.name = path.parent, path.name
+    dialog.message = _overwrite(path)  # was asked by the desktop
+    _accept_save(dialog, path, path.name)
+    dialog.use_native = dialog.is_done
 
 
 def _start_native(

@@ -569,7 +569,7 @@ def draw_add_views(session: Session) -> None:
     )
     imgui.dummy(ImVec2(0, em(0.2)))
     for sentence in memory_bank.consequences_of_adding(session):
-        widgets.dim(f"•  {sentence}", wrap=True)
+        widgets.dim(f"• {sentence}", wrap=True)
     imgui.dummy(ImVec2(0, em(0.2)))
     busy = _busy(session)
     face = Face("Add", icons.RUN, primary=True)

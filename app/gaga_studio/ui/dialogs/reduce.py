@@ -6,7 +6,7 @@ from gaga_studio.features import cleanup
 from gaga_studio.features.cleanup import ReducePlan, ReduceWhat
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import widgets
-from gaga_studio.ui.kit.modal import answer, begin_modal
+from gaga_studio.ui.kit.modal import answer, begin_modal, body
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -33,18 +33,19 @@ def draw(session: Session, plan: ReducePlan) -> None:
         cleanup.close_reduce_plan(session, plan)
         return
     cleanup.estimate_loss(session, plan)
-    widgets.dim(
-        "Similar neighbours become one splat. Hidden and locked splats, and those of "
-        "different objects, are never merged.",
-        wrap=True,
-    )
-    widgets.field_name("Of", em(_NAMES))
-    off = {what: cleanup.why_not_reducible(session, what) for what, *_ in _WHATS}
-    plan.what = widgets.segmented("Of", _WHATS, plan.what, why_not=off, wraps=True)
-    widgets.field_name("Keep", em(_NAMES))
-    _, plan.percent = widgets.slider("##Keep", plan.percent, _FEWEST, _MOST, "%d %%")
-    widgets.tooltip("Share of the splats that is left")
-    _says(session, plan)
+    with body("Choices"):
+        widgets.dim(
+            "Similar neighbours become one splat. Hidden and locked splats, and those of "
+            "different objects, are never merged.",
+            wrap=True,
+        )
+        widgets.field_name("Of", em(_NAMES))
+        off = {what: cleanup.why_not_reducible(session, what) for what, *_ in _WHATS}
+        plan.what = widgets.segmented("Of", _WHATS, plan.what, why_not=off, wraps=True)
+        widgets.field_name("Keep", em(_NAMES))
+        _, plan.percent = widgets.slider("##Keep", plan.percent, _FEWEST, _MOST, "%d %%")
+        widgets.tooltip("Share of the splats that is left")
+        _says(session, plan)
     imgui.dummy(ImVec2(0, em(0.3)))
     face = Face("Reduce", width=em(8), primary=True)
     if answer("Reduce now", face, why_not=cleanup.why_not_reducing(session, plan)):
@@ -58,4 +59,4 @@ def _says(session: Session, plan: ReducePlan) -> None:
     imgui.dummy(ImVec2(0, em(0.2)))
     imgui.text_unformatted(f"{n:,} splats become {max(min(n, 1), round(plan.percent / 100 * n)):,}")
     widgets.dim(cleanup.what_is_known_of_loss(session, plan), wrap=True)
-    widgets.dim("From 40 dB the loss is barely visible; at 25 dB fine texture is gone.")
+    widgets.dim("From 40 dB the loss is barely visible; at 25 dB fine texture is gone.", wrap=True)

@@ -12,7 +12,14 @@ from gaga_studio.features.commands import MENUS
 from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
-from gaga_studio.ui.kit.modal import QUESTION, begin_modal, body_height, close_row, enter_is_free
+from gaga_studio.ui.kit.modal import (
+    QUESTION,
+    begin_modal,
+    body,
+    body_height,
+    close_row,
+    enter_is_free,
+)
 from gaga_studio.ui.kit.theme import em
 from gaga_studio.ui.kit.widgets import Face
 
@@ -211,7 +218,7 @@ def _palette(session: Session, state: PaletteState) -> None:
     imgui.set_next_item_width(-1)
     changed, state.text = imgui.input_text_with_hint(
         "##Command",
-        f"{icons.SEARCH}  Type what you want to do",
+        widgets.hint_of_field(f"{icons.SEARCH}  Type what you want to do"),
         state.text,
         flags=imgui.InputTextFlags_.auto_select_all,
     )
@@ -303,7 +310,7 @@ def _shortcuts(session: Session, state: PaletteState) -> None:
         state.text_of_keys = ""
         imgui.set_keyboard_focus_here()
     imgui.set_next_item_width(-1)
-    hint = f"{icons.SEARCH}  Type a key, or what it does"
+    hint = widgets.hint_of_field(f"{icons.SEARCH}  Type a key, or what it does")
     _, state.text_of_keys = imgui.input_text_with_hint("##Filter", hint, state.text_of_keys)
     is_wide = imgui.get_content_region_avail().x > em(38)
     columns = 2 if is_wide and not state.text_of_keys else 1
@@ -350,14 +357,15 @@ def _sheet(title: str, rows: Sequence[tuple[str, str]]) -> None:
 def _about() -> None:
     if not begin_modal(ABOUT, em(30)):
         return
-    with theme.face(strong=True, scale=1.4):
-        imgui.text_unformatted("gaga-studio")
-    widgets.dim(f"Version {__version__}")
-    imgui.dummy(ImVec2(0, em(0.3)))
-    widgets.paragraph(
-        "Views and edits 3D Gaussian Splatting scenes object by object. Objects are found by Gaga: "
-        "masks of single photos, associated through a 3D-aware memory bank (TMLR 2026)."
-    )
-    widgets.dim(_LICENCES, wrap=True)
+    with body("Facts"):
+        with theme.face(strong=True, scale=1.4):
+            imgui.text_unformatted("gaga-studio")
+        widgets.dim(f"Version {__version__}")
+        imgui.dummy(ImVec2(0, em(0.3)))
+        widgets.paragraph(
+            "Views and edits 3D Gaussian Splatting scenes object by object. Objects are found by "
+            "Gaga: masks of single photos, associated through a 3D-aware memory bank (TMLR 2026)."
+        )
+        widgets.dim(_LICENCES, wrap=True)
     close_row()
     imgui.end_popup()

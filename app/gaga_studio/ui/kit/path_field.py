@@ -5,7 +5,7 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
-from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit import theme, widgets
 
 
 def path_field(
@@ -41,6 +41,7 @@ def path_field(
 
     if not imgui.get_io().key_shift:  # Shift+Tab goes back
         flags |= imgui.InputTextFlags_.callback_completion
+    hint = widgets.hint_of_field(hint)
     answer = imgui.input_text_with_hint(label, hint, theme.noted(text), flags, complete)
     if imgui.is_item_edited():
         known.set_bool(id_, True)

@@ -503,6 +503,13 @@ def _cut(text: str, fits: Callable[[str], bool]) -> str:
     return f"{text[:low]}…{end}"
 
 
+def hint_of_field(*hints: str) -> str:
+    """The first hint that the text field drawn next has room for, else the last one, cut."""
+    room = imgui.calc_item_width() - 2 * imgui.get_style().frame_padding.x
+    fits = (hint for hint in hints if imgui.calc_text_size(hint).x <= room)
+    return next(fits, "") or elided(hints[-1], room)
+
+
 def elided_name(name: str, width: float) -> str:
     """The name of a file or a folder as it is drawn, cut in the middle to ``width`` pixels."""
     return cut_middle(visual(name), lambda shorter: imgui.calc_text_size(shorter).x <= width)

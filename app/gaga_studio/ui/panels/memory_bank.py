@@ -38,7 +38,8 @@ _OVERLAPS = {  # what the shares are of
 }
 _CHOSEN_SHARE = 0.45  # of the room below the head, at most: rows are what is looked through
 _MOST_BARS = 6
-_NARROW = 17.0  # em: a panel with three columns, and two lines of buttons
+_LEAST_ROWS = 3  # of the table, below its titles
+_NARROW = 17.0  # em: a panel with three columns, its buttons and what they tell below each other
 _ROW_FLAGS = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_double_click
 
 
@@ -73,12 +74,13 @@ def draw(session: Session, state: EvidenceState) -> None:
     _head(document, group, whole, decisions)
     # Its room is there before a mask is chosen: a click moves no row.
     room, line = imgui.get_content_region_avail(), imgui.get_text_line_height_with_spacing()
-    n_buttons, most = 2 if room.x < em(_NARROW) else 1, _CHOSEN_SHARE * room.y
+    n_buttons, most = 3 if room.x < em(_NARROW) else 1, _CHOSEN_SHARE * room.y
     head = n_buttons * imgui.get_frame_height_with_spacing() + line
     n_bars = min(max(int((most - head) / line), 1), _MOST_BARS)
-    below = min(head + n_bars * line, most)
-    gap = imgui.get_style().item_spacing.y
-    _table(session, document, state, decisions, by_view=True, height=room.y - below - gap)
+    below = head + n_bars * line
+    least = (1 + _LEAST_ROWS) * line  # where that is too much for the panel, all of it scrolls
+    height = max(room.y - below - imgui.get_style().item_spacing.y, least)
+    _table(session, document, state, decisions, by_view=True, height=height)
     if imgui.begin_child("Chosen mask", ImVec2(0, below)):
         _chosen(session, document, state, n_bars)
     imgui.end_child()
@@ -138,9 +140,9 @@ def _shares(
 ) -> None:
     """The largest shares as bars; all of them in the tooltip."""
     table = session.objects()
-    first = imgui.get_cursor_screen_pos()
     left = imgui.get_cursor_pos_x()
     wide = imgui.get_content_region_avail().x
+    imgui.begin_group()
     for group, share in list(shares.items())[:n]:
         row = table.row(group)
         color = theme.FAINT if row is None or not group else widgets.rgba(table.colors[row])
@@ -150,11 +152,10 @@ def _shares(
         widgets.line(widgets.elided(name, 0.45 * wide - em(1.6)), theme.TEXT)
         imgui.same_line(left + 0.45 * wide)
         _bar(share, color)
-    end = imgui.get_cursor_screen_pos()
-    if imgui.is_mouse_hovering_rect(first, ImVec2(first.x + wide, end.y)):
-        names = ((document.name_of(g) if g else "no object", s) for g, s in shares.items())
-        listed = "\n".join(f"{100 * share:.1f} %  {name}" for name, share in names)
-        imgui.set_tooltip(f"{what}\n{listed}")
+    imgui.end_group()
+    names = ((document.name_of(g) if g else "no object", s) for g, s in shares.items())
+    listed = "\n".join(f"{100 * share:.1f} %  {name}" for name, share in names)
+    widgets.tooltip(f"{what}\n{listed}", of_row=True)
 
 
 def _growing(

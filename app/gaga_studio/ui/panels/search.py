@@ -117,7 +117,7 @@ def _drag(measure: Measure, now: Range, whole: Range, unit: str) -> Range | None
     return (first / scale, last / scale) if is_new else None
 
 
-_HINT = "Search objects"
+_HINTS = "Search objects", "Search"
 _MENU = "More ways to find"
 _LOW = 11.0  # em: a lower panel has no line under the list
 _ASKING = ("object.find_in_view", "object.index", "object.name_all")
@@ -180,7 +180,7 @@ def _box(
         imgui.set_keyboard_focus_here()
         state.wants_keyboard = False
     imgui.set_next_item_width(-room)
-    hint = f"{icons.SEARCH}  {_HINT}"
+    hint = widgets.hint_of_field(*(f"{icons.SEARCH}  {text}" for text in _HINTS))
     flags = imgui.InputTextFlags_.escape_clears_all | imgui.InputTextFlags_.auto_select_all
     changed, text = imgui.input_text_with_hint("##Find", hint, theme.noted(search.text), flags)
     is_active, has_ended = imgui.is_item_active(), imgui.is_item_deactivated()

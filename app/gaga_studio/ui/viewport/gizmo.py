@@ -13,7 +13,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.session.view import ToolName
 from gaga_studio.tools.gestures import CLICK_PIXELS
 from gaga_studio.tools.move import MoveTool
-from gaga_studio.ui.kit import theme
+from gaga_studio.ui.kit import theme, widgets
 from gaga_studio.ui.kit.theme import em
 
 _guizmo = imguizmo.im_guizmo
@@ -192,12 +192,12 @@ class ViewCube:
         mouse = imgui.get_io().mouse_pos
         at = ((mouse.x - middle.x) / scale, (mouse.y - middle.y) / scale)
         meant = hit(cube, *at) if is_over or is_held else None
+        if meant is not None:
+            widgets.tooltip(f"Look from the {name_of(meant)}; drag to orbit")
         self._drag(session, is_held, meant, size)
         if clicked and not self.is_dragging and self.pressed is not None:
             session.rig.look_from(self.pressed)
         _faces(cube, middle, scale, None if self.is_dragging else meant)
-        if is_over and meant is not None and not is_held:
-            imgui.set_tooltip(f"Look from the {name_of(meant)}; drag to orbit")
         if not is_held:
             self.is_dragging, self.pressed = False, None
         return is_over or is_held
