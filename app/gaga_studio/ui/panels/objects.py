@@ -48,6 +48,7 @@ class ObjectListState:
     scroll_to: int | str | None = None  # group or folder to scroll to
     last_selected: tuple[int, ...] = ()
     n_background: int = -1  # objects in the background, as drawn last; -1: not drawn yet
+    pitch: tuple[float, float] = (0.0, 0.0)  # height of a row, and from one to the next as drawn
 
 
 def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: PictureArea) -> None:
@@ -153,13 +154,15 @@ def _list(
     _scroll(state, lines, height)
     rows = Rows(session, document, state.rows, masks, table, measured, lines.shown, columns, parts)
     open_name = state.rows.renaming_folder or state.rows.renaming
-    _draw_lines(rows, lines, None if open_name is None else _line_at(lines, open_name))
+    pitch = _draw_lines(rows, lines, None if open_name is None else _line_at(lines, open_name))
+    state.pitch = height, pitch
     imgui.end_table()
     imgui.pop_style_var()
 
 
-def _draw_lines(rows: Rows, lines: Lines, renamed: int | None) -> None:
-    """Those that can be seen, and the line with an open text field: not drawn it loses the keys."""
+def _draw_lines(rows: Rows, lines: Lines, renamed: int | None) -> float:
+    """Those that can be seen, and the line with an open text field: not drawn it loses the keys.
+    Return the pixels from one to the next."""
     sums, chosen = folders.sums(rows.session), folders.chosen(rows.session)
     clipper = imgui.ListClipper()
     clipper.begin(len(lines.lines))
@@ -177,6 +180,7 @@ def _draw_lines(rows: Rows, lines: Lines, renamed: int | None) -> None:
             else:
                 _background_row(rows.session, lines.n_background, rows.columns.height)
     clipper.end()
+    return clipper.items_height
 
 
 def _background_row(session: Session, n: int, high: float) -> None:
@@ -221,14 +225,14 @@ def _follow_selection(session: Session, document: Document, state: ObjectListSta
 
 
 def _scroll(state: ObjectListState, lines: Lines, height: float) -> None:
-    """Scroll to what is asked for, unless it is in view."""
-    if state.scroll_to is None:
+    """Scroll to what is asked for, unless it is in view; in the next frame where rows of this
+    height were not drawn yet."""
+    known, line = state.pitch
+    if state.scroll_to is None or known != height:
         return
     at = _line_at(lines, state.scroll_to)
     if at is not None:
-        # A row has the padding of its cells above and below; the header stays at the top.
-        padding = 2 * imgui.get_style().cell_padding.y
-        line, header = height + padding, imgui.get_text_line_height() + padding
+        header = imgui.get_text_line_height() + 2 * imgui.get_style().cell_padding.y  # stays on top
         top, room = at * line, imgui.get_window_height() - header
         if not imgui.get_scroll_y() <= top <= imgui.get_scroll_y() + room - line:
             imgui.set_scroll_y(max(top - (room - line) / 2, 0.0))
