@@ -17,6 +17,7 @@ from gaga_core.camera import Camera
 from gaga_core.color import SH_C0
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import turned
 from gaga_core.io.meshes import TriangleMesh
 from gaga_core.progress import Progress, Stage
 from gaga_core.raster.base import Frame, Rasterizer
@@ -148,14 +149,18 @@ class _Grid:
     voxel: float  # side, scene units
     shape: tuple[int, int, int]
 
-    def slabs(self) -> Iterator[tuple[slice, DoubleArray]]:
-        """The voxels' centres (M, 3), world, slab by slab of the first axis, and which they are."""
-        _, n, m = self.shape
-        yz = np.stack(np.meshgrid(np.arange(n), np.arange(m), indexing="ij"), axis=-1)
-        plane = self.origin[1:] + self.voxel * yz.reshape(-1, 2)
+    def slabs(self, camera: Camera) -> Iterator[tuple[slice, DoubleArray]]:
+        """The voxels' centres (3, M) in the camera's frame, slab by slab of the first axis, and
+        which they are. Each coordinate is a sum of one number for each axis of the grid."""
+        turn, shift = camera.cam_from_world[:3, :3], camera.cam_from_world[:3, 3, None, None]
+        n = self.shape[1] * self.shape[2]
+        x, y, z = (
+            turn[:, axis, None] * (self.origin[axis] + self.voxel * np.arange(self.shape[axis]))
+            for axis in range(3)
+        )
         for i in range(self.shape[0]):
-            x = np.full((len(plane), 1), self.origin[0] + self.voxel * i)
-            yield slice(i * n * m, (i + 1) * n * m), np.hstack([x, plane])
+            centres = (x[:, i, None] + y)[:, :, None] + z[:, None, :] + shift
+            yield slice(i * n, (i + 1) * n), centres.reshape(3, n)
 
 
 def proxy_mesh_stage(
@@ -261,17 +266,18 @@ def _fuse(
     is_above: bool,
 ) -> None:
     """Add what one view says of every voxel."""
-    depth, alpha = frame.median_depth.ravel(), frame.alpha.ravel()
-    for at, points in grid.slabs():
-        row, column, z = _pixels(camera, points)
+    shows = (frame.alpha.ravel() >= _SOLID) & (frame.median_depth.ravel() > 0)
+    depth = np.where(shows, frame.median_depth.ravel(), np.inf)
+    for at, (x, y, z) in grid.slabs(camera):
+        row, column = _nearest(camera, x, y, z)
         flat = row * camera.width + column
-        solid = (alpha[flat] >= _SOLID) & (depth[flat] > 0)
-        distance = np.clip((depth[flat] - z) / (_BAND * grid.voxel), -1, 1)
-        said = np.where(solid, distance, 1.0).astype(np.float32)
-        share = np.where(said > -1, 1.0, _HIDDEN).astype(np.float32)
-        if not is_above:
-            share[solid] = 0.0
-        total[at] += share * said
+        if is_above:
+            said = np.clip((depth[flat] - z) / (_BAND * grid.voxel), -1, 1).astype(np.float32)
+            share = np.where(said > -1, np.float32(1), np.float32(_HIDDEN))
+            total[at] += share * said
+        else:  # only what it sees nothing of
+            share = (~shows[flat]).astype(np.float32)
+            total[at] += share
         weight[at] += share
 
 
@@ -305,11 +311,13 @@ def _carved(grid: _Grid, field: FloatArray, photos: Sequence[DepthView]) -> Floa
     return np.maximum(field, np.clip(signed / _BAND, -1, 1)).astype(np.float32)
 
 
-def _pixels(camera: Camera, points: DoubleArray) -> tuple[LongArray, LongArray, DoubleArray]:
-    """Row and column (N,) nearest to ``points`` (N, 3) in the picture, and their depth (N,)."""
-    pixels, z = camera.project(points)
-    column = np.clip(pixels[:, 0].astype(np.int64), 0, camera.width - 1)
-    return np.clip(pixels[:, 1].astype(np.int64), 0, camera.height - 1), column, z
+def _nearest(
+    camera: Camera, x: DoubleArray, y: DoubleArray, z: DoubleArray
+) -> tuple[LongArray, LongArray]:
+    """Row and column (N,) of the picture nearest to points (N,) in the camera's frame."""
+    column = (x / z * camera.K[0, 0] + camera.K[0, 2]).astype(np.int64)
+    row = (y / z * camera.K[1, 1] + camera.K[1, 2]).astype(np.int64)
+    return np.clip(row, 0, camera.height - 1), np.clip(column, 0, camera.width - 1)
 
 
 def _at_most(field: FloatArray, triangles: int) -> tuple[DoubleArray, DoubleArray]:
@@ -359,7 +367,8 @@ def _colors(
 
     total = np.zeros((len(vertices), 4), np.float32)
     for camera, frame in frames:
-        row, column, z = _pixels(camera, vertices)
+        x, y, z = (turned(vertices, camera.cam_from_world[:3, :3]) + camera.cam_from_world[:3, 3]).T
+        row, column = _nearest(camera, x, y, z)
         alpha = frame.alpha[row, column]
         seen = (alpha >= _SOLID) & (np.abs(frame.median_depth[row, column] - z) < near)
         total[seen, :3] += frame.image[row[seen], column[seen]]

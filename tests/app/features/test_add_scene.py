@@ -29,6 +29,7 @@ def test_a_scene_without_groups_becomes_one_of_its_name(tmp_path: Path) -> None:
     assert second.name in here.scene.names.values()
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_a_scene_is_added_where_it_fits_and_changes_are_listed(
     new_session: Callable[[], Session], tmp_path: Path
 ) -> None:
@@ -90,7 +91,7 @@ def test_what_cannot_be_aligned_is_placed_by_hand(
 ) -> None:
     """Photos of another corner, and nothing else in common."""
     first, second = write_furnished(tmp_path, any_similarity(np.random.default_rng(8)))
-    write_scene(tmp_path / "other", 1, seed=1)
+    write_scene(tmp_path / "other", 1, n=6, seed=1)
     (second / "point_cloud.ply").rename(tmp_path / "other" / "point_cloud.ply")
     session = new_session()
     session.open(first)

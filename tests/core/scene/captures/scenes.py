@@ -39,13 +39,13 @@ def any_similarity(rng: np.random.Generator) -> DoubleArray:
 
 
 def write_scene(
-    folder: Path, every: int, *, seed: int = 0, world: np.ndarray | None = None
+    folder: Path, every: int, *, n: int = 10, seed: int = 0, world: np.ndarray | None = None
 ) -> None:
-    """Half of the photos of a corner of a room, placed: from ``every`` on each second one."""
+    """Half of ``n`` photos of a corner of a room, placed: from ``every`` on each second one."""
     (folder / "images").mkdir(parents=True)
     (folder / "sparse" / "0").mkdir(parents=True)
-    cameras = walk_cameras(10)[every::2]
-    for camera, picture in zip(cameras, photographs(10, seed)[every::2], strict=True):
+    cameras = walk_cameras(n)[every::2]
+    for camera, picture in zip(cameras, photographs(n, seed)[every::2], strict=True):
         Image.fromarray(picture).save(folder / "images" / camera.name, quality=95)
     placed = cameras if world is None else carried_cameras(cameras, world)
     write_colmap(folder / "sparse" / "0", placed, np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
