@@ -208,7 +208,7 @@ def select(session: Session, groups: tuple[int, ...]) -> bool:
     splats = group_indices(document.scene, groups)
     if len(splats) == 0:
         raise GagaError("These objects are not in the scene any more.")
-    title = f"Select {document.names_of(groups)}"
+    title = f"Select {document.titled(*groups)}"
     done = document.select(splats.astype(np.int32), "set", title)
     camera.frame_selected(session)
     return done

@@ -90,7 +90,7 @@ def apply(session: Session) -> bool:
     found = shown(session)
     if found is None:
         return False
-    title = f"Clean {document.name_of(found.group)}"
+    title = f"Clean {document.titled(found.group)}"
     session.cancel_preview()  # which has colors of its own
     return document.do(cleanup.cleaned_edit(document.scene, found, title))
 

@@ -190,7 +190,7 @@ def put_under(session: Session, parent: int, groups: Sequence[int]) -> bool:
     """Put objects under another one; objects under them go along."""
     document = session.need()
     scene = document.settled().scene
-    title = f"Put {document.names_of(groups)} under {document.name_of(parent)}"
+    title = f"Put {document.titled(*groups)} under {document.titled(parent)}"
     if not document.do(edits.set_parent(scene, groups, parent, title)):
         return False
     document.feature(ObjectListView).reveal_group(scene.folders, groups[0])
@@ -204,11 +204,9 @@ def leave_parent(session: Session) -> bool:
     scene = document.settled().scene
     groups = [group for group in session.selected_groups() if group in scene.folders.parent]
     over = {scene.folders.parent[group] for group in groups}
-    above = document.name_of(over.pop()) if len(over) == 1 else "what they lie under"
+    above = document.titled(over.pop()) if len(over) == 1 else "what they lie under"
     return document.do(
-        edits.leave_parent(
-            scene, groups, f"Take {document.names_of(groups)} out from under {above}"
-        )
+        edits.leave_parent(scene, groups, f"Take {document.titled(*groups)} out from under {above}")
     )
 
 
@@ -219,7 +217,7 @@ def select_with_children(session: Session) -> bool:
     if not groups:
         return False
     under = document.scene.folders.under(*groups)
-    title = f"Select {_and_under(document.name_of(groups[0]), len(groups), len(under))}"
+    title = f"Select {_and_under(document.titled(groups[0]), len(groups), len(under))}"
     return document.select(group_indices(document.scene, (*groups, *under)), "set", title)
 
 

@@ -90,7 +90,8 @@ def split(session: Session) -> bool:
     """Split the selected object into the components that do not touch."""
     group = one_object(session, "Select one object to split it.")
     name = session.need().name_of(group)
-    edit = edits.split(session.need().settled().scene, group, title=f"Split {name}")
+    title = f"Split {session.need().titled(group)}"
+    edit = edits.split(session.need().settled().scene, group, title=title)
     if edit is None:
         raise GagaError(f"{name} is in one piece. Paint a part of it and use Separate.")
     return session.need().do(edit)
@@ -105,7 +106,7 @@ def assign(session: Session, group: int, splats: IntArray | None = None) -> bool
     document = session.need()
     scene = document.settled().scene
     chosen = document.selected() if splats is None else splats
-    title = f"Assign to {document.name_of(group)}"
+    title = f"Assign to {document.titled(group)}"
     groups = [int(there) for there in np.unique(scene.labels[chosen])]
     is_whole = bool(groups) and groups[0] > 0 and len(group_indices(scene, groups)) == len(chosen)
     if group and is_whole:
@@ -151,7 +152,7 @@ def unlock_all(session: Session) -> bool:
 @notifies
 def rename(session: Session, group: int, name: str) -> bool:
     """Name an object; an empty name gives it its number back."""
-    before = session.need().name_of(group)
+    before = session.need().titled(group)
     title = f"Rename {before} to {name}" if name.strip() else f"Take the name {before} back"
     return session.edit(lambda scene: edits.rename(scene, group, name, title))
 
@@ -159,14 +160,14 @@ def rename(session: Session, group: int, name: str) -> bool:
 @notifies
 def set_color(session: Session, group: int, rgb: Sequence[float] | None) -> bool:
     """Give an object a color in lists and group pictures, 0..1; None = the palette's."""
-    title = f"Color {session.need().name_of(group)}"
+    title = f"Color {session.need().titled(group)}"
     return session.edit(lambda scene: edits.set_color(scene, group, rgb, title))
 
 
 @notifies
 def set_weight(session: Session, group: int, weight: Weight | None) -> bool:
     """Give an object a mass or a density for simulations; None = the density of an export."""
-    title = f"Weigh {session.need().name_of(group)}"
+    title = f"Weigh {session.need().titled(group)}"
     return session.edit(lambda scene: edits.set_weight(scene, group, weight, title))
 
 
@@ -174,7 +175,7 @@ def set_weight(session: Session, group: int, weight: Weight | None) -> bool:
 def preview_color(session: Session, group: int, rgb: Sequence[float]) -> None:
     """Show an object's color while it is being chosen."""
     document = session.need()
-    title = f"Color {document.name_of(group)}"
+    title = f"Color {document.titled(group)}"
     document.preview_with(lambda scene: edits.set_color(scene, group, rgb, title))
 
 
@@ -281,7 +282,8 @@ def split_here(session: Session) -> bool:
     """Make objects of the parts that the selected object has one level finer."""
     group = one_object(session)
     name = session.need().name_of(group)
-    edit = edits.split_here(session.need().settled().scene, group, f"Split {name} here")
+    title = f"Split {session.need().titled(group)} here"
+    edit = edits.split_here(session.need().settled().scene, group, title)
     if edit is None:
         raise GagaError(f"{name} has no parts at any level. Paint a part of it and use Separate.")
     return session.need().do(edit)

@@ -78,7 +78,7 @@ def select_groups(session: Session, groups: Sequence[int], how: How = "set") -> 
     Where all of them are locked, the hint says so.
     """
     document, verb = session.need(), "Deselect" if how == "remove" else "Select"
-    title = f"{verb} {document.names_of(groups)}"
+    title = f"{verb} {document.titled(*groups)}"
     splats = group_indices(document.scene, groups)
     done = document.select(splats, how, title)
     is_kept = how != "remove" and len(splats) > 0

@@ -498,6 +498,12 @@ class Document:
         """Name of one object, or how many there are: "chair", "3 objects"."""
         return self.name_of(groups[0]) if len(groups) == 1 else f"{len(groups)} objects"
 
+    def titled(self, *groups: int) -> str:
+        """``names_of`` for a title, which stays: an object without a name yet is "an object"."""
+        scene = self.scene
+        is_named = len(groups) != 1 or groups[0] in {0, *scene.names, *scene.described}
+        return self.names_of(groups) if is_named else "an object"
+
     def title_for(self, verb: str) -> str:
         """Title of an edit of the selection: "Move chair", "Delete 20 splats of 3 objects",
         "Recolor chair and 2 loose splats"."""
@@ -508,7 +514,7 @@ class Document:
         if self.read.selects_parts():
             of = f"{counted(len(self.read.selected_indices()) - n_loose, 'splat')} of "
         loose = f" and {counted(n_loose, 'loose splat')}" if n_loose else ""
-        return f"{verb} {of}{self.names_of(groups)}{loose}"
+        return f"{verb} {of}{self.titled(*groups)}{loose}"
 
     def selected_box(self) -> tuple[DoubleArray, DoubleArray] | None:
         """Box lo, hi (3,) of the selection, world; None when nothing is selected.

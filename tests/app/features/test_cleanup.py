@@ -79,7 +79,7 @@ def test_apply_is_one_entry_that_undo_restores(floating: tuple[Session, np.ndarr
     assert run("object.clean_apply", session)
     assert cleanup.shown(session) is None
     assert history.cursor == cursor + 1
-    assert history.undo_title == f"Clean group {GROUP}"
+    assert history.undo_title == "Clean an object"
     assert (scene.labels[rows] == 0).mean() > 0.9
     np.testing.assert_array_equal(group_indices(scene, GROUP), found.after)
     np.testing.assert_array_equal(session.selected_indices(), found.after)

@@ -539,7 +539,7 @@ def test_what_is_locked_is_isolated_and_exported_with_its_parent_and_never_chang
     assert commands.run("object.isolate", laid)
     finish(laid)
     assert set(np.unique(scene.labels[scene.visible]).tolist()) - {0} == {2, 3}
-    assert laid.need().history.undo_title == "Isolate group 2 and 1 under it"
+    assert laid.need().history.undo_title == "Isolate an object and 1 under it"
     assert summary(laid, ExportPlan(tmp_path, "objects")).n_files == 2
     export.export(laid, "objects", tmp_path / "out")
     finish(laid)

@@ -314,7 +314,7 @@ def test_the_end_of_a_replay_counts_the_views_among_those_that_could_have_been(
     kind = "photos" if n_train == len(names) else "training photos"
     n = n_train - n_missing
     assert said == (f"{n} of {n_train} {kind}" if n_missing else f"All {n_train} {kind}")
-    assert memory_bank.views_text(associated, (*train, "later.png")) == f"All {n_train + 1} views"
+    assert memory_bank.views_text(associated, (*train, "later.png")) == f"All {n_train + 1} photos"
 
 
 @pytest.mark.parametrize("is_moved", [False, True])

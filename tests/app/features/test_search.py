@@ -307,6 +307,20 @@ def test_undo_and_redo_bring_back_what_objects_were_called(associated: Session, 
             session.undo()
 
 
+def test_the_title_of_an_edit_has_no_number_of_a_group_whose_name_comes_later(
+    associated: Session,
+) -> None:
+    """It stayed "Select group 47" where the list says "orange object" a second later."""
+    document, group = associated.need(), int(associated.objects().ids[1])
+    assert not document.scene.described
+    selection.select_groups(associated, (group,))
+    assert document.undo_title == "Select an object"
+    name = describe(associated)[group]
+    selection.select_groups(associated, ())
+    selection.select_groups(associated, (group,))
+    assert document.undo_title == f"Select {name}"
+
+
 def test_a_search_ends_with_its_scene(associated: Session, scene_folder: Path) -> None:
     _ask(associated, "the largest")
     associated.open(scene_folder)

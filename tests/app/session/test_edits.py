@@ -218,7 +218,7 @@ def test_an_edit_of_parts_is_called_so(associated: Session) -> None:
     document.select(np.append(one[:1], other[:4]), "set", "Select")
     assert document.title_for("Delete") == "Delete 5 splats of 2 objects"
     document.select(other[:1], "set", "Select")
-    assert document.title_for("Delete") == f"Delete 1 splat of {document.name_of(int(ids[1]))}"
+    assert document.title_for("Delete") == f"Delete 1 splat of {document.titled(int(ids[1]))}"
 
 
 def test_one_view_is_no_views(associated: Session) -> None:
@@ -243,6 +243,7 @@ def test_loose_splats_next_to_those_of_objects_are_told_apart(associated: Sessio
     loose = group_indices(document.scene, other)[:3]
     document.edit(lambda scene: edits.set_labels(scene, loose, 0, "Take out"))
     name, whole = document.name_of(group), f"{len(own):,} splats"
+    titled = document.titled(group)
 
     def named(*splats: IntArray) -> tuple[str, str, list[str]]:
         document.select(np.concatenate(splats), "set", "Select")
@@ -250,14 +251,14 @@ def test_loose_splats_next_to_those_of_objects_are_told_apart(associated: Sessio
         return document.title_for("Delete"), title, [f for f in facts if "seen in" not in f]
 
     mixed = f"{name} and loose splats"
-    assert named(own) == (f"Delete {name}", name, [whole])
+    assert named(own) == (f"Delete {titled}", name, [whole])
     assert named(own[:2], loose) == (
-        f"Delete 2 splats of {name} and 3 loose splats",
+        f"Delete 2 splats of {titled} and 3 loose splats",
         mixed,
         ["2 splats", f"of {len(own):,}", "3 loose splats"],
     )
     assert named(own, loose[:1]) == (
-        f"Delete {name} and 1 loose splat", mixed, [whole, "1 loose splat"],
+        f"Delete {titled} and 1 loose splat", mixed, [whole, "1 loose splat"],
     )  # fmt: skip
     assert named(loose) == ("Delete splats", "Loose splats", ["3 splats"])
     both = np.append(own, group_indices(document.scene, other))

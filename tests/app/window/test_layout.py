@@ -1227,6 +1227,12 @@ def _names_in_the_memory_bank(d: Driver) -> None:
     style.hover_delay_normal, style.hover_delay_short, style.hover_stationary_delay = before
     tip = d.engine.get_window_by_ref("//##Tooltip_00")
     assert tip.content_size.x < tip.size.x, "names went on outside of the window"
+    d.on_main(partial(commands.run, "object.isolate", d.session))
+    d.settle()
+    card = d.engine.window_info("//Viewport/Mask in its photo").window.rect()
+    way_out = d.engine.item_info("//Viewport/Show all").rect_full
+    assert d.corner[1] <= way_out.min.y < way_out.max.y <= card.min.y, "it lay under the card"
+    d.on_main(partial(commands.run, "edit.undo", d.session))
     d.on_main(partial(commands.run, "edit.undo", d.session))
     d.click("Viewport/**/Close photo")
 

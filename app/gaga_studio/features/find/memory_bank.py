@@ -232,7 +232,7 @@ def split_by_masks(session: Session) -> bool:
         now = document.settled().scene
         into = edits.free_group(now)
         new_bank = split_bank(bank, split, group, into)
-        title = f"Split {name} by its masks"
+        title = f"Split {document.titled(group)} by its masks"
         document.do(edits.split_off(now, group, split.rows, new_bank, into, title))
         text = f"{name} is two now: {len(split.masks)} of its {counted(len(log), 'mask')} and "
         session.notify(Level.INFO, f"{text}{counted(len(split.rows), 'splat')} left it.")

@@ -185,9 +185,9 @@ def _table(
         return
     stretch, fixed = imgui.TableColumnFlags_.width_stretch, imgui.TableColumnFlags_.width_fixed
     imgui.table_setup_scroll_freeze(0, 1)
-    imgui.table_setup_column("View" if by_view else "Group", stretch, 1.2)
+    imgui.table_setup_column("View" if by_view else "Group", stretch, 1.0 if is_narrow else 1.2)
     imgui.table_setup_column("Mask", fixed, em(2.6))
-    imgui.table_setup_column("Overlap", stretch, 1.0)
+    imgui.table_setup_column("Overlap", stretch, 1.2 if is_narrow else 1.0)
     if not is_narrow:
         imgui.table_setup_column("Next best", stretch, 1.0)
     with theme.text_color(theme.DIM):

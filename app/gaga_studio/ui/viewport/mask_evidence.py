@@ -62,11 +62,16 @@ def items(session: Session, document: Document, state: MaskMenuState, decision: 
 
 
 def _move_button(
-    session: Session, document: Document, state: MaskMenuState, decision: Decision
+    session: Session,
+    document: Document,
+    state: MaskMenuState,
+    decision: Decision,
+    *,
+    has_text: bool = True,
 ) -> None:
     """A button that moves the mask to its object, or out of all."""
     name = f"Move mask {decision.view} {decision.mask}"
-    face = Face(f"Move to {icons.LATER}", icons.JOINED)
+    face = Face(f"Move to {icons.LATER}" if has_text else icons.LATER, icons.JOINED)
     hint = "Put this mask where it belongs; the association is redone from its view on"
     if widgets.button("Move mask", face, why_not=why_not_moved(session), hint=hint):
         imgui.open_popup(name)
@@ -134,6 +139,7 @@ def what_is_shared(document: Document, *, has_gate: bool = True) -> str:
 
 _MOST_HIGH, _HEAD = 0.45, 4.6  # share of the picture's height; em above the pictures of a card
 _LEAST, _NARROW = 20.5, 25.0  # em: least width of a card; below this a button has no text
+_LOW = 14.0  # em: in a lower picture the card has its buttons and pictures alone
 _MOST_GROWING = 0.42  # share of the picture's width that the current view takes
 _HIGH_GROWING = 0.34  # share of its height
 _LEAST_GROWING = 5.0  # em: a photo as wide as the words under it
@@ -186,7 +192,7 @@ def draw(session: Session, state: EvidenceState, area: PictureArea) -> None:
 
     def shown() -> None:
         if decision is not None:
-            _head(session, document, state, decision)
+            _head(session, document, state, decision, is_low=area.height < em(_LOW))
             _pictures(session, document, state, decision)
         elif session.live is not None:
             _growing(session, state, session.live)
@@ -234,19 +240,29 @@ def _growing(session: Session, state: EvidenceState, live: BankSnapshot) -> None
     widgets.line(f"{live.view}  ·  {counted(live.n_groups, 'group')}", theme.DIM)
 
 
-def _head(session: Session, document: Document, state: EvidenceState, decision: Decision) -> None:
+def _head(
+    session: Session,
+    document: Document,
+    state: EvidenceState,
+    decision: Decision,
+    *,
+    is_low: bool,
+) -> None:
+    """Which mask it is, and its buttons; in a low picture its tooltip says why it joined."""
     room = imgui.get_content_region_avail().x
-    is_narrow = room < em(_NARROW)
-    button = em(9.6 if is_narrow else 14.4)
+    is_narrow = is_low or room < em(_NARROW)
+    button = em(6.2 if is_low else 9.6 if is_narrow else 14.4)
     imgui.align_text_to_frame_padding()
     wide = room - button - em(1.2)
     with theme.face(strong=True):
-        text = f"{decision.view}, mask {decision.mask}"
-        if imgui.calc_text_size(text).x > wide:
-            text = f"{Path(decision.view).stem}, mask {decision.mask}"
-        imgui.text_unformatted(widgets.elided(text, wide))
+        mask = f"mask {decision.mask}"
+        names = f"{decision.view}, {mask}", f"{Path(decision.view).stem}, {mask}"
+        fits = (name for name in names if imgui.calc_text_size(name).x <= wide)
+        imgui.text_unformatted(next(fits, "") or widgets.elided(mask if is_low else names[1], wide))
+    said = explanation(document, decision)
+    widgets.tooltip(f"{decision.view}: {said}" if is_low else "")
     imgui.same_line(room - button - em(0.6))
-    _move_button(session, document, state.menu, decision)
+    _move_button(session, document, state.menu, decision, has_text=not is_low)
     imgui.same_line()
     name, hint = "Go to view", "Go to view: fly to where the photo was taken"
     if is_narrow:
@@ -258,7 +274,8 @@ def _head(session: Session, document: Document, state: EvidenceState, decision: 
     imgui.same_line()
     if widgets.icon_button("Close photo", icons.CLOSE, hint="Close (Esc)"):
         state.decision = None
-    widgets.dim(explanation(document, decision), wrap=True)
+    if not is_low:
+        widgets.dim(said, wrap=True)
 
 
 def _pictures(
