@@ -152,13 +152,15 @@ def toggle(label: str, on: bool, *, hint: str, why_not: str = "") -> bool:
     return clicked and not why_not
 
 
-def small_icon(name: str, icon: str, *, hint: str = "", color: ImVec4 | None = None) -> bool:
-    """A borderless icon of text height, for table rows."""
+def small_icon(
+    name: str, icon: str, *, hint: str = "", color: ImVec4 | None = None, height: float = 0.0
+) -> bool:
+    """A borderless icon of text height, for table rows; ``height`` 0 is the usual one."""
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(2, 0))
     imgui.push_style_var(imgui.StyleVar_.frame_border_size, 0.0)
     _push_flat(False)
     imgui.push_style_color(imgui.Col_.text, color or theme.DIM)
-    clicked = imgui.button(f"{icon}###{name}", ImVec2(em(1.35), em(1.25)))
+    clicked = imgui.button(f"{icon}###{name}", ImVec2(em(1.35), height or em(1.25)))
     imgui.pop_style_color(5)
     imgui.pop_style_var(2)
     tooltip(hint)

@@ -216,7 +216,8 @@ class Switches:
 
     def draw(self, columns: RowColumns) -> Switched:
         """Draw the switches of a row; which one was clicked. Alt and the eye are the circle."""
-        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (columns.height - em(1.25)) / 2)
+        high = min(em(1.25), columns.height)  # of an icon: none makes its row higher
+        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (columns.height - high) / 2)
         clicked: Switched = ""
         what, is_off, is_locked = self.what, self.is_hidden, self.is_locked
         eye = f"Show this {what}" if is_off else f"Hide this {what} (Alt: show only this)"
@@ -231,7 +232,7 @@ class Switches:
             if at:
                 imgui.same_line(0, 0)
             color = theme.TEXT if is_on else theme.FAINT
-            if widgets.small_icon(name, icon, hint=hint, color=color):
+            if widgets.small_icon(name, icon, hint=hint, color=color, height=high):
                 clicked = "alone" if at == 0 and imgui.get_io().key_alt else switch
         return clicked
 
