@@ -735,3 +735,35 @@ def test_the_label_of_a_handle_has_the_unit_of_the_scene(
         d.frames(2)
 
     drive(walk, path=grouped_copy, size=(1280, 720))
+
+
+def test_a_search_in_a_low_window_shows_three_hits(display: str, grouped_copy: Path) -> None:
+    """A sentence, a button and ways out took all of the panel: the hits had no height."""
+
+    def is_seen(d: Driver, group: int) -> bool:
+        row = d.engine.item_info(f"//{_ROW.format(group, '##row')}")
+        high = row.rect_full.get_height() - imgui.get_style().item_spacing.y  # without the gaps
+        return bool(row.rect_clipped.get_height() >= high > 0)
+
+    def walk(d: Driver) -> None:
+        d.until(lambda: bool(d.scene.described), "the objects are described")
+        d.keys(KEY.mod_ctrl, KEY.f)
+        d.engine.key_chars("round left of the bowl")
+        search = d.session.need().feature(SearchState)
+        d.until(lambda: bool(search.unknown), "it is answered, but not all of it")
+        d.frames(4)
+        assert len(search.hits) > 3
+        assert d.engine.get_window_by_ref("//Objects").scroll_max.y == 0
+        assert all(is_seen(d, hit.group) for hit in search.hits[:3])
+        for _ in search.hits:
+            d.keys(KEY.down_arrow)
+        assert is_seen(d, search.hits[-1].group)
+        way_out = "Objects/###Index this scene"
+        assert not d.exists(way_out), "it is in the menu"
+        changed = replace(d.session.settings, ui_scale=1.0)
+        d.on_main(lambda: d.session.change_settings(changed))
+        d.resize(1600, 1000)
+        assert d.exists(way_out)
+
+    settings = Settings(ui_scale=2.0, first_steps_done=True)
+    drive(walk, path=grouped_copy, size=(800, 500), settings=settings)

@@ -68,7 +68,8 @@ def draw(session: Session, state: ObjectListState, masks: MaskMenuState, area: P
     if not search.draw(session, state.search, area, session.document, table):
         _list(session, session.document, state, masks, table)
     _highlight(session, state)
-    if not search.is_low() or _is_dragging(session):
+    is_low = search.is_low() or state.search.is_short
+    if not is_low or _is_dragging(session):
         _foot(session, table)
 
 

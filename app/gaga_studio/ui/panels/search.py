@@ -120,7 +120,13 @@ def _drag(measure: Measure, now: Range, whole: Range, unit: str) -> Range | None
 _HINTS = "Search objects", "Search"
 _MENU = "More ways to find"
 _LOW = 11.0  # em: a lower panel has no line under the list
+_LEAST_HITS = 3  # in sight, or what is said about them is cut to one line
+_LEAST_WORDS = 4.0  # em: narrower, next to a button, a sentence says nothing
+_HIGH, _SHORT = 48.0, 34.0  # pixels at 96 dpi: height of a hit, and where there is little room
+_ONE_LINE, _WITH_BAR = 1.0, 1.97  # em: the least height of a hit, and of one with its bar
 _ASKING = ("object.find_in_view", "object.index", "object.name_all")
+_WAYS_OUT = _ASKING[:2]
+_LOOKING, _LOOKING_UP = "Looking at the objects…", "Looking the words up in the index…"
 _KEYS = (
     "Up and Down choose, Enter selects, Shift+Enter selects all that fit, "
     "Escape clears, and leaves where there is no text"
@@ -134,6 +140,7 @@ class SearchBoxState:
     wants_keyboard: bool = False
     seen: int = 0  # line of the answer that was last scrolled to
     hovered: int = 0  # group whose line is under the mouse
+    is_short: bool = False  # the answer has little room: hits come before what is said about them
 
 
 def focus(state: SearchBoxState) -> None:
@@ -155,6 +162,7 @@ def draw(
 ) -> bool:
     """The box, and under it the answer; False while nothing is looked for, or there is nothing."""
     search = document.feature(SearchState)
+    state.is_short = False
     _box(session, state, area.size, search)
     imgui.same_line(0, em(0.2))
     button(session)
@@ -163,7 +171,11 @@ def draw(
     search_actions.answer(session, object_list.kept_groups)
     if not search.text.strip():
         return False
-    _understood(session, search)
+    state.is_short = bool(search.hits) and _leaves_few(session, search)
+    if state.is_short:
+        _in_one_line(session, search)
+    else:
+        _understood(session, search)
     _hits(session, state, table, search)
     return True
 
@@ -231,54 +243,104 @@ def _menu(session: Session) -> None:
 # --- the answer
 
 
+def _leaves_few(session: Session, search: SearchState) -> bool:
+    """Whether too few hits would be in sight under all that `_understood` says."""
+    room, gap = imgui.get_content_region_avail(), imgui.get_style().item_spacing.y
+    texts = (search.sentence, search.problem or (_LOOKING_UP if search.is_looking_up else ""))
+    high = sum(imgui.calc_text_size(x, wrap_width=room.x).y + gap for x in texts if x)
+    n_buttons = (len(search.meant) > 1) + len(_WAYS_OUT) * _needs_ways_out(search)
+    high += n_buttons * imgui.get_frame_height_with_spacing() + _foot_height(session)
+    return room.y - high < min(len(search.hits), _LEAST_HITS) * (theme.scaled(_HIGH) + gap)
+
+
+def _in_one_line(session: Session, search: SearchState) -> None:
+    """What was understood, cut; all of it is in the tooltip, more ways to find in the menu."""
+    if search.measured is None:
+        widgets.dim(_LOOKING)
+        return
+    whole = f"{search.sentence}\n{search.problem}".strip()
+    text, color = search.sentence, theme.DIM
+    if search.problem:
+        text, color = search.problem, theme.WARN
+    elif search.is_looking_up:
+        text = _LOOKING_UP
+    room = imgui.get_content_region_avail().x
+    if len(search.meant) > 1:
+        _take_all_button(session, search, whole)
+        room -= imgui.get_item_rect_size().x + imgui.get_style().item_spacing.x
+        if room < em(_LEAST_WORDS):
+            return
+        imgui.same_line()
+        imgui.align_text_to_frame_padding()
+    if text:
+        widgets.text(widgets.elided(text, room), color)
+        widgets.tooltip(whole)
+
+
+def _take_all_button(session: Session, search: SearchState, hint: str) -> None:
+    face = Face(f"Select all {len(search.meant):,}")
+    if widgets.button("Select all that fit", face, hint=hint, shortcut="Shift+Enter"):
+        search_actions.take_all(session)
+
+
 def _understood(session: Session, search: SearchState) -> None:
     """What was understood, what is still looked up, and what can be done with it."""
     if search.measured is None:
-        widgets.dim("Looking at the objects…")
+        widgets.dim(_LOOKING)
         return
     n = len(search.meant)
-    is_told = n > 1 and is_low()  # by the button
-    if search.sentence and not is_told:
+    if search.sentence:
         widgets.dim(search.sentence, wrap=True)
     if search.problem:
         widgets.text(search.problem, theme.WARN, wrap=True)
     elif search.is_looking_up:
-        widgets.dim("Looking the words up in the index…")
+        widgets.dim(_LOOKING_UP)
     if search.n_left_out and not search.hits:
         widgets.text("The filter of the list leaves out all that fit.", theme.WARN, wrap=True)
         return
-    wanted = imgui.calc_text_size(f"{search.sentence}Select all {n:,}").x + em(2.5)
-    if n > 1 and not is_told and wanted < imgui.get_content_region_avail().x:
-        imgui.same_line()
-    hint = search.sentence if is_told else "These and nothing else"
-    if n > 1 and widgets.button(
-        "Select all that fit", Face(f"Select all {n:,}"), hint=hint, shortcut="Shift+Enter"
-    ):
-        search_actions.take_all(session)
-    is_short = not search.hits or search.unknown
-    if is_short and not search.in_view and not search.is_looking_up:
+    if n > 1:
+        wanted = imgui.calc_text_size(f"{search.sentence}Select all {n:,}").x + em(2.5)
+        if wanted < imgui.get_content_region_avail().x:
+            imgui.same_line()
+        _take_all_button(session, search, "These and nothing else")
+    if _needs_ways_out(search):
         _ways_out(session)
+
+
+def _needs_ways_out(search: SearchState) -> bool:
+    is_short = not search.hits or bool(search.unknown)
+    return is_short and not search.in_view and not search.is_looking_up
 
 
 def _ways_out(session: Session) -> None:
     """Show what else understands more: nothing was found, or a word is not known."""
-    for command_id in _ASKING[:2]:
+    for command_id in _WAYS_OUT:
         command = commands.command(command_id)
         why_not = command.enabled(session)
         if widgets.button(command.title, Face(width=-1), why_not=why_not):
             commands.run(command_id, session)
 
 
+def _foot_height(session: Session) -> float:
+    """Of what is under the hits, pixels."""
+    if is_low():
+        return 0.0
+    is_filtered = session.need().feature(ObjectListView).filter.is_on
+    line = em(1.25) if is_filtered else imgui.get_text_line_height()
+    return line + imgui.get_style().item_spacing.y + theme.scaled(2)
+
+
 def _hits(session: Session, state: SearchBoxState, table: ObjectTable, search: SearchState) -> None:
-    foot = (
-        em(1.25)
-        if session.need().feature(ObjectListView).filter.is_on
-        else imgui.get_text_line_height()
-    )
-    is_short = is_low()
-    size = ImVec2(0, 0 if is_short else -foot - imgui.get_style().item_spacing.y - theme.scaled(2))
-    if imgui.begin_child("Answer", size):
-        _lines(session, state, table, search, theme.scaled(34 if is_short else 48))
+    high, gap = theme.scaled(_HIGH), imgui.get_style().item_spacing.y
+    room = imgui.get_content_region_avail().y
+    if state.is_short:
+        each = (room + gap) / min(len(search.hits), _LEAST_HITS) - gap
+        high = min(max(each, em(_ONE_LINE)), theme.scaled(_SHORT))
+        room = max(room, high)  # the panel scrolls where not even one has room
+    else:
+        room -= _foot_height(session)
+    if imgui.begin_child("Answer", ImVec2(0, room)):
+        _lines(session, state, table, search, high)
     imgui.end_child()
 
 
@@ -326,7 +388,8 @@ def _line(
     imgui.get_window_draw_list().add_rect_filled(corner, edge, color, em(0.1))
     left = corner.x + high + em(0.5)
     name = table.names[row]
-    _words(hit, name, ImVec2(left, corner.y), corner.x + room - left, table.n_selected[row] > 0)
+    size = ImVec2(corner.x + room - left, high)
+    _words(hit, name, ImVec2(left, corner.y), size, is_selected=table.n_selected[row] > 0)
     imgui.pop_id()
 
 
@@ -341,16 +404,18 @@ def _clicked(session: Session, at: int) -> None:
     )
 
 
-def _words(hit: SearchHit, name: str, at: ImVec2, room: float, is_selected: bool) -> None:
-    """The name, how well it fits in words, and a bar of the score."""
-    drawing = imgui.get_window_draw_list()
+def _words(hit: SearchHit, name: str, at: ImVec2, size: ImVec2, *, is_selected: bool) -> None:
+    """The name, how well it fits in words, and a bar of the score where it has room."""
+    drawing, room = imgui.get_window_draw_list(), size.x
+    has_bar = size.y >= em(_WITH_BAR)
     percent = f"{round(100 * hit.score)} %"
     width = imgui.calc_text_size(percent).x + em(0.5)
     color = theme.CHOSEN if is_selected else theme.TEXT if hit.fits else theme.DIM
-    drawing.add_text(
-        ImVec2(at.x, at.y + em(0.15)), theme.u32(color), widgets.elided(name, room - width)
-    )
-    drawing.add_text(ImVec2(at.x + room - width, at.y + em(0.15)), theme.u32(theme.DIM), percent)
+    line = at.y + (em(0.15) if has_bar else (size.y - em(1)) / 2)
+    drawing.add_text(ImVec2(at.x, line), theme.u32(color), widgets.elided(name, room - width))
+    drawing.add_text(ImVec2(at.x + room - width, line), theme.u32(theme.DIM), percent)
+    if not has_bar:
+        return
     top = at.y + em(1.75)
     bar = max(room - em(0.5), em(1))
     ends = ImVec2(at.x + bar, top + em(0.22))
