@@ -1120,7 +1120,11 @@ def _known_length(d: Driver) -> None:
     d.frames(6)
     card = d.engine.window_info("//Viewport/Measure").window
     assert card.size.y < d.size[1] / 2
-    d.engine.key_chars("2.5")
+    d.engine.key_chars("abc")
+    d.keys(KEY.enter)
+    d.frames(2)
+    assert "cannot be read" in d.session.notices[-1].text
+    d.engine.key_chars("2.5")  # into the field again, whose text is selected
     d.keys(KEY.enter)
     assert d.tool() is ToolName.MEASURE
     assert d.history.entries()[-1].title == "Set scale"
