@@ -159,19 +159,30 @@ def set_scale(session: Session, metres: float) -> bool:
 
     The origin stays, so the ground stays at height 0. A unit is a metre from then on.
     """
-    lengths = reading(session).lengths
-    if not lengths:
-        raise GagaError("Click two points first: the length between them is the known one.")
-    return session.edit(lambda scene: edits.set_scale(scene, lengths[0], metres, np.zeros(3)))
+    return _set_scale(session, metres)
 
 
 @notifies
 def set_typed_scale(session: Session, typed: str) -> bool:
-    """`set_scale` by a length as it was typed: "80 cm"; a number alone is metres."""
+    """`set_scale` by a length as it was typed: "80 cm"; a number alone is metres.
+
+    The field keeps the keyboard where it is refused: letters typed next would be shortcuts.
+    """
+    points = clicked(session)
+    points.asks_length = True
     metres = metres_of(typed)
     if metres is None:
         raise GagaError(f'"{typed}" cannot be read. Type a length as 1.5 m, 80 cm, 12 in or 5 ft.')
-    return set_scale(session, metres)
+    is_new = _set_scale(session, metres)
+    points.asks_length = False
+    return is_new
+
+
+def _set_scale(session: Session, metres: float) -> bool:
+    lengths = reading(session).lengths
+    if not lengths:
+        raise GagaError("Click two points first: the length between them is the known one.")
+    return session.edit(lambda scene: edits.set_scale(scene, lengths[0], metres, np.zeros(3)))
 
 
 @notifies
