@@ -47,7 +47,10 @@ class SaveState:
     def __init__(self) -> None:
         self._content = {0: 0}  # by History.state_id
         self._newest = 0
-        self._outside = 0  # changes of what is saved but is no edit of the scene
+        self.outside = (
+            0  # number of the present bookmarks and path: saved, but no edit of the scene
+        )
+        self._newest_outside = 0
         self._saved: Content | None = (0, 0)
 
     def note(self, before: int, after: int, is_content: bool) -> None:
@@ -59,11 +62,12 @@ class SaveState:
 
     def note_outside_history(self) -> None:
         """Note a change that a save keeps and the history does not know: bookmarks, the path."""
-        self._outside += 1
+        self._newest_outside += 1
+        self.outside = self._newest_outside
 
     def content(self, state: int) -> Content:
         """Return the content of a state, and the count of changes outside the history."""
-        return self._content.get(state, 0), self._outside
+        return self._content.get(state, 0), self.outside
 
     def resume(self, contents: Sequence[int]) -> None:
         """Take ``contents`` as those of the states 0, 1, 2 and so on; they are numbered again."""
@@ -89,6 +93,7 @@ class _ViewStep:
     state: int  # of the history, in which it was made
     before: Views
     after: Views
+    contents: tuple[int, int]  # `SaveState.outside` before and after
 
 
 class ViewSteps:
@@ -106,7 +111,10 @@ class ViewSteps:
         """Note a step; the frames of a drag are one."""
         last = self._done[-1] if self._done else None
         if is_drag and last is not None and (last.title, last.state) == (step.title, step.state):
-            step = replace(step, before=self._done.pop().before)
+            first = self._done.pop()
+            step = replace(
+                step, before=first.before, contents=(first.contents[0], step.contents[1])
+            )
         self._done.append(step)
         self.forget_undone()
 
@@ -129,15 +137,17 @@ class ViewSteps:
         """Title of the step that redo does again in this state of the history; "" if none."""
         return self._undone[-1].title if self._undone and self._undone[-1].state == state else ""
 
-    def undo(self) -> Views:
-        """Take the newest step back; return what there was before it."""
+    def undo(self) -> tuple[Views, int]:
+        """Take the newest step back; return what there was before it, and its number."""
         self._undone.append(self._done.pop())
-        return self._undone[-1].before
+        step = self._undone[-1]
+        return step.before, step.contents[0]
 
-    def redo(self) -> Views:
-        """Do the step that was undone last again; return what there is after it."""
+    def redo(self) -> tuple[Views, int]:
+        """Do the step that was undone last again; return what there is after it, and its number."""
         self._done.append(self._undone.pop())
-        return self._done[-1].after
+        step = self._done[-1]
+        return step.after, step.contents[1]
 
 
 @runtime_checkable
@@ -325,9 +335,12 @@ class Document:
         after = film or before[0], before[1] if bookmarks is None else bookmarks
         if before == after:
             return
-        step = _ViewStep(title, self.history.state_id, before, after)
+        former = self.save_state.outside
+        self.save_state.note_outside_history()
+        contents = former, self.save_state.outside
+        step = _ViewStep(title, self.history.state_id, before, after, contents)
         self._views.note(step, is_drag=is_drag)
-        self._take_views(after)
+        self._take_views(after, contents[1])
 
     @property
     def undo_title(self) -> str:
@@ -343,19 +356,19 @@ class Document:
         """Take back the step of the views that is newer than the newest edit; False if none."""
         if not self._views.undo_title(self.history.state_id):
             return False
-        self._take_views(self._views.undo())
+        self._take_views(*self._views.undo())
         return True
 
     def redo_views(self) -> bool:
         """Do a step of the views again that comes before the next edit; False if none."""
         if not self._views.redo_title(self.history.state_id):
             return False
-        self._take_views(self._views.redo())
+        self._take_views(*self._views.redo())
         return True
 
-    def _take_views(self, views: Views) -> None:
+    def _take_views(self, views: Views, number: int) -> None:
         self.project.film, self.project.bookmarks = views
-        self.save_state.note_outside_history()
+        self.save_state.outside = number
 
     @property
     def cameras(self) -> tuple[Camera, ...]:

@@ -460,9 +460,12 @@ def test_undo_of_views_and_edits_goes_back_and_forth(session: Session, seed: int
         history = document.history
         return document.project.film, document.project.bookmarks, history.state_id
 
-    been, at = [now()], 0
+    been, at, saved = [now()], 0, now()
     for number in range(120):
         step = rng.integers(7)
+        if number % 30 == 20:
+            document.save_state.saved(document.save_state.content(document.history.state_id))
+            saved = now()
         if step < 2 and at > 0:
             assert document.undo_title
             session.undo()
@@ -485,6 +488,7 @@ def test_undo_of_views_and_edits_goes_back_and_forth(session: Session, seed: int
             been.append(now())
             at += 1
         assert now() == been[at]
+        assert document.unsaved == (now() != saved), "only what differs from the file is unsaved"
     while at > 0:
         session.undo()
         at -= 1
