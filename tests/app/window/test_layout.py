@@ -1405,6 +1405,43 @@ def test_a_notice_leaves_the_card_of_a_training_free_and_esc_closes_it(
     drive(walk, path=grouped_copy, size=(1280, 720))
 
 
+_LOW_SIZES = ((1280, 720), (1000, 640), (800, 500), (700, 800), (480, 500), (480, 320))
+
+
+def test_no_notice_lies_over_the_options_of_the_tool(display: str, grouped_copy: Path) -> None:
+    """It lay over the length that was to be typed again, whose letters became shortcuts."""
+    refused = '"abc" cannot be read. Type a length as 1.5 m, 80 cm, 12 in or 5 ft.'
+    saved = "Saved the film to /home/someone/films of the house/the table.mp4."
+
+    def walk(d: Driver) -> None:
+        area = d.studio.ui.area
+        clicked = measure.clicked(d.session)
+        clicked.points = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.5, 0.5, 0.0))
+        d.session.view.mode = Mode.DEPTH
+        for scale, size in product((1.0, 2.0), _LOW_SIZES):
+            settings = replace(d.session.settings, ui_scale=scale)
+            d.on_main(partial(d.session.change_settings, settings))
+            d.resize(*size)
+            for tool in (ToolName.MEASURE, ToolName.BRUSH, ToolName.COLOR):
+                d.session.tool = tool
+                for level, text in ((Level.ERROR, refused), (Level.INFO, saved)):
+                    shows = Path("/home") if level is Level.INFO else None
+                    d.session.notify(level, text, shows=shows)
+                    d.frames(6)
+                    assert area.notices, (scale, size, tool)
+                    for notice in area.notices:
+                        said = scale, size, tool, level, notice, area.options
+                        assert area.options is None or not overlap(notice, area.options), said
+                        assert notice[3] <= area.bottom + 1, said
+                    d.session.notices = ()
+                    d.frames(2)
+                if area.options is not None:
+                    assert area.head_bottom > area.options[3] + _em(d), "the mode is named below"
+
+    settings = Settings(first_steps_done=True, identities="none")
+    drive(walk, path=grouped_copy, size=(1280, 720), settings=settings)
+
+
 def _em(d: Driver) -> float:
     """Size of the letters, pixels."""
     return float(d.on_main(imgui.get_font_size))

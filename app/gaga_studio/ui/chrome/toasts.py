@@ -32,6 +32,7 @@ _OF_QUESTION = 2  # lines over its two answers
 _LOW = 14.0  # em: height of a picture of which a whole notice covers the most
 _AROUND = 5.4  # em: of a card's width, the icon, the cross and the edges
 _LEAST, _ROOM = 12.0, 6.0  # em: least width of a card, and height for one of three lines
+_LEAST_HIGH = 2.4  # em: of a card of one line
 _MOST = 4  # on screen at once, where there is room; older ones wait
 _SIGNS = {
     Level.HINT: (icons.INFO, theme.DIM),
@@ -84,13 +85,24 @@ def draw(session: Session, state: ToastState, area: PictureArea) -> None:
         left = area.left
         if area.bottom - area.live_bottom > em(_ROOM):
             at.y = max(at.y, area.live_bottom + em(0.4))
+    least, most = em(4), em(20)
+    if area.options is not None:  # next to them, or below where that has no room
+        if right - max(left, area.options[2]) - em(0.7) >= em(_LEAST):
+            left = max(left, area.options[2])
+        else:
+            at.y, least = max(at.y, area.options[3] + em(0.2)), em(_LEAST_HIGH)
+            most = min(most, area.bottom - at.y - em(0.2))
+            is_low |= most < em(_ROOM)
+            lines = most - 2 * imgui.get_style().window_padding.y
+            fitting = max(int(lines / imgui.get_text_line_height_with_spacing()), 1)
+            n_lines = min(fitting, n_lines or _LINES[0]) if is_low else 0
     width = max(min(em(24), right - left - em(0.7)), em(_LEAST))
     drawn: list[Rect] = []
     for slot, notice in enumerate(reversed(fresh[-_MOST:])):
         size = state.sizes.get(notice, ImVec2(0, 0))  # until it has been drawn
         if slot and size.x == width and at.y + size.y > area.bottom:
             break  # its buttons would be out of reach
-        highest = max(area.bottom - at.y - em(0.4), em(4)) if is_low else em(20)
+        highest = max(area.bottom - at.y - em(0.2), least) if is_low else most
         wide = min(_question_width(notice), width) if is_low and notice.otherwise else width
         place = at, ImVec2(wide, highest), n_lines
         bottom = _card(session, state, notice, slot, place)
@@ -166,7 +178,7 @@ def _card(
         widgets.text(icon, color)
         imgui.same_line()
         room, left = width - em(_AROUND), imgui.get_cursor_pos_x()
-        if is_low and notice.level in _SHORT:
+        if is_low and (notice.level in _SHORT or n_lines == 1):
             most = _OF_QUESTION if notice.otherwise else n_lines
             said = _question(notice) if notice.otherwise else notice.text
             for text in widgets.few_lines(said, room, most):
@@ -208,8 +220,9 @@ def _card(
     before = state.sizes.get(notice)
     is_cut = before is not None and before.y >= most.y - 1
     pad = imgui.get_style().window_padding
-    asks = is_low and notice.otherwise
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(pad.x, em(0.3)) if asks else pad)
+    is_tight = n_lines == 1 or (is_low and notice.otherwise)
+    inside = ImVec2(pad.x, em(0.3)) if is_tight else pad
+    imgui.push_style_var(imgui.StyleVar_.window_padding, inside)
     widgets.floating_card(f"Notice {slot}", draw, scrolls=is_cut)
     imgui.pop_style_var()
     return bottom

@@ -72,7 +72,8 @@ def draw_card(session: Session, area: PictureArea, top: float) -> float:
     is_narrow = _width(session) + em(2 * 0.7 + 2 * 0.35) > area.width
     widgets.card("Tool options", 0, lambda: _options(session, is_narrow=is_narrow))
     imgui.pop_style_var()
-    return imgui.get_item_rect_max().y + em(0.5)
+    area.options = widgets.item_rect()
+    return area.options[3] + em(0.5)
 
 
 def _width(session: Session) -> float:

@@ -12,6 +12,7 @@ from imgui_bundle import ImVec2, ImVec4, imgui
 
 from gaga_studio.ui.kit import theme
 from gaga_studio.ui.kit.number_fields import as_typed
+from gaga_studio.ui.kit.picture_area import Rect
 from gaga_studio.ui.kit.theme import em, visual
 
 T = TypeVar("T", bound=Hashable)
@@ -588,6 +589,12 @@ def card(name: str, width: float, draw: Callable[[], object]) -> None:
         draw()
     imgui.end_child()
     imgui.pop_style_color(2)
+
+
+def item_rect() -> Rect:
+    """Where the item is that was drawn last."""
+    low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+    return low.x, low.y, high.x, high.y
 
 
 def floating_card(name: str, draw: Callable[[], object], *, scrolls: bool = False) -> None:

@@ -173,6 +173,7 @@ def parts(session: Session, camera: Camera, corner: ImVec2) -> None:
 
 _WIDTH = 15.0  # of the card, em
 _LOW = 14.0  # em: in a lower picture the card has what is said neither there nor in the status bar
+_LOW_NARROW, _NARROW = 19.0, 35.0  # em: the same where notices have no room next to it
 
 
 @dataclass
@@ -193,14 +194,17 @@ def draw_marks(
     return draw_points(places, camera, corner, follows=goes_on, texts=measure.way_texts(session))
 
 
-def draw_card(session: Session, state: MeasureState, corner: ImVec2, size: ImVec2) -> None:
-    """What to click, the numbers, and the length that is known."""
+def draw_card(session: Session, state: MeasureState, at: ImVec2, size: ImVec2) -> Rect | None:
+    """What to click, the numbers, and the length that is known; returns where that stands.
+
+    ``at``: its upper left corner, in a picture of ``size``.
+    """
     if session.tool is not ToolName.MEASURE or session.document is None:
-        return
-    is_low = size.y < em(_LOW)
+        return None
+    is_low = size.y < em(_LOW if size.x >= em(_NARROW) else _LOW_NARROW)
     if is_low and not measure.reading(session).lengths:
-        return
-    imgui.set_cursor_screen_pos(ImVec2(corner.x + em(0.7), corner.y + em(0.7)))
+        return None
+    imgui.set_cursor_screen_pos(at)
     back = theme.BACK
     imgui.push_style_color(imgui.Col_.child_bg, ImVec4(back.x, back.y, back.z, 0.85))
     width = 0.0 if is_low else min(em(_WIDTH), size.x - em(1.4))
@@ -215,6 +219,7 @@ def draw_card(session: Session, state: MeasureState, corner: ImVec2, size: ImVec
         _known_length(session, state)
     imgui.end_child()
     imgui.pop_style_color()
+    return widgets.item_rect()
 
 
 def _numbers(session: Session) -> None:

@@ -385,6 +385,7 @@ class ViewportPanel:
             return
         area.left, area.top, area.width, area.height = corner.x, corner.y, size.x, size.y
         area.cube_height = gizmo.height(session, size)
+        area.options = None
         if session.shown is None:
             if session.photos is not None and session.jobs.running is None:
                 training.draw_photos(session)
@@ -608,7 +609,7 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea, mo
     """Draw over the picture: the offer of the next stage, a compared photo, a mark."""
     bar = photo_compare.bar_height(session)
     corner, size = ImVec2(area.left, area.top + bar), ImVec2(area.width, area.height - bar)
-    top, ends = corner.y + em(0.7), corner.y
+    top, ends, badge = corner.y + em(0.7), corner.y, ""
     room = size.x - gizmo.height(session, size)  # the view cube, as wide, stands at the right
     if preview_badge(session):
         top = _badge(preview_badge(session), corner, room)
@@ -619,9 +620,15 @@ def _on_the_picture(session: Session, state: PictureState, area: PictureArea, mo
         top = _badge(prompt, corner, room, align_ground.GROUND_HELP)
     elif mode is not Mode.COLOR and not bar and session.training is None:
         badge = mode_badge(session, mode)
-        top = _badge(badge, corner, room) if badge else top
-    area.head_bottom = toolbar.draw_card(session, area, top)
-    overlays.draw_card(session, state.measure, corner, size)
+    left_top = ImVec2(corner.x + em(0.7), top)
+    area.options = overlays.draw_card(session, state.measure, left_top, size)
+    if area.options is not None:
+        top = area.options[3] + em(0.5)
+    else:
+        top = toolbar.draw_card(session, area, top)
+    if badge:
+        top = _badge(badge, ImVec2(corner.x, top - em(0.7)), room)
+    area.head_bottom = top
     area.chip_bottom = max(_way_out_of_isolation(session, corner, size), ends)
     _draw_next_stage(session, state, area)
     end = training.draw_live(session, corner, size)
