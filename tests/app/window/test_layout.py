@@ -1416,7 +1416,7 @@ def test_no_notice_lies_over_the_options_of_the_tool(display: str, grouped_copy:
     def walk(d: Driver) -> None:
         area = d.studio.ui.area
         clicked = measure.clicked(d.session)
-        clicked.points = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
+        clicked.points = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.5, 0.5, 0.0))
         d.session.view.mode = Mode.DEPTH
         for scale, size in product((1.0, 2.0), _LOW_SIZES):
             settings = replace(d.session.settings, ui_scale=scale)

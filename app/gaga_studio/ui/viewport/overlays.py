@@ -173,6 +173,7 @@ def parts(session: Session, camera: Camera, corner: ImVec2) -> None:
 
 _WIDTH = 15.0  # of the card, em
 _LOW = 14.0  # em: in a lower picture the card has what is said neither there nor in the status bar
+_LOW_NARROW, _NARROW = 19.0, 35.0  # em: the same where notices have no room next to it
 
 
 @dataclass
@@ -200,7 +201,7 @@ def draw_card(session: Session, state: MeasureState, at: ImVec2, size: ImVec2) -
     """
     if session.tool is not ToolName.MEASURE or session.document is None:
         return None
-    is_low = size.y < em(_LOW)
+    is_low = size.y < em(_LOW if size.x >= em(_NARROW) else _LOW_NARROW)
     if is_low and not measure.reading(session).lengths:
         return None
     imgui.set_cursor_screen_pos(at)
