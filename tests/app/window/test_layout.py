@@ -1832,6 +1832,7 @@ def _the_card_of_an_object_stays_in_the_picture(d: Driver) -> None:
     assert picture.min.x - 1 <= card.min.x < card.max.x <= picture.max.x + 1
     assert picture.min.y - 1 <= card.min.y < card.max.y <= picture.max.y + 1
     assert card.get_width() <= 0.4 * picture.get_width() + 1, "it was as wide as the picture"
+    assert card.get_height() > 40, "the name goes on in a second line"
     d.on_main(partial(commands.run, "edit.preferences", d.session))
     d.frames(4)
     assert not _tooltip(d), "nor over a sheet"

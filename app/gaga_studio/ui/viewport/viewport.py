@@ -580,8 +580,10 @@ def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) ->
     if most - around - of_count < em(_LEAST_NAME):
         count, of_count = "", 0.0
     around += of_count
-    name = widgets.elided(table.names[row], most - around)
-    size = ImVec2(around + imgui.calc_text_size(name).x, imgui.get_text_line_height() + 2 * pad.y)
+    name = widgets.few_lines(table.names[row], most - around)
+    wide = max((imgui.calc_text_size(line).x for line in name), default=0.0)
+    high = len(name) * imgui.get_text_line_height_with_spacing() - imgui.get_style().item_spacing.y
+    size = ImVec2(around + wide, high + 2 * pad.y)
     mouse, foot = imgui.get_io().mouse_pos, min(area.bottom, area.offer_top)
     below, above = mouse.y + em(1), max(mouse.y - em(0.5) - size.y, area.top)
     places = (
@@ -598,7 +600,10 @@ def _name_under_mouse(session: Session, area: PictureArea, *, is_shown: bool) ->
     if imgui.begin_tooltip():
         widgets.text(dot, widgets.rgba(table.colors[row]))
         imgui.same_line(0, em(0.4))
-        imgui.text_unformatted(name)
+        imgui.begin_group()
+        for line in name:
+            imgui.text_unformatted(line)
+        imgui.end_group()
         if count:
             imgui.same_line()
             widgets.dim(count)
