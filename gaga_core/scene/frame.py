@@ -110,22 +110,31 @@ LENGTHS: Mapping[str, float] = {  # metres of each unit
     **{"inch": 0.0254, "inches": 0.0254, "foot": 0.3048, "feet": 0.3048},
 }
 _NUMBER = re.compile(r"([+-]?(?:[0-9]*[.,]?[0-9]+|[0-9]+[.,])(?:e[+-]?[0-9]+)?)\s*(\S*)")
+_NEXT = re.compile(r"(?<=[^\W\d])\s+(?=[0-9.,])")  # another number, behind a unit
 _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}(,[0-9]{3})+")  # or a comma for a point: not clear
 
 
 def metres_of(text: str) -> float | None:
-    """A typed length in metres: "1.5", "1,5 m", "80 cm", "12 in"; None where it is none, as 0 and
-    "1,000", which is one or a thousand."""
+    """A typed length in metres: "1.5", "1,5 m", "80 cm", "2 ft 10 in"; None where it is none, as 0
+    and "1,000", which is one or a thousand."""
     metres = number_of(text, LENGTHS)
     return metres if metres is not None and metres > 0 else None
 
 
 def number_of(text: str, units: Mapping[str, float]) -> float | None:
-    """A typed number times the factor of its unit, which may be left out: "-1.5", "1,5 m"; None
-    where it is none, its unit is not one of ``units``, or it is "1,000", which is one or a
-    thousand."""
-    found = _NUMBER.fullmatch(text.strip().lower().replace("\N{MINUS SIGN}", "-"))
-    if found is None or found[2] not in {"", *units} or _THOUSANDS.fullmatch(found[1]):
-        return None
-    number = float(found[1].replace(",", ".")) * units.get(found[2], 1.0)
-    return number if math.isfinite(number) else None
+    """A typed number times the factor of its unit, which may be left out: "-1.5", "1,5 m"; or the
+    sum of several, each with a smaller unit: "2 ft 10 in". None where it is none, a unit is not one
+    of ``units``, or it is "1,000", which is one or a thousand."""
+    total, sign, last = 0.0, 1.0, math.inf
+    texts = _NEXT.split(text.strip().lower().replace("\N{MINUS SIGN}", "-"))
+    for part in texts:
+        found = _NUMBER.fullmatch(part)
+        if found is None or found[2] not in {"", *units} or _THOUSANDS.fullmatch(found[1]):
+            return None
+        factor = units.get(found[2], 1.0)
+        if len(texts) > 1 and not (found[2] and factor < last):
+            return None
+        number, last = float(found[1].replace(",", ".")), factor
+        sign = -1.0 if part.startswith("-") else sign  # "-2 ft 10 in" is less than -2 ft
+        total += sign * abs(number) * factor
+    return total if math.isfinite(total) else None

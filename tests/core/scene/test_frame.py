@@ -144,6 +144,8 @@ def test_a_saved_project_keeps_how_the_scene_was_moved(tmp_path: Path) -> None:
         ("3 mm", 3e-3),
         ("0,125 m", 0.125),
         ("1e-2", 0.01),
+        ("2 ft 10 in", 2 * 0.3048 + 10 * 0.0254),
+        ("1m  20 cm 5mm", 1.205),
     ],
 )
 def test_a_length_is_read_with_its_unit(typed: str, metres: float) -> None:
@@ -165,6 +167,10 @@ def test_a_length_is_read_with_its_unit(typed: str, metres: float) -> None:
         "9" * 400,
         "1,000",
         "12,345 m",
+        "10 in 2 ft",
+        "2 ft 3 ft",
+        "2 ft 10",
+        "2 ft -10 in",
     ],
 )
 def test_what_is_no_length_is_none(typed: str) -> None:
