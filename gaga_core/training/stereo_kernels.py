@@ -31,7 +31,7 @@ _F = np.float32
 _LIKE = _F(-1.0 / (2 * 0.12**2))  # samples of another grey count less: they lie on another surface
 _FLAT = 2e-5  # variance under which a window has no texture
 _WORST = -1.0
-_INSIDE = 1e-3  # pixels that a whole window keeps from the rim of a picture: more than it rounds by
+_INSIDE = 1e-3  # pixels from the border of a picture to a whole window: more than it rounds by
 _FROM_NEIGHBOURS, _TURNS = 2, 5  # hypotheses of a pixel in a sweep
 _STATE = np.uint64(88172645463325252)
 
@@ -168,7 +168,7 @@ def _window(grey: FloatArray, y: int, x: int, values: FloatArray, weights: Float
             k += 1
     total = _F(0)
     for k in range(SAMPLES):
-        weights[k] = exp_below_zero(max(values[k] * values[k] * _LIKE, _F(-87)))
+        weights[k] = exp_below_zero(values[k] * values[k] * _LIKE)  # of -35 at least
         total += weights[k]
     for k in range(SAMPLES):
         weights[k] /= total
@@ -270,15 +270,18 @@ def _similarity(
     )
     right = M[s, 0, 0] + wx * t[s, 0], M[s, 1, 0] + wx * t[s, 1], M[s, 2, 0] + wx * t[s, 2]
     down = M[s, 0, 1] + wy * t[s, 0], M[s, 1, 1] + wy * t[s, 1], M[s, 2, 1] + wy * t[s, 2]
-    # Where a window leaves the picture is linear in its sample: the corners tell of all of it.
+    # Distances from the borders of the picture, times the depth: they are linear in the window, so
+    # its corners have the least and the largest.
     from_left = _room(at, right, down, 1.0, 0.0, -_INSIDE)
     from_right = _room(at, right, down, -1.0, 0.0, width - 1 - _INSIDE)
     from_top = _room(at, right, down, 0.0, 1.0, -_INSIDE)
-    from_foot = _room(at, right, down, 0.0, -1.0, height - 1 - _INSIDE)
+    from_bottom = _room(at, right, down, 0.0, -1.0, height - 1 - _INSIDE)
     front = _room(at, right, down, 0.0, 0.0, 1.0)
-    if not min(from_left[1], from_right[1], from_top[1], from_foot[1], front[1]) > 0.0:
+    if not min(from_left[1], from_right[1], from_top[1], from_bottom[1], front[1]) > 0.0:
         return _WORST
-    if not min(from_left[0], from_right[0], from_top[0], from_foot[0], front[0]) > 1e-9:
+    # Where depths of the window are alike, 32 bits round by less than `_INSIDE`.
+    is_whole = min(from_left[0], from_right[0], from_top[0], from_bottom[0]) > 1e-9
+    if not (is_whole and front[0] > 0.5 * front[1]):
         return _part_similarity(
             values, weights, middle, at, right, down, pixels, offset, width, height
         )
