@@ -393,10 +393,15 @@ def _too_few(n: int, n_files: int, n_unread: int, notes: Sequence[str]) -> str:
     )
 
 
+def plain_stem(path: Path, root: Path) -> str:
+    """The stem that `prepare_photos` gives a photo of a folder, unless another one has it."""
+    inside = path.relative_to(root).with_suffix("").as_posix()
+    return re.sub(r"[^\w.\-]+", "_", inside).strip("._") or "photo"
+
+
 def _name_of(path: Path, root: Path, taken: set[str]) -> str:
     """A file name whose stem no other photo has, ignoring the case of its letters."""
-    inside = path.relative_to(root).with_suffix("").as_posix()
-    plain = re.sub(r"[^\w.\-]+", "_", inside).strip("._") or "photo"
+    plain = plain_stem(path, root)
     stem, i = plain, 1
     while stem.lower() in taken:
         i += 1

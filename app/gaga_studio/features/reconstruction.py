@@ -1,6 +1,7 @@
 """From photos to splats: the offer, the job, its preview, and its question."""
 
 import logging
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -102,20 +103,42 @@ class PhotoFiles:
     def __init__(self) -> None:
         self.of: PhotoFind | None = None
         self.files: tuple[Path, ...] = ()
+        self.stems: tuple[str, ...] = ()  # that their cameras have; "" = shared by several
+        self.of_cameras: tuple[Camera, ...] = ()
+        self.cameras: tuple[Camera | None, ...] = ()  # of the files
 
 
 def photo_files(session: Session) -> tuple[Path, ...]:
     """Return the files of the photos that are open; none of a video, and where there are splats."""
-    from gaga_core.placing.photos import list_photos
+    from gaga_core.placing.photos import list_photos, plain_stem
 
     kept, found = session.feature(PhotoFiles), session.photos
     if kept.of is not found:
-        kept.of, kept.files = found, ()
+        kept.of, kept.files, kept.stems = found, (), ()
         if found is not None and not found.is_video:
             folders = (found.photos, found.scene / "images", found.scene)
-            listed = (list_photos(path) for path in folders if path is not None and path.is_dir())
-            kept.files = next((files for files in listed if files), ())
+            for path in folders:
+                files = list_photos(path) if path is not None and path.is_dir() else ()
+                if path is not None and files:
+                    stems = [plain_stem(file, path).lower() for file in files]
+                    n_of = Counter(stems)
+                    kept.stems = tuple(stem if n_of[stem] == 1 else "" for stem in stems)
+                    kept.files = files
+                    break
     return kept.files
+
+
+def photo_cameras(session: Session) -> tuple[Camera | None, ...]:
+    """Return the camera of each of `photo_files` while their splats are shown in training; None
+    where it is not placed, or another photo has its name."""
+    from gaga_core.placing.photos import plain_stem
+
+    files, kept, training = photo_files(session), session.feature(PhotoFiles), session.training
+    shown = training.cameras if training is not None and training.scene is not None else ()
+    if kept.of_cameras is not shown or len(kept.cameras) != len(files):
+        named = {plain_stem(Path(camera.name), Path()).lower(): camera for camera in shown}
+        kept.of_cameras, kept.cameras = shown, tuple(named.get(stem) for stem in kept.stems)
+    return kept.cameras
 
 
 class ChosenMasks:
@@ -415,7 +438,7 @@ def _points(scene: Path) -> "Gaussians | None":
 _ROUND_S = 40.0  # seconds for once around
 _LONGEST_STEP_S = 1.0  # on a slow machine it turns more slowly, and never jumps
 _REST_S = 4.0  # before it begins
-_SHARE = 0.2  # of the time that new pictures may take: the training needs the processor
+_SHARE = 0.2  # of the time, at most, for new pictures: the training needs the processor
 
 
 class Turning:
@@ -453,11 +476,11 @@ def switch_turning(session: Session) -> None:
 def tick(session: Session, dt: float, is_drawn: bool, picture_s: float) -> None:
     """Show the newest splats of a training, and turn its picture by what ``dt`` seconds make.
 
-    Both wait until the last picture ``is_drawn``, and drawing had its share of the time: it took
-    ``picture_s`` seconds, panels included. A slow machine would begin picture after picture, and
-    where the processor draws the training would go on in what is left. A move by hand ends the turn
-    (`switch_turning` goes on): the picture stays where a person turned it. It keeps to where photos
-    were taken from: around a thing at a wall it swings in front of it.
+    Both wait until the last picture ``is_drawn``, and until so long after it was begun that it took
+    `_SHARE` of the time: ``picture_s`` seconds, with the panels. On a slow machine pictures would
+    be begun and never end, and where the processor draws they would slow the training. A move by
+    hand ends the turn (`switch_turning` goes on): the picture stays where a person turned it. It
+    keeps to where photos were taken from: around a thing at a wall it swings in front of it.
     """
     training, rig, state = session.training, session.rig, session.feature(Turning)
     if training is None or not training.cameras or training.scene is None or training.is_stopped:

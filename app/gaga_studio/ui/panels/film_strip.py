@@ -3,7 +3,6 @@
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from itertools import accumulate
-from pathlib import Path
 
 from imgui_bundle import ImVec2, imgui
 
@@ -65,16 +64,13 @@ def _photos(session: Session) -> None:
         high = max(imgui.get_window_height() - bar, em(2))
         step = high * aspect + em(0.5)
         start, left = imgui.get_cursor_pos(), imgui.get_scroll_x()
-        training = session.training
-        # Splats of a training are looked at as a scene is.
-        shown = training.cameras if training is not None and training.scene is not None else ()
-        cameras = {Path(camera.name).stem: camera for camera in shown}
+        cameras = reconstruction.photo_cameras(session)
         first = max(int(left / step), 0)
         last = min(int((left + imgui.get_window_width()) / step) + 1, len(files))
         for at in range(first, last):
             imgui.set_cursor_pos(ImVec2(start.x + at * step, start.y))
             textures.place(textures.photo_file(session, files[at]), high * aspect, aspect)
-            taken_from = cameras.get(files[at].stem)
+            taken_from = cameras[at]
             hint = ""
             if taken_from is not None:
                 hint = f": {_FROM_CAMERA}"
