@@ -59,7 +59,7 @@ def test_click_selects_the_whole_object(associated: Session) -> None:
     np.testing.assert_array_equal(
         associated.selected_indices(), group_indices(associated.need().scene, group)
     )
-    assert titles(associated)[-1] == f"Select group {group}"
+    assert titles(associated)[-1] == "Select an object"  # it has no name yet
     assert associated.focus == group
 
 
@@ -434,7 +434,7 @@ def test_a_drag_of_the_handles_is_one_edit(associated: Session, name: ToolName) 
     motion = end @ np.linalg.inv(handles)
     assert tool.finish(associated)
     assert not associated.is_previewing
-    assert titles(associated)[1:] == [f"{name.title()} group {group}"]
+    assert titles(associated)[1:] == [f"{name.title()} an object"]
     wanted = start @ motion[:3, :3].T + motion[:3, 3]
     np.testing.assert_allclose(world_means(scene, splats), wanted, atol=1e-5)
     associated.undo()
