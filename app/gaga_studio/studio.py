@@ -325,7 +325,7 @@ _REST_RATE = 2.0  # frames a second while nothing happens
 _PART_S = 0.04  # of a picture that the processor draws, in one frame
 _PICTURE_SIDE = 320  # pixels: about the longest side of a picture in the recent list
 _JOB_RATE = 12.0  # while a job runs: its progress moves, and the job needs the processor
-_JOB_RATE_SOFTWARE = 4.0  # where the processor draws: a frame of 1600 x 1000 takes it 40 ms
+_JOB_RATE_SOFTWARE = 4.0  # the same where the processor draws: 1600 x 1000 take 40 ms of it
 
 
 class Studio:
@@ -476,7 +476,7 @@ class Studio:
         camera_path_actions.tick(self.session, imgui.get_io().delta_time)
         bank.tick_timeline(self.session, imgui.get_io().delta_time)
         if (viewport := self.viewport) is not None:
-            seconds = viewport.slices.whole_s
+            seconds = viewport.slices.elapsed_s
             reconstruction.tick(self.session, imgui.get_io().delta_time, viewport.settled, seconds)
         had_focus, self._has_focus = self._has_focus, not imgui.get_io().app_focus_lost
         if self._has_focus and not had_focus:

@@ -314,7 +314,8 @@ def _carved(grid: _Grid, field: FloatArray, photos: Sequence[DepthView]) -> Floa
 def _nearest(
     camera: Camera, x: DoubleArray, y: DoubleArray, z: DoubleArray
 ) -> tuple[LongArray, LongArray]:
-    """Row and column (N,) of the picture nearest to points (N,) in the camera's frame."""
+    """Row and column (N,) of the picture nearest to points (N,) before the camera (z > 0), in its
+    frame."""
     column = (x / z * camera.K[0, 0] + camera.K[0, 2]).astype(np.int64)
     row = (y / z * camera.K[1, 1] + camera.K[1, 2]).astype(np.int64)
     return np.clip(row, 0, camera.height - 1), np.clip(column, 0, camera.width - 1)

@@ -35,7 +35,7 @@ class ImportReport:
     name: str  # of the new mask folder
     folder: str
     views: tuple[str, ...]  # that have masks now
-    without: tuple[str, ...]  # photos of the scene that objects are found in and have none now
+    without: tuple[str, ...]  # train photos that have no masks now, misfits included
     unmatched: tuple[str, ...]  # masks that belong to no view
     resized: tuple[str, ...]  # views whose masks had another size (nearest neighbour)
     misfits: tuple[str, ...]  # views whose masks have another shape than the photo: left out
@@ -44,11 +44,16 @@ class ImportReport:
     def notes(self) -> list[str]:
         """Sentences for people."""
         found = [self.recognised]
+        of_them = ", those of another shape included" if self.misfits else ""
         for names, what, text in (
-            (self.unmatched, "mask", "had no photo of its name"),
-            (self.misfits, "photo", "got none, because the masks have another shape"),
+            (self.unmatched, "mask", "matched no photo by name"),
+            (
+                self.misfits,
+                "photo",
+                "got none, because the masks have another shape than the photo",
+            ),
             (self.resized, "photo", "had masks of another size, which were resized"),
-            (self.without, "photo", "got no masks"),
+            (self.without, "photo", f"got no masks{of_them}"),
         ):
             if names:
                 more = ", ..." if len(names) > _LISTED else ""

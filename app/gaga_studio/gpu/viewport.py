@@ -43,7 +43,7 @@ class Slices:
     finish: Callable[[], object]
     clock: Callable[[], float] = time.perf_counter
     seconds: float = 0.0  # of the last whole picture
-    whole_s: float = 0.0  # from its begin to its end, with what else the frames did
+    elapsed_s: float = 0.0  # from its start to its end, with all else that those frames did
     _speeds: dict[str, float] = field(default_factory=dict)  # splats a second, by kind of part
     _pixels: int = 0  # of this picture
     _spent: float = 0.0  # on this picture so far
@@ -100,7 +100,7 @@ class Slices:
         self._left_at = self.clock()
         self._spent += self._left_at - start
         if is_done:
-            self.seconds, self.whole_s = self._spent, self._left_at - self._begun_at
+            self.seconds, self.elapsed_s = self._spent, self._left_at - self._begun_at
 
 
 __all__ = ["Overlays", "Viewport"]

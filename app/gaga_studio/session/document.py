@@ -47,9 +47,8 @@ class SaveState:
     def __init__(self) -> None:
         self._content = {0: 0}  # by History.state_id
         self._newest = 0
-        self.outside = (
-            0  # number of the present bookmarks and path: saved, but no edit of the scene
-        )
+        # Number of the present bookmarks and path: a save keeps them, the history does not.
+        self.outside = 0
         self._newest_outside = 0
         self._saved: Content | None = (0, 0)
 
@@ -66,7 +65,7 @@ class SaveState:
         self.outside = self._newest_outside
 
     def content(self, state: int) -> Content:
-        """Return the content of a state, and the count of changes outside the history."""
+        """Return the content of a state, and the number of the present bookmarks and path."""
         return self._content.get(state, 0), self.outside
 
     def resume(self, contents: Sequence[int]) -> None:

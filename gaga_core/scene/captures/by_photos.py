@@ -42,7 +42,7 @@ _NOTHING_SHARED: Mapping[By, str] = {
 }
 MOST_PHOTOS = 24  # of a capture, spread over it: all pairs of both are matched
 _PHOTO_SIDE = 1600  # pixels: larger photos are shrunk
-_SCORED = 1500  # points that draws are judged by
+_SCORED = 1500  # points that draws are judged by, and all refinements but the last
 _LEAST = 6  # points: three make a similarity, and three more contradict it
 _FLAT = 1e-12  # determinant of a similarity of points on a line
 _SIDES = ("a", "b")  # folders of the photos of the two captures
@@ -202,7 +202,7 @@ def shared_of(arrays: Mapping[str, np.ndarray], posed: Mapping[str, Camera]) -> 
 def _errors(points: DoubleArray, poses: DoubleArray, seen: DoubleArray) -> DoubleArray:
     """Distance (...,) between where points (..., 3) project and where they are ``seen``; infinite
     behind the camera."""
-    # Sums of whole columns take half of the time of products of small matrices.
+    # Written out for each coordinate: einsum of small matrices takes twice the time.
     x, y, z = (points[..., k] for k in range(3))
     u, v, depth = (
         p[..., 0] * x + p[..., 1] * y + p[..., 2] * z + p[..., 3]
@@ -253,6 +253,7 @@ def align_shared_stage(shared: Shared, *, seed: int = 0, by: By = "photos") -> S
         fits = np.flatnonzero(_fit_errors(best, shared).max(axis=0) < _CONFIG.fit_error)
         if n_all < _LEAST or len(fits) < _LEAST:
             raise NotAlignedError(f"{_NOTHING_SHARED[by]} {CURES[by]}")
+        # The first turns only choose points: some of them say enough. The last one uses all.
         some = fits if turn == _TURNS - 1 else rng.permutation(fits)[:_SCORED]
         best = _refined(best, shared.take(some))
     moved = shared.points[1, fits] @ best[:3, :3].T + best[:3, 3]

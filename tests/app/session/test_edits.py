@@ -222,7 +222,7 @@ def test_an_edit_of_parts_is_called_so(associated: Session) -> None:
 
 
 def test_one_view_is_no_views(associated: Session) -> None:
-    """An object of one photo was "seen in 1 photos"."""
+    """An object of one photo was "seen in 1 views"."""
     document, group = associated.need(), objects_of(associated)[0]
     assert document.scene.bank is not None
     log = document.scene.bank.log

@@ -1418,6 +1418,7 @@ def test_no_notice_lies_over_the_options_of_the_tool(display: str, grouped_copy:
         clicked = measure.clicked(d.session)
         clicked.points = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.5, 0.5, 0.0))
         d.session.view.mode = Mode.DEPTH
+        shown = set[ToolName]()
         for scale, size in product((1.0, 2.0), _LOW_SIZES):
             settings = replace(d.session.settings, ui_scale=scale)
             d.on_main(partial(d.session.change_settings, settings))
@@ -1436,7 +1437,9 @@ def test_no_notice_lies_over_the_options_of_the_tool(display: str, grouped_copy:
                     d.session.notices = ()
                     d.frames(2)
                 if area.options is not None:
+                    shown.add(tool)
                     assert area.head_bottom > area.options[3] + _em(d), "the mode is named below"
+        assert shown == {ToolName.MEASURE, ToolName.BRUSH, ToolName.COLOR}
 
     settings = Settings(first_steps_done=True, identities="none")
     drive(walk, path=grouped_copy, size=(1280, 720), settings=settings)

@@ -25,7 +25,10 @@ _SECONDS = {
 }
 _OFFER_SECONDS = 30.0  # with a button: it must be read and found
 _CLOSED_BY_KEY = (Level.WARNING, Level.ERROR)  # Esc has another use while the others are read
-_SHORT = (Level.HINT, Level.INFO)  # in a low picture: few lines, the rest in the tooltip
+_SHORT = (
+    Level.HINT,
+    Level.INFO,
+)  # in a low picture: few lines, the rest in the tooltip; all where one fits
 _LINES = (2, 3)  # of these; where no other notice is
 _ANY_POPUP = imgui.PopupFlags_.any_popup_id | imgui.PopupFlags_.any_popup_level
 _OF_QUESTION = 2  # lines over its two answers

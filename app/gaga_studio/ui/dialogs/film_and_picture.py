@@ -128,8 +128,8 @@ def _film(session: Session, choices: FilmChoices) -> bool:
         seconds, n = _length(session, choices)
         why_not = takes = ""
         try:
-            takes = f"; takes {duration_text(_takes(session, choices))}" if n else ""
-        except GagaError as error:  # sides that no film has
+            takes = f"; takes {duration_text(_takes(session, choices))} as .mp4" if n else ""
+        except GagaError as error:  # a size that no film has
             why_not = str(error)
         kinds = ".mp4 (H.264) or .webm (VP9)"
         said = f"{seconds:.1f} seconds, {counted(n, 'picture')}{takes}; {kinds}"
@@ -164,7 +164,7 @@ def _length(session: Session, choices: FilmChoices) -> tuple[float, int]:
 
 
 def _takes(session: Session, choices: FilmChoices) -> float:
-    """Seconds until the film is written."""
+    """Seconds until the film is written as .mp4."""
     if choices.through_photos:
         config = choices.photo_config(session)
         return export.photo_film_seconds(session, config, choices.views)

@@ -21,7 +21,7 @@ class PictureArea:
     offer_top: float = float("inf")  # y of the upper edge of the offer of the next stage
     has_inspector: bool = True  # that panel is seen, too
     has_options: bool = False  # of the tool, for which the tool bar has no room
-    options: Rect | None = None  # of the tool, that are drawn over the picture
+    options: Rect | None = None  # where those of the tool lie over the picture, pixels
     head_bottom: float = 0.0  # y below what lies in the upper left corner
     chip_bottom: float = 0.0  # lower edge of the choices and of the button at its head
     card_bottom: float = 0.0  # lower edge of the card of a mask at its head; 0: it is not there

@@ -39,7 +39,7 @@ _OVERLAPS = {  # what the shares are of
 _CHOSEN_SHARE = 0.45  # of the room below the head, at most: rows are what is looked through
 _MOST_BARS = 6
 _LEAST_ROWS = 3  # of the table, below its titles
-_NARROW = 17.0  # em: a panel with three columns, its buttons and what they tell below each other
+_NARROW = 17.0  # em: a narrower panel has three columns, text and buttons one below the other
 _ROW_FLAGS = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_double_click
 
 

@@ -229,7 +229,7 @@ def _scroll(state: ObjectListState, lines: Lines, height: float) -> None:
     """Scroll to what is asked for, unless it is in view; in the next frame where rows of this
     height were not drawn yet."""
     known, line = state.pitch
-    if state.scroll_to is None or known != height:
+    if state.scroll_to is None or known != height or line <= 0:
         return
     at = _line_at(lines, state.scroll_to)
     if at is not None:
