@@ -193,8 +193,8 @@ def test_a_mesh_that_is_opened_is_called_one_and_names_the_splats_next_to_it(
     write_mesh(path, sphere, MeshFile.GLB, "cup")
     for file, cure in (
         ("groups.json", "Export the object as splats"),
-        ("a.ply", "Open a.ply next to it"),
-        ("cup.spz", "Open cup.spz next to it"),
+        ("a.ply", "Try a.ply next to it"),
+        ("cup.spz", "Try cup.spz next to it"),
     ):
         (tmp_path / file).touch()
         with pytest.raises(GagaError, match=rf"cup.glb is a mesh of triangles, .*\. {cure}"):
