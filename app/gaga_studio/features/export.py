@@ -375,6 +375,7 @@ def export_stage(
 
 WHATS: dict[Mode, FilmWhat] = {Mode.COLOR: "rgb", Mode.GROUPS: "groups", Mode.DEPTH: "depth"}
 _MODES = {what: mode for mode, what in WHATS.items()}
+_Painters = tuple[video.Painter | None, video.Painter | None]  # of a film; left of its line
 
 
 @notifies
@@ -401,14 +402,12 @@ def export_film(
     )
     return session.jobs.start(
         f"Film {target.name}",
-        _drawn(session, stage, _film_amount(session, config, target.suffix, before=before)),
+        _drawn(session, stage, _film_amount(session, config, target.suffix, (painter, left))),
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
     )
 
 
-def _painters(
-    session: Session, config: FilmConfig, *, has_earlier: bool
-) -> tuple[video.Painter | None, video.Painter | None]:
+def _painters(session: Session, config: FilmConfig, *, has_earlier: bool) -> _Painters:
     """The window's drawing of a film, and of what is left of its line; None: the rasterizer's."""
     requests = session.render_requests
     if requests is None or not requests.is_fast or max(config.video.size) > requests.max_side:
@@ -511,11 +510,7 @@ class _Amount:
         )
 
 
-def _film_amount(session: Session, config: FilmConfig, suffix: str, *, before: bool) -> _Amount:
-    has_earlier = (
-        before and config.split is not None and split_view.scene_before(session) is not None
-    )
-    painters = _painters(session, config, has_earlier=has_earlier)
+def _film_amount(session: Session, config: FilmConfig, suffix: str, painters: _Painters) -> _Amount:
     n = len(camera.path_of(session).frame_times(config.video.fps))
     n_sides = 1 if config.split is None else 2
     n_drawn = n * (n_sides - sum(one is not None for one in painters))
@@ -534,7 +529,10 @@ def _photo_film_amount(
 
 def film_seconds(session: Session, config: FilmConfig, *, before: bool = False) -> float:
     """Return the seconds that `export_film` of an .mp4 takes here."""
-    return _film_amount(session, config, ".mp4", before=before).seconds_here(session)
+    is_split = before and config.split is not None
+    has_earlier = is_split and split_view.scene_before(session) is not None
+    painters = _painters(session, config, has_earlier=has_earlier)
+    return _film_amount(session, config, ".mp4", painters).seconds_here(session)
 
 
 def photo_film_seconds(session: Session, config: PhotoFilmConfig, views: str) -> float:

@@ -54,13 +54,8 @@ from gaga_core.io.splats.spz import decode_spz_stage, turned
 from gaga_core.progress import Stage, portion
 
 MAGIC = b"glTF"
-_SPLATS_ALONE = (
-    ".ply",
-    ".splat",
-    ".spz",
-    ".sog",
-    ".ksplat",
-)  # of splats; a .ply may be a mesh, too
+# Suffixes of splats; a .ply may be a mesh, too.
+_SPLATS_ALONE = (".ply", ".splat", ".spz", ".sog", ".ksplat")
 JSON, BIN = b"JSON", b"BIN\0"  # kinds of chunks
 _HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _ASSET = {"version": "2.0", "generator": "gaga-studio"}
