@@ -53,7 +53,7 @@ _TABLE = Data("ycb_table, 8 held-out views", "yes")
 _CROWD = Data("ycb_crowd, 8 held-out views", "yes")
 _CROWD_SPEED = Data("ycb_crowd", "–")
 _DEMO = Data("demo scene, 5 held-out views", "yes")
-_FOX, _SCEAUX = Data("fox", "no"), Data("sceaux", "no")
+_FOX = Data("fox", "no")
 _GARDEN, _YCB = Data("garden", "yes"), Data("ycb_table", "yes")
 _SPLATS, _HALL = Data("generated splats", "–"), Data("generated halls of boxes, seed 0", "–")
 _SMALL = Data("generated floor of 1,728 tiles, 768 masks a view", "no")
@@ -65,10 +65,6 @@ _DETECTOR = (
     *(f"AP on unseen photos, of {k}" for k in ("photos", "data", "both")),
     "worst gain of a seed by data",
     "worst gain of a seed by both",
-)
-_SPREADS = (
-    "detector: its spread over seeds",
-    *(f"detector: spread over seeds, of {k}" for k in ("data", "both")),
 )
 _SOLIDS = ("parts", "one hull")  # of a body
 _LEFT_OF = ("fox", "demo", "tankard", "sceaux")
@@ -88,13 +84,10 @@ def _conversion(form: str) -> Row:
     return Row(said, _SPLATS, names, ("", "", "<= 0.5"))
 
 
-def _peer(name: str, data: Data) -> Iterable[Row]:
+def _peer(name: str, data: Data) -> Row:
     ours, theirs = f"peers: {name}, ours, a draft", f"peers: {name}, OpenSplat, 300 steps"
-    times = (ours, theirs, f"{theirs}, ours to theirs")
-    said = "trained on a processor: a draft here / 300 steps of OpenSplat in CPU-s / the ratio"
-    yield Row(said, data, times)
-    scores = (f"{ours}, held-out", f"{theirs}, held-out")
-    yield Row("their held-out photos: ours / OpenSplat in dB", data, scores)
+    said = "a draft here / 300 steps of OpenSplat: CPU-s, then dB of held-out photos"
+    return Row(said, data, (ours, theirs, f"{ours}, held-out", f"{theirs}, held-out"))
 
 
 def _parts(said: str, variant: str, after: str = "", bar: str = "") -> Row:
@@ -104,13 +97,14 @@ def _parts(said: str, variant: str, after: str = "", bar: str = "") -> Row:
 
 def _real(preset: str, *bars: str) -> Row:
     names = tuple(f"ycb_table: {preset}, {key.lower()}" for key in _SCORES)
-    said = "paper, labels by vote" if preset == "paper" else preset
-    return Row(said, _TABLE, names, bars, factor=100)
+    return Row(f"from masks: {preset}", _TABLE, names, bars, factor=100)
 
 
 def _objects(scene: str, on: Data, *bars: str) -> Row:
     keys = (*_SCORES, "recall at the best level")
-    return Row("whole objects", on, tuple(f"objects: {scene}, {k}" for k in keys), bars, factor=100)
+    return Row(
+        "without a model", on, tuple(f"objects: {scene}, {k}" for k in keys), bars, factor=100
+    )
 
 
 def _clicks(scene: str, on: Data) -> Row:
@@ -143,52 +137,44 @@ def _hall(boxes: int, views: int, used: str) -> Row:
 
 
 TABLES: Mapping[str, Sequence[Row]] = {
-    "Objects from masks": [
+    "Objects": [
         Row(
-            "identities: vote / refined / 2,000 steps of training, IoU",
+            "from masks, identities: vote / refined / 2,000 steps of training, IoU",
             _IDENTITY,
             tuple(
                 f"identity: held-out IoU, 6 scenes, {key}"
                 for key in ("vote", "refine", "2,000 steps from zeros")
             ),
         ),
-        _parts("paper, labels by vote", "paper, vote"),
-        _parts("robust", "robust, vote"),
-        _parts("robust less paper, worst seed", "robust over paper", ", worst seed", ">= 0"),
-        _parts("true label of every splat", "true labels"),
+        _parts("from masks: paper", "paper, vote"),
+        _parts("from masks: robust", "robust, vote"),
+        _parts(
+            "from masks: robust less paper, worst seed", "robust over paper", ", worst seed", ">= 0"
+        ),
         Row(
-            "robust, share of the IoU of true labels",
+            "from masks: robust, share of the IoU of true labels",
             _PARTS,
             ("parts: robust, IoU as a share of true labels'",),
             (">= 0.95",),
             factor=100,
         ),
+        _quality("from masks: paper", "paper"),
+        _quality("from masks: robust", "robust"),
         Row(
-            "paper, identities trained for 10,000 steps (earlier version)",
-            _PARTS,
-            once=(52.1, 76.9, 62.5),
-        ),
-        _quality("paper, labels by vote", "paper"),
-        _quality("robust", "robust"),
-        Row(
-            "robust less paper",
+            "from masks: robust less paper",
             _QUALITY,
             tuple(f"quality: robust over paper, {key}" for key in _SCORES),
             (">= 10", ">= 30", ">= 10"),
         ),
-        _quality("true label of every splat", "truth"),
         Row(
-            "paper / robust, labels by vote, IoU",
+            "from masks: paper / robust, IoU",
             _SPARSE,
             ("sparse: paper, IoU with 5 % of them", "sparse: robust, IoU with 5 % of them"),
         ),
         _real("paper"),
         _real("robust", ">= 0.9", ">= 0.8", ">= 1"),
-        Row("released, labels by vote", _TABLE, once=(94.8, 100.0, 100.0)),
-    ],
-    "Objects without a model": [
         Row(
-            "whole objects, by samples of the surface: `python -m tools.learn_objects test`",
+            "without a model, by samples of the surface: `python -m tools.learn_objects test`",
             Data("30 test scenes of scanned objects, 12 of the objects in no other scene", "no"),
             once=(88.5, 92.7, 93.9),
         ),
@@ -219,7 +205,6 @@ TABLES: Mapping[str, Sequence[Row]] = {
             factor=100,
         ),
         _clicks("ycb_crowd", Data("27 objects of ycb_crowd", "yes")),
-        _clicks("ycb_table", Data("16 objects of ycb_table", "yes")),
         _clicks("demo", Data("48 objects of the demo scene", "a quarter of them")),
         Row(
             "objects selected whole by the first click: tool Pick / Object",
@@ -228,14 +213,12 @@ TABLES: Mapping[str, Sequence[Row]] = {
             (">= 20", ">= 20"),
         ),
     ],
-    "Holes filled": [
+    "Made from objects": [
         _fill("drawn", "6 drawn scenes, seeds 216 to 221", "no"),
         _fill("demo, kept back", "5 objects of the demo scene, seeds 3 and 4", "no"),
         _fill("solids", "8 generated solids, seeds 2 and 3", "yes"),
         _fill("demo", "4 objects of the demo scene, seeds 1 and 2", "yes"),
         _fill("ycb_crowd", "5 places of ycb_crowd, seed 2", "yes"),
-    ],
-    "Labelled data": [
         Row(
             "IoU of visible labels with the truth: splats that scatter by 0, 0.3 and 1",
             _LABELLED,
@@ -243,17 +226,13 @@ TABLES: Mapping[str, Sequence[Row]] = {
             (">= 0.95", ">= 0.95", ""),
         ),
         Row(
-            "pictures with all labels: time of drawing alone",
-            Data("demo scene, 640x480", "yes"),
-            ("data: pictures with labels, times drawing alone",),
-            ("<= 1.3",),
-            "times",
-        ),
-        Row(
-            "peak memory of 800 pictures: that of 200",
-            Data("demo scene, 160x120", "no"),
-            ("data: peak memory of 800 pictures, times that of 200",),
-            ("<= 1.05",),
+            "pictures with all labels: time of drawing alone / memory of 800, to that of 200",
+            Data("demo scene", "yes"),
+            (
+                "data: pictures with labels, times drawing alone",
+                "data: peak memory of 800 pictures, times that of 200",
+            ),
+            ("<= 1.3", "<= 1.05"),
             "times",
         ),
         Row(
@@ -264,13 +243,11 @@ TABLES: Mapping[str, Sequence[Row]] = {
             ("", "", "", ">= 0", ">= 0"),
         ),
         Row(
-            "its standard deviation over 5 seeds",
-            Data("a generated scene", "number of steps alone"),
-            _SPREADS,
+            "bodies for simulators: objects found",
+            _YCB,
+            ("bodies: scanned objects found",),
+            (">= 12",),
         ),
-    ],
-    "Objects for simulators": [
-        Row("objects found", _YCB, ("bodies: scanned objects found",), (">= 12",)),
         Row(
             "Chamfer distance of the mesh to the scan where it was seen: median / worst",
             _YCB,
@@ -284,9 +261,6 @@ TABLES: Mapping[str, Sequence[Row]] = {
             ("bodies: error of mass, median",),
             ("<= 30",),
             "%",
-        ),
-        Row(
-            "share whose mass is within 30 %", _YCB, ("bodies: share with mass within 30 %",), ("",)
         ),
         Row(
             "share that 2 s later are within 5 mm and 3 degrees of where they stood, and still",
@@ -305,24 +279,13 @@ TABLES: Mapping[str, Sequence[Row]] = {
         ),
     ],
     "Photos to splats": [
-        Row("12 photos, draft at 160 pixels, PSNR", _FOX, once=(24.9,), unit="dB"),
-        Row("8 photos, the same", _SCEAUX, once=(19.1,), unit="dB"),
-        Row("12 photos, the same", _YCB, once=(25.2,), unit="dB"),
         Row(
-            "56 photos, 3,000 iterations at 320 pixels (earlier version)",
-            _YCB,
-            once=(34.5,),
-            unit="dB",
+            "draft: processor time of that before, at the same dB: fox / ycb_table / sceaux",
+            Data("fox, ycb_table, sceaux", "ycb_table"),
+            once=(0.49, 0.53, 0.53),
+            unit="times",
         ),
-        Row("draft, all photos at 640 pixels, PSNR", _FOX, once=(32.3,), unit="dB"),
-        Row(
-            "draft: processor time of that before, at the same dB", _FOX, once=(0.49,), unit="times"
-        ),
-        Row("draft: the same", _YCB, once=(0.53,), unit="times"),
-        Row("draft: the same", _SCEAUX, once=(0.53,), unit="times"),
         Row("161 photos: `standard` / `full`", _GARDEN, once=(26.8, 27.1), unit="dB"),
-        Row("half the size: classic / antialiased", _FOX, once=(25.0, 29.7), unit="dB"),
-        Row("photos placed, of 50", _FOX, once=(50,)),
         Row("placed by given poses: time of placing without them", _FOX, once=(56.0,), unit="%"),
         Row("poses 1 degree, 2 cm off: refined / true", _YCB, once=(25.1, 25.0), unit="dB"),
         Row(
@@ -395,10 +358,8 @@ TABLES: Mapping[str, Sequence[Row]] = {
             (">= 11", ">= 10"),
         ),
     ],
-    "Many objects, many views": [
-        _hall(1000, 300, "looked at"),
+    "Speed, memory, many objects": [
         _hall(4000, 1000, "no"),
-        _hall(250, 75, "yes"),
         Row(
             "4,000 to 1,000 boxes: time",
             _HALL,
@@ -447,19 +408,14 @@ TABLES: Mapping[str, Sequence[Row]] = {
             ),
             (">= -1",),
         ),
-    ],
-    "Next to other programs": [
         *(_conversion(form) for form in ("compressed .ply", ".spz", ".sog", ".glb")),
-        *(row for name, data in (("fox", _FOX), ("garden", _GARDEN)) for row in _peer(name, data)),
-    ],
-    "Speed and memory": [
+        *(_peer(name, data) for name, data in (("fox", _FOX), ("garden", _GARDEN))),
         _speed(
             "association of a view, 1M splats, 54 masks",
             "associate: a view at 1M, 54 masks, without depth",
             "<= 60",
             "CPU-ms",
         ),
-        _speed("render 1M splats, 640 x 480", "raster: 1M, 640x480, render", "", "ms"),
         _speed("error of the rasterizer", "raster: mean error against float64", "<= 1e-5"),
         _speed(
             "a pure-torch renderer, to ours",
@@ -483,12 +439,6 @@ TABLES: Mapping[str, Sequence[Row]] = {
             tuple(f"first minute: {step}" for step in _FIRST_MINUTE),
             ("<= 3", "<= 5", "<= 5", "<= 5"),
             "s",
-        ),
-        Row(
-            "the same of the processor",
-            _DEMO,
-            tuple(f"first minute: {step}, of the processor" for step in _FIRST_MINUTE),
-            unit="CPU-s",
         ),
         _speed("open 4M splats, to numpy", "open 4M against numpy's columns", "<= 1.5", "times"),
         _speed("click among 4M splats", "4M: click, CPU of all threads", "<= 50", "CPU-ms"),
@@ -539,12 +489,6 @@ TABLES: Mapping[str, Sequence[Row]] = {
             _LANDSCAPE,
         ),
         Row(
-            "`gaga run` on 60 photos of 12 Mpx, 100 iterations: peak memory",
-            _GARDEN,
-            once=(1696,),
-            unit="MiB",
-        ),
-        Row(
             "`gaga run` on 60 photos of 12 Mpx with poses, default options: peak memory",
             Data("drawn views of the demo scene", "no"),
             once=(836,),
@@ -570,7 +514,7 @@ def with_tables(page: str, record: Record) -> str:
     values = {name: value for figures in record.values() for name, value in figures.items()}
     for heading, rows in TABLES.items():
         table = _HEAD + "".join(_line(row, values) for row in rows)
-        place = re.compile(rf"(^## {re.escape(heading)}\n[^|#]*)(^\|[^\n]*\n)+", re.M)
+        place = re.compile(rf"(^## {re.escape(heading)}\n(?:(?!## |\|).*\n)*)(^\|.*\n)+", re.M)
         page, n = place.subn(lambda found, table=table: found[1] + table, page)  # type: ignore[misc]
         if n != 1:
             raise ValueError(f"{PAGE.name}: expected one table under {heading!r}, found {n}")
