@@ -64,8 +64,11 @@ def frame_selected(session: Session) -> None:
 
 
 def frame_group(session: Session, group: int) -> None:
-    """Show one object."""
-    _frame(session, group_indices(session.need().scene, group))
+    """Show one object, from a side where it is not hidden."""
+    scene = session.need().scene
+    indices = group_indices(scene, group)
+    if len(indices):
+        session.rig.focus_clearly(scene, indices)
 
 
 def focus_at(session: Session, u: float, v: float, width: int, height: int) -> bool:

@@ -6,17 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaga_core.arrays import DoubleArray
+from gaga_core.arrays import DoubleArray, IntArray
 from gaga_core.camera import Camera
 from gaga_core.scene.camera_path import Shot
 from gaga_core.scene.frame import inverse, scale_of
 from gaga_core.scene.orientation import (
     clearest_view,
+    clearest_view_of,
     common_target,
     estimate_up,
     upright_basis,
 )
 from gaga_core.scene.scene import Scene
+from gaga_core.scene.selection.bounds import object_box
 
 FLY_KEYS = frozenset("WASDQE")  # by their place on a US keyboard
 _JUMP_S = 0.35  # time of an animated jump
@@ -300,13 +302,26 @@ class CameraRig:
     def turn_to_clearest(self, scene: Scene, box: tuple[DoubleArray, DoubleArray]) -> None:
         """Look at the scene from the side that is open, of eight all around: the present one,
         unless another shows much more of its middle."""
-        turns = 2 * np.pi * np.arange(_SIDES) / _SIDES
-        poses = [replace(self.pose, yaw=self.pose.yaw + turn) for turn in turns]
-        views = []
-        for pose in poses:
-            self.pose = pose
-            views.append(self._camera(self._size))
+        poses, views = self._around(self.pose)
         self.pose = poses[clearest_view(scene, box, views)]
+
+    def focus_clearly(self, scene: Scene, indices: IntArray) -> None:
+        """Show splats (K,) from the present direction, or from the clearest of eight around them
+        where others hide them."""
+        lo, hi = object_box(scene, indices)
+        self.focus((lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2)
+        poses, views = self._around(self.goal)
+        self._jump(poses[clearest_view_of(scene, indices, views)])
+
+    def _around(self, pose: Pose) -> tuple[list[Pose], list[Camera]]:
+        """``pose`` turned about its pivot, eight times, and what each shows."""
+        turns = 2 * np.pi * np.arange(_SIDES) / _SIDES
+        poses, present = [replace(pose, yaw=pose.yaw + turn) for turn in turns], self.pose
+        views = []
+        for self.pose in poses:
+            views.append(self._camera(self._size))
+        self.pose = present
+        return poses, views
 
     def fly_from(self, start: Pose) -> None:
         """Come to the present pose from ``start``, as a jump does."""

@@ -20,6 +20,7 @@ from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.orientation import (
     clearest_view,
+    clearest_view_of,
     estimate_up,
     guess_up,
     motion_between,
@@ -27,7 +28,7 @@ from gaga_core.scene.orientation import (
     views_around,
     with_degrees,
 )
-from gaga_core.scene.scene import Scene
+from gaga_core.scene.scene import Scene, State
 from gaga_core.scene.selection.bounds import (
     main_parts,
     middle_pose,
@@ -250,3 +251,26 @@ def test_a_room_is_looked_into_and_what_stands_free_is_seen_as_it_comes(
         assert eye @ -inwards > 0.6 * np.linalg.norm(eye)
     else:
         assert chosen == 0
+
+
+@pytest.mark.parametrize("turn", [0, 3, 6])
+def test_an_object_is_looked_at_from_where_nothing_hides_it(turn: int) -> None:
+    rng = np.random.default_rng(turn)
+    ball = rng.normal(size=(300, 3))
+    ball *= 0.2 / np.linalg.norm(ball, axis=1, keepdims=True)
+    wall = rng.uniform(-1, 1, (20_000, 3)) * [0.02, 1, 1]
+    angle = 2 * np.pi * turn / 8
+    way = np.array([np.cos(angle), np.sin(angle), 0.0])  # from the ball to the wall
+    wall = wall @ np.array([way, [-way[1], way[0], 0], [0, 0, 1.0]]) + 0.6 * way
+    splats = _splats(np.concatenate([ball, wall]), float(np.log(0.02)))
+    box, up = (np.full(3, -0.5), np.full(3, 0.5)), np.array([0, 0, 1.0])
+    views = list(views_around(box, up, ((0.0, 8),), side=200, field=np.radians(50), room=1.0))
+    behind = int(np.argmax([view.position @ way for view in views]))
+    views = views[behind:] + views[:behind]  # the first has the wall before the ball
+    indices = np.arange(300, dtype=np.int32)
+    scene = Scene.of(splats)
+    chosen = clearest_view_of(scene, indices, views)
+    assert views[chosen].position @ way < 0.5
+    assert clearest_view_of(scene, indices, views[chosen:]) == 0, "what shows it stays"
+    scene.state[300:] = State.HIDDEN
+    assert clearest_view_of(scene, indices, views) == 0, "what is hidden hides nothing"
