@@ -11,14 +11,13 @@ from gaga_core.camera import Camera
 from gaga_core.scene.camera_path import Shot
 from gaga_core.scene.frame import inverse, scale_of
 from gaga_core.scene.orientation import (
-    clearest_view,
-    clearest_view_of,
     common_target,
     estimate_up,
     upright_basis,
 )
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import object_box
+from gaga_core.scene.selection.clear_view import clearest_view, clearest_view_of
 
 FLY_KEYS = frozenset("WASDQE")  # by their place on a US keyboard
 _JUMP_S = 0.35  # time of an animated jump

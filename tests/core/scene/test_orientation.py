@@ -19,8 +19,6 @@ from gaga_core.scene.export_manifest import read_manifest
 from gaga_core.scene.frame import carried_cameras
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.orientation import (
-    clearest_view,
-    clearest_view_of,
     estimate_up,
     guess_up,
     motion_between,
@@ -39,6 +37,7 @@ from gaga_core.scene.selection.bounds import (
     subject_box,
     whole_box,
 )
+from gaga_core.scene.selection.clear_view import clearest_view, clearest_view_of
 from tests.scenes import objects_scene, orbit_cameras, random_gaussians
 
 _Z_TO = {  # rotations (3, 3) that bring z to an axis
