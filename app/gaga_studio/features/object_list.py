@@ -55,8 +55,8 @@ class PartIndex:
 
     def __init__(self, scene: Scene, levels: Levels) -> None:
         self._levels, self._source = levels, scene.source
-        known = ~scene.has(State.DELETED) & (scene.source < levels.labels.shape[1])
-        rows = np.flatnonzero(known & (scene.labels > 0)).astype(np.int32)
+        self._has_levels = scene.source < levels.labels.shape[1]  # not what was added since
+        rows = np.flatnonzero(~scene.has(State.DELETED) & (scene.labels > 0)).astype(np.int32)
         rows = rows[np.argsort(scene.labels[rows], kind="stable")]
         groups, starts = np.unique(scene.labels[rows], return_index=True)
         self._rows = dict(zip(groups.tolist(), np.split(rows, starts[1:]), strict=len(groups) > 0))
@@ -67,9 +67,9 @@ class PartIndex:
         """The parts of an object (a group) or of a part, the largest first; () when it is one."""
         key = whole.key if isinstance(whole, Part) else (whole,)
         if key not in self._known:
-            rows = whole.rows if isinstance(whole, Part) else self._rows.get(whole)
+            rows = whole.rows if isinstance(whole, Part) else self._known_rows(whole)
             first = whole.level + 1 if isinstance(whole, Part) else 0
-            self._known[key] = () if rows is None else self._cut(key, rows, first)
+            self._known[key] = self._cut(key, rows, first) if len(rows) else ()
         return self._known[key]
 
     def ways(self, group: int, splat: int) -> list[tuple[str, IntArray]]:
@@ -85,21 +85,25 @@ class PartIndex:
 
     @cached_property
     def _every(self) -> IntArray:
-        """Splats (K,) of all objects, ascending."""
-        return np.sort(np.concatenate(list(self._rows.values())))
+        """Splats (K,) of all objects, ascending, that have levels."""
+        return np.sort(np.concatenate([self._known_rows(group) for group in self._rows]))
 
     def wholes(self, group: int) -> tuple[IntArray, ...]:
         """Splats (K,), ascending, of what a group is joined with, coarse to fine."""
         if group not in self._wholes:
-            own = np.sort(self._rows[group])
-            found = [own]
-            for labels in self._levels.labels[::-1]:
-                parent = int(np.bincount(labels[self._source[own]]).argmax())
+            known, found = self._known_rows(group), [np.sort(self._rows[group])]
+            for labels in self._levels.labels[::-1] if len(known) else ():
+                parent = int(np.bincount(labels[self._source[known]]).argmax())
                 rows = self._every[labels[self._source[self._every]] == parent]
                 if parent and len(rows) > len(found[0]) and np.isin(found[0], rows).mean() > 0.5:
                     found.insert(0, np.union1d(rows, found[0]).astype(np.int32))
             self._wholes[group] = tuple(found[:-1])
         return self._wholes[group]
+
+    def _known_rows(self, group: int) -> IntArray:
+        """Splats (K,) of a group that have levels."""
+        rows = self._rows.get(group, np.zeros(0, np.int32))
+        return rows[self._has_levels[rows]]
 
     def _cut(self, key: PartKey, rows: IntArray, first: int) -> tuple[Part, ...]:
         cut = parting(self._levels, self._source[rows], first)

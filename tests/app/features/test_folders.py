@@ -311,6 +311,31 @@ def test_clicks_on_one_spot_go_down_through_the_parts_and_with_alt_up(associated
     assert not object_list.click_again(associated, splat), "another object is selected"
 
 
+def test_an_object_of_splats_that_were_added_has_no_levels_to_go_through(
+    associated: Session,
+) -> None:
+    """Splats that were added after the objects were found: one object of these alone, one with
+    others."""
+    scene, document = scene_of(associated), associated.need()
+    labels = scene.labels.copy()
+    labels[-20:] = 900
+    of_two = group_indices(scene, 2)
+    half = np.where(np.isin(np.arange(len(scene)), of_two[::2]), 100, labels)[:-40]
+    labels[-40:-20] = 2
+    assert scene.bank is not None
+    levels = Levels(np.stack([labels[:-40], half]).astype(np.int32), 0)
+    document.do(edits.set_grouping(scene, labels, replace(scene.bank, levels=levels), title="x"))
+    select_groups(associated, (900,))
+    assert object_list.clicks_again(associated) == (False, False)
+    assert "Again" not in PickTool().hint(associated)
+    assert not object_list.click_again(associated, len(scene) - 1)
+    select_groups(associated, (2,))
+    assert object_list.click_again(associated, int(of_two[0]))
+    assert set(associated.selected_indices()) < set(of_two), "a part of what has levels"
+    assert object_list.click_again(associated, int(of_two[0]), up=True)
+    assert np.array_equal(associated.selected_indices(), group_indices(scene, 2)), "all again"
+
+
 @pytest.fixture
 def laid(associated: Session) -> Session:
     """3 under 2 under 1, which is in a folder."""
