@@ -1,6 +1,7 @@
 """Numba kernels: one decorator, one compile cache. Parallel work: `gaga_core.threads`."""
 
 import contextlib
+import functools
 import hashlib
 import importlib.util
 import math
@@ -140,6 +141,11 @@ def mark_compiled(part: Part = "window", step: str = "") -> None:
 
 def _stamp(part: Part, step: str) -> Path:
     """File that is there when it is compiled: named by all that numba compiles for."""
+    return Path(os.environ["NUMBA_CACHE_DIR"]) / _stamp_name(part, step)
+
+
+@functools.cache  # windows ask in every frame
+def _stamp_name(part: Part, step: str) -> str:
     parts = (_DIGEST, platform.python_version(), numba.__version__, _PROCESSOR, _FEATURES)
     name = hashlib.sha256("\n".join((*parts, step)).encode()).hexdigest()[:16]
-    return Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{part}-{name}"
+    return f"compiled-{part}-{name}"

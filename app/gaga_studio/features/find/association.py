@@ -515,9 +515,10 @@ def stage_offer(session: Session) -> StageOffer | None:
     if document is None or session.jobs.why_busy or document.read.has_groups():
         return None
     trains = lift_mode(session.settings) == "paper"
-    options = session.feature(FindState).identities.config(session.settings.preset, "paper")
-    training = training_seconds(options, session.cameras) if trains else 0.0
-    preset = session.settings.preset
+    preset, training = session.settings.preset, 0.0
+    if trains:
+        options = session.feature(FindState).identities.config(preset, "paper")
+        training = training_seconds(options, session.cameras)
     kernels_s, rates = stages.kernels_seconds("window", "grouping"), session.rates
     here = rates.of(_rate_name(preset)), kernels_s * rates.of(PREPARES)
     offer = offer_of(document.project, len(session.masks), preset, training, *here)

@@ -103,14 +103,18 @@ def _draw_next_stage(session: Session, state: PictureState, area: PictureArea) -
         return
     at = ImVec2(area.left + (area.width - width) / 2, area.bottom - em(1))
     imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0, 1))
-    widgets.card("Offer", width, lambda: _content(session, state, width, is_low=is_low))
+    widgets.card("Offer", width, lambda: _content(session, state, offer, width, is_low=is_low))
     area.offer_top = imgui.get_item_rect_min().y
 
 
-def _content(session: Session, state: PictureState, width: float, *, is_low: bool) -> None:
-    offer = association.stage_offer(session)
-    if offer is None:
-        return
+def _content(
+    session: Session,
+    state: PictureState,
+    offer: association.StageOffer,
+    width: float,
+    *,
+    is_low: bool,
+) -> None:
     padding, pad = 2 * imgui.get_style().frame_padding.x, imgui.get_style().window_padding.x
     inside = width - 2 * pad - padding - (em(1.6) if is_low else 0)  # of the cross
     texts = (offer.label, offer.short_label, offer.action)
