@@ -455,9 +455,7 @@ class Studio:
             self.session.notify(Level.HINT if is_hint else Level.ERROR, str(error))
             return
         _LOG.error("%s failed", place, exc_info=error)
-        self.session.notify(
-            Level.ERROR, f"Something went wrong in {place}; the details are in the log file."
-        )
+        self.session.notify(Level.ERROR, paths.failure(place))
 
     def _before_frame(self) -> None:
         self._guard.call("Session", self._prepare)

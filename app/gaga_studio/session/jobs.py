@@ -21,6 +21,7 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import explain_os_error
 from gaga_core.progress import RECENT_S, TELLING, Pace, Progress, Share, Stage, heard
 from gaga_studio.session.notices import Level
+from gaga_studio.system.paths import failure
 
 T = TypeVar("T")
 Notify = Callable[[Level, str], None]
@@ -270,10 +271,7 @@ class JobRunner:
                     self._failed(worker.title, str(error))
             elif error is not None:
                 _LOG.error("%s failed", worker.title, exc_info=error)
-                self._failed(
-                    worker.title,
-                    f"Something went wrong in {worker.title}; the details are in the log file.",
-                )
+                self._failed(worker.title, failure(worker.title))
             elif worker.has_value and not worker.is_cancelling:
                 self._deliver(worker)
             elif worker.says_cancelled:

@@ -86,6 +86,11 @@ def log_file() -> Path:
     return home() / "log.txt"
 
 
+def failure(place: str) -> str:
+    """The sentence on an error of the program in ``place``, which the log tells in full."""
+    return f"Something went wrong in {place}; the details are in the log file {shown(log_file())}."
+
+
 def start_log() -> Path | None:
     """Write warnings and errors to the log file from now on; None when it cannot be written."""
     path = log_file()

@@ -881,7 +881,7 @@ def test_an_error_that_leaves_something_open_is_told(
         d.until(lambda: not wanted[0], "it failed")
         d.frames(3)
         told = [notice.text for notice in d.session.notices if notice.level is Level.ERROR]
-        assert told == [f"Something went wrong in {place}; the details are in the log file."]
+        assert told == [paths.failure(place)]
         (entry,) = [r for r in caplog.records if r.levelno == logging.ERROR]
         assert entry.exc_info is not None
         assert leave_open.__name__ in caplog.text
@@ -900,7 +900,7 @@ def test_what_fails_in_an_open_menu_is_told_and_the_menu_bar_stays(
             d.engine.item_click("//##MainMenuBar/##MenuBar/Find")
             d.frames(5)
             told = [notice.text for notice in d.session.notices]
-            assert told == ["Something went wrong in Menu; the details are in the log file."]
+            assert told == [paths.failure("Menu")]
         d.keys(KEY.escape)
         d.menu("Help/###Keys and mouse")
         assert d.exists("Keys and mouse/###Close")
@@ -929,15 +929,13 @@ def test_an_error_between_two_frames_is_told_and_a_file_may_still_be_dropped(
         def fails(*_: object) -> None:
             raise RuntimeError("no")
 
+        wanted = [paths.failure(place) for place in ("Open", "Session")]
         monkeypatch.setattr(d.session, "open", fails)
         d.on_main(lambda: d.studio.window.hooks.dropped([tmp_path]))
         monkeypatch.undo()
         monkeypatch.setattr(d.session, "tick", fails)
         d.frames(4)
-        assert [notice.text for notice in d.session.notices] == [
-            f"Something went wrong in {place}; the details are in the log file."
-            for place in ("Open", "Session")
-        ]
+        assert [notice.text for notice in d.session.notices] == wanted
 
     drive(walk, may_fail=True)
 
