@@ -930,9 +930,9 @@ def test_an_error_between_two_frames_is_told_and_a_file_may_still_be_dropped(
             raise RuntimeError("no")
 
         wanted = [paths.failure(place) for place in ("Open", "Session")]
-        monkeypatch.setattr(d.session, "open", fails)
-        d.on_main(lambda: d.studio.window.hooks.dropped([tmp_path]))
-        monkeypatch.undo()
+        with monkeypatch.context() as broken:
+            broken.setattr(d.session, "open", fails)
+            d.on_main(lambda: d.studio.window.hooks.dropped([tmp_path]))
         monkeypatch.setattr(d.session, "tick", fails)
         d.frames(4)
         assert [notice.text for notice in d.session.notices] == wanted
