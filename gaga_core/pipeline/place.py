@@ -68,7 +68,7 @@ from gaga_core.placing.photos import (
 )
 from gaga_core.placing.recordings import is_recording, unpack_stage
 from gaga_core.placing.sfm import MATCH_SIDE, option, pictures_of, run_matching, run_step
-from gaga_core.placing.undistort import ORIGINALS, require_room, undistort_into
+from gaga_core.placing.undistort import ORIGINALS, require_room, undistort_into, write_upright
 from gaga_core.placing.video import (
     extract_frames,
     extract_more_frames,
@@ -76,6 +76,7 @@ from gaga_core.placing.video import (
     shows_all_directions,
 )
 from gaga_core.progress import Progress, Stage
+from gaga_core.scene.orientation import up_of_rotations, upright_basis
 from gaga_core.segmentation.models.catalogue import MATCHER
 from gaga_core.segmentation.models.weights import find_model
 
@@ -366,6 +367,10 @@ def place_photos(
         if posed is not None and not _is_by_poses(made, workspace):
             write_given(workspace, posed.names, posed.poses, refine=False)
             yield from run_step("to_given", found, workspace, config.sfm())
+        if posed is None:
+            write_upright(
+                workspace, upright_basis(up_of_rotations(made.best.facts.poses[:, :, :3]))
+            )
         backdrop = None
         if not has_masks:
             is_static = config.turntable or made.diagnosis.still

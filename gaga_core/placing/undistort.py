@@ -4,9 +4,11 @@ SCENE/images and SCENE/sparse/0 appear one after the other, the model last: it i
 step is done. Pictures that lay in SCENE/images go to SCENE/input; nothing of the user's is removed.
 """
 
+import json
 import shutil
 from pathlib import Path
 
+from gaga_core.arrays import DoubleArray
 from gaga_core.errors import GagaError
 from gaga_core.io.depth_maps import DEPTH
 from gaga_core.io.files import explain_os_error, refuse_links
@@ -15,6 +17,7 @@ from gaga_core.placing.photos import MASKS, PhotoSet
 from gaga_core.placing.sfm import SfmConfig, run_step
 from gaga_core.progress import Progress, Stage
 
+UPRIGHT = "upright.json"  # in a workspace: the turn of its model to a world whose z is up
 ORIGINALS = "input"  # folder in the scene for photos as they came (as in the original 3DGS work)
 
 
@@ -50,6 +53,11 @@ def undistort_into(
         (out / "sparse" / "0").replace(scene / "sparse" / "0")
     except OSError as error:
         raise GagaError(explain_os_error(error, scene)) from error
+
+
+def write_upright(workspace: Path, turn: DoubleArray) -> None:
+    """Write how `undistort_into` is to turn the world: a rotation (3, 3)."""
+    (workspace / UPRIGHT).write_text(json.dumps(turn.tolist()), encoding="utf-8")
 
 
 def require_room(scene: Path, replaces: Path | None, workspace: Path) -> None:

@@ -31,6 +31,7 @@ from gaga_core.io.json_file import read_json
 from gaga_core.placing.photos import DEPTH_MAPS, MASKS, prefix_of_view, turn_of_view
 from gaga_core.placing.poses import centres, moved_by, similarity_between
 from gaga_core.placing.sfm import FEW_PHOTOS, MATCH_SIDE, CameraGroup, StepSettings
+from gaga_core.placing.undistort import UPRIGHT
 
 # --- What the checks read of a model: plain arrays that the worker writes.
 
@@ -793,15 +794,24 @@ def _mapping_options(
 
 
 def _undistort(settings: StepSettings, workspace: Path) -> None:
-    """Pictures without distortion in undistorted/images, their model in undistorted/sparse/0."""
+    """Pictures without distortion in undistorted/images, their model in undistorted/sparse/0,
+    turned upright where the workspace says how."""
     out = workspace / "undistorted"
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir()
     options = pycolmap.UndistortCameraOptions()
     options.max_image_size = settings.picture_side
+    placed = workspace / "model"
+    if (workspace / UPRIGHT).is_file():
+        model = pycolmap.Reconstruction(placed)
+        turn = np.array(read_json(workspace / UPRIGHT, list[list[float]], "Run again."))
+        model.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(turn), np.zeros(3)))
+        placed = out / "upright"
+        placed.mkdir()
+        model.write(placed)
     pycolmap.undistort_images(
         out,
-        workspace / "model",
+        placed,
         Path(settings.pictures),
         undistort_options=options,
         jpeg_quality=97,

@@ -38,8 +38,13 @@ def estimate_up(cameras: Sequence[Camera]) -> DoubleArray:
     """
     if not cameras:
         return _COLMAP_UP.copy()
-    tops = np.mean([-c.cam_from_world[1, :3] for c in cameras], axis=0)
-    rights = np.stack([c.cam_from_world[0, :3] for c in cameras])
+    return up_of_rotations(np.stack([camera.cam_from_world[:3, :3] for camera in cameras]))
+
+
+def up_of_rotations(cam_from_world: DoubleArray) -> DoubleArray:
+    """`estimate_up` of cameras with these rotations (V, 3, 3)."""
+    tops = -cam_from_world[:, 1].mean(axis=0)
+    rights = cam_from_world[:, 0]
     values, vectors = (
         found[0] for found in principal_axes((rights.T @ rights)[None] / len(rights))
     )

@@ -34,6 +34,7 @@ from gaga_core.pipeline.run import missing_stages
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
+from gaga_core.scene.orientation import estimate_up
 from gaga_core.training.losses import psnr
 from gaga_core.training.views import load_views_stage
 from tests.core.conftest import PlacedRoom
@@ -72,6 +73,7 @@ def test_photos_become_a_scene_folder(made: Path) -> None:
     assert names == ["cameras.json", "gaga", "images", "input", "point_cloud.ply", "sparse"]
     folder = open_scene_folder(made)
     assert len(folder.cameras) == len(folder.image_paths) == 8
+    assert estimate_up(folder.cameras).tolist() == [0, 0, 1], "photos tell no world: z is up"
     for camera in folder.cameras:
         with Image.open(folder.image_paths[camera.name]) as image:
             assert image.size == (camera.width, camera.height)
