@@ -245,7 +245,8 @@ def _besides_grey(facts: GroupFacts, row: int) -> str:
     tells more of it; else "grey"."""
     share = dict(zip(NAMES, facts.colors[row].tolist(), strict=True))
     both = share["grey"] + share["white"]
-    if share["white"] > _WHITE * share["grey"] and both > _MOSTLY:
+    shaded = max(_WHITE * share["grey"], share["black"])  # with more black it is dark in the light
+    if share["white"] > shaded and both > _MOSTLY:
         return "white"
     hue = max(HUES, key=share.__getitem__)
     return hue if share[hue] > _BESIDES_GREY * both else "grey"

@@ -1,11 +1,13 @@
 """What groups are called that nobody has named."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gaga_core.color import dc_from_rgb
+from gaga_core.query.colors import NAMES
 from gaga_core.query.descriptions import describe_groups, shapes_of
 from gaga_core.query.group_facts import group_facts
 from gaga_core.scene import edits
@@ -72,6 +74,20 @@ def test_white_in_shade_is_white_and_a_label_tells_more_than_its_can(
     rgb = np.array([int(part[i : i + 2], 16) / 255 for i in (0, 2, 4)])
     scene.gaussians.sh[own[: round(share * len(own))], 0] = dc_from_rgb(rgb)
     assert described(scene)[1].split()[0] == word
+
+
+@pytest.mark.parametrize(("black", "word"), [(0.31, "grey"), (0.05, "white")])
+def test_grey_with_more_black_than_white_is_no_white_thing(
+    table: Scene, black: float, word: str
+) -> None:
+    """As a black suit in the light: 41 % grey, 14 % white."""
+    facts = group_facts(table, VIEWS)
+    colors = facts.colors.copy()
+    colors[1] = 0
+    for name, share in (("grey", 0.41), ("white", 0.14), ("black", black)):
+        colors[1, NAMES.index(name)] = share
+    said = describe_groups(table, replace(facts, colors=colors), VIEWS)
+    assert said[int(facts.ids[1])].split()[0] == word
 
 
 def test_of_two_alike_each_has_the_place_where_it_is_farther_out() -> None:
