@@ -421,6 +421,14 @@ def test_numbers_are_typed_read_again_and_reset(
         pose = document.selected_pose()
         assert pose is not None
         assert pose.centre[1] == pytest.approx(0.5, abs=2e-3), "a double click takes all of 0.250"
+        d.type_into("Inspector/Properties/##Position Y", "1e30")
+        d.settle()
+        far = document.selected_pose()
+        assert far is not None
+        assert 0 < far.centre[1] < 1.1e4 * session.rig.radius, "no farther than can be drawn"
+        document.undo()
+        d.settle()
+        pose = document.selected_pose()
         d.type_into("Inspector/Properties/##Position Y", "2 parsecs")
         d.settle()
         assert document.selected_pose() is pose

@@ -84,6 +84,7 @@ def test_the_palette_finds_by_any_word() -> None:
     possible = matching("split", is_available=lambda c: c.id == "camera.split_before")
     first = ["object.split", "camera.split_before"]  # the one of that name, then what can be done
     assert [c.id for c in possible[:2]] == first
+    assert matching("models...")[:1] == matching("Models…")[:1] == matching("models")[:1] != []
     assert matching("no such thing") == []
     assert len(matching("")) == len(COMMANDS)
 

@@ -282,7 +282,8 @@ def matching(
     """Commands whose title, menu or `_WORDS` have every word of ``text``: first the one of that id,
     then titles that begin with its first one, of these those in which each begins a word, then has
     a place; of equal ones those that are available."""
-    words = text.casefold().split()
+    words = [word for word in text.casefold().replace("…", " ").split() if word.strip(".")]
+    words = [word.rstrip(".") for word in words]  # as titles end that open a sheet
     found = [c for title, menu in menus.items() for c in menu if _has(words, title, c)]
     first = words[0] if words else ""
 

@@ -39,6 +39,7 @@ from gaga_studio.ui.kit.widgets import Face
 # typed.
 
 _LEAST, _MOST = 0.001, 1000.0  # scales
+_FARTHEST = 1e4  # scene radii that a typed position may be away: farther is a slip of the keyboard
 
 
 @dataclass
@@ -94,10 +95,15 @@ def _position(session: Session, state: PlacementState, start: Pose, extent: floa
     is_metric = session.need().scene.frame.is_metric
     unit = "metres" if is_metric else "scene units"
     row("Position", f"Centre of the selection, in {unit}")
-    values = axes.T @ shown.centre
+    values, begun, far = (
+        axes.T @ shown.centre,
+        axes.T @ start.centre,
+        _FARTHEST * session.rig.radius,
+    )
     for axis, letter in enumerate("XYZ"):
-        form = measure.number_format(session)
-        changed, value = number(f"Position {letter}", float(values[axis]), extent * 0.005, form)
+        form, limits = measure.number_format(session), (begun[axis] - far, begun[axis] + far)
+        now, step = float(values[axis]), extent * 0.005
+        changed, value = number(f"Position {letter}", now, step, form, limits)
         if changed:
             centre = shown.centre + axes[:, axis] * (value - float(values[axis]))
             state.target, state.verb = replace(shown, centre=centre), "Move"

@@ -607,18 +607,23 @@ class ObjectRow:
             return
         is_plain = self.name == UNASSIGNED or self.is_hidden
         color = theme.FAINT if is_plain else theme.TEXT
-        room = imgui.get_content_region_avail().x
+        room, line = imgui.get_content_region_avail().x, imgui.get_text_line_height()
+        is_low = self.height < 2 * line
         lines = [widgets.elided(self.name, room)]
         if self.is_partly_selected:
             n, of = self.rows.table.n_selected[self.row], self.rows.table.counts[self.row]
             count, share = f"{n:,} of {of:,}", f"{max(100 * n // of, 1)} %"
-            lines.append(count if imgui.calc_text_size(count).x <= room else share)
-        elif lines[0] != self.name and self.height >= 2 * imgui.get_text_line_height():
+            lines.append(count if imgui.calc_text_size(count).x <= room and not is_low else share)
+        elif lines[0] != self.name and not is_low:
             lines = widgets.few_lines(self.name, room)
-        lower(self.height, len(lines))
+        right = room - imgui.calc_text_size(lines[-1]).x  # of a low row: the share next to the name
+        if self.is_partly_selected and is_low:
+            lines[0] = widgets.elided(self.name, right - em(0.4))
+        lower(self.height, 1 if is_low else len(lines))
         top = imgui.get_cursor_pos()
         for i, text in enumerate(lines):
-            imgui.set_cursor_pos(ImVec2(top.x, top.y + i * imgui.get_text_line_height()))
+            place = ImVec2(right * i, 0) if is_low else ImVec2(0, i * line)
+            imgui.set_cursor_pos(ImVec2(top.x + place.x, top.y + place.y))
             is_count = self.is_partly_selected and i == 1
             widgets.text(text, theme.ACCENT if is_count else color)
         if " ".join(lines) != self.name and not self.is_partly_selected:
