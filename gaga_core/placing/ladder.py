@@ -217,7 +217,7 @@ def place_stage(
             _begin(folder, workspace if i == 1 else workspace / f"attempt-{i}", rung)
         else:
             reason = ""
-        label = "" if i == 0 else f"attempt {i + 1} of {len(steps)}, {state.clock()}; "
+        label = "" if i == 0 else f" (attempt {i + 1} of {len(steps)}, {state.clock()})"
         turns = state.diagnosis.still  # the attempts before said so
         config = replace(rung.config, moving_only=rung.config.moving_only or turns)
         made = _attempt(state, folder, replace(rung, config=config), reason)
@@ -288,7 +288,7 @@ class _State:
 
     def clock(self) -> str:
         """Share of the time limit that is used up."""
-        return f"{self.seconds / 60:.0f} of at most {self.minutes:.0f} min"
+        return f"after {self.seconds / 60:.0f} of {self.minutes:.0f} min at most"
 
     def reason(self) -> str:
         """Reason for another attempt."""
@@ -435,4 +435,4 @@ def _begin(folder: Path, former: Path, rung: Rung) -> None:
 
 
 def _labelled(label: str) -> Callable[[Progress], Progress]:
-    return lambda step: replace(step, message=label + step.message)
+    return lambda step: replace(step, message=step.message + label)

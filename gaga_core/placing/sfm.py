@@ -232,7 +232,7 @@ class _Listener:
             self._set(self._photos_done, self._n_photos, "photos")
         elif block := _BLOCK.search(line):
             i, n, j, m = (int(part or 1) for part in block.groups())
-            self._set((i - 1) * m + j - 1, n * m, "blocks of pairs")
+            self._set((i - 1) * m + j - 1, n * m, "groups of pairs")
         elif "what():" in line or line.startswith(("E2", "F2")):
             self.problem = line.split("]")[-1].split("what():")[-1].strip()[:150]
 
