@@ -23,7 +23,7 @@ from gaga_core.scene.object_picture import (
 )
 from gaga_core.scene.objects import ObjectTable, confidence_of_groups, group_indices
 from gaga_core.scene.scene import Scene, State
-from gaga_studio.features.base import Command, no_confidence
+from gaga_studio.features.base import Command, no_confidence, no_selection
 from gaga_studio.features.find.memory_bank import quality_column
 from gaga_studio.features.find.search import SearchState
 from gaga_studio.session.document import Document
@@ -444,7 +444,21 @@ def is_unsure(session: Session) -> bool:
     return ranges == {"confidence": (0.0, UNSURE)}
 
 
+def select_whole(session: Session) -> bool:
+    """Select what the selected object or part is a part of, as an Alt click does."""
+    return click_again(session, int(session.selected_indices()[0]), up=True)
+
+
+def _no_whole(session: Session) -> str:
+    if reason := no_selection(session):
+        return reason
+    first = int(session.selected_indices()[0])
+    is_whole = _way_from(session, first, up=True) is None
+    return "The selection is not a part of a larger object." if is_whole else ""
+
+
 COMMANDS: tuple[Command, ...] = (
+    Command("select.whole", "Select what it is a part of", select_whole, enabled=_no_whole),
     Command(
         "object.list_unsure",
         "List unsure objects only",
@@ -541,22 +555,32 @@ def click_again(session: Session, splat: int, *, up: bool = False) -> bool:
     Return whether there is one: not where the groups have no levels, and downwards not where
     something else is selected.
     """
+    found = _way_from(session, splat, up=up)
+    if found is None:
+        return False
+    title, rows = found
+    document = session.need()
+    done = document.select(rows, "set", title)
+    document.focus = int(document.scene.labels[splat])
+    return done
+
+
+def _way_from(session: Session, splat: int, *, up: bool) -> tuple[str, IntArray] | None:
+    """What `click_again` selects: the title of the step and the splats (K,)."""
     index, document = part_index(session), session.need()
     group = int(document.scene.labels[splat])
     if index is None or not group:
-        return False
+        return None
     name, ways = document.name_of(group), index.ways(group, splat)
     chosen = document.read.selected_indices()
     at = next((k for k, (_, rows) in enumerate(ways) if np.array_equal(rows, chosen)), None)
     object_at = next(k for k, (part, _) in enumerate(ways) if part == "")
     to = (object_at if at is None else at) - 1 if up else len(ways) if at is None else at + 1
     if not 0 <= to < len(ways):
-        return False
+        return None
     part, rows = ways[to]
     title = f"Select {part} of {name}" if to > object_at else f"Select {name}"
-    done = document.select(rows, "set", title if to >= object_at else f"Select more than {name}")
-    document.focus = group
-    return done
+    return title if to >= object_at else f"Select more than {name}", rows
 
 
 # --- pictures of objects

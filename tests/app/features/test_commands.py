@@ -247,6 +247,7 @@ _NEEDS_MORE = {
     "object.split_masks",
     "object.worst_view",
     "select.alike",
+    "select.whole",
     "tool.click_model",
 }
 

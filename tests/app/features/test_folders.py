@@ -307,6 +307,10 @@ def test_clicks_on_one_spot_go_down_through_the_parts_and_with_alt_up(associated
         assert selected().tolist() == wanted.tolist()
         assert document.focus == 2
     assert not object_list.click_again(associated, splat, up=True), "there is no more"
+    select_groups(associated, (2,))
+    assert commands.run("select.whole", associated), "for those whose desktop keeps Alt+click"
+    assert selected().tolist() == np.sort(np.r_[group_indices(scene, 1), rows]).tolist()
+    assert not commands.run("select.whole", associated)
     select_groups(associated, (3,))
     assert not object_list.click_again(associated, splat), "another object is selected"
 

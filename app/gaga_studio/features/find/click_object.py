@@ -239,7 +239,7 @@ def prompt(session: Session) -> str:
         return "The model segments it from several views. Keep clicking, or press Esc to clear."
     if not is_clicking(session):
         return "Click an object, or drag a box around it. Middle drag orbits."
-    return "Click adds, Alt click takes away. Enter makes it an object, Esc clears."
+    return "Click adds, Ctrl click takes away. Enter makes it an object, Esc clears."
 
 
 def waiting(session: Session) -> list["Click"]:

@@ -73,6 +73,7 @@ _WORDS = {
     "select.none": "deselect unselect clear",
     "select.invert": "inverse",
     "select.grow": "expand more larger",
+    "select.whole": "alt click up level coarser whole",
     "select.shrink": "contract less smaller",
     "select.alike": "similar same color colour",
     "object.masks": "segment",
