@@ -909,6 +909,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _buttons_of_sheets(d)
         _find_menu(d)
         _numbers_of_an_object(d)
+        _photos_of_a_narrow_panel(d)
         _names_in_the_memory_bank(d)
         _stacked_notices(d)
         _what_lies_over_the_picture(d)
@@ -1202,6 +1203,18 @@ def _numbers_of_an_object(d: Driver) -> None:
         patch.setattr(imgui, "collapsing_header", partial(header, imgui.collapsing_header))
         d.frames(2)
     assert not cut
+
+
+def _photos_of_a_narrow_panel(d: Driver) -> None:
+    """One and a third were seen over an empty half of the panel."""
+    d.focus("Views")
+    d.on_main(partial(camera.go_to_view, d.session, 0))
+    d.settle()
+    names = [f"View {one.name}" for one in d.session.cameras[:4]]
+    seen = [d.engine.item_info(f"//**/{name}").rect_full for name in names]
+    assert seen[0].min.y == seen[1].min.y < seen[2].min.y == seen[3].min.y
+    assert all(one.get_width() > theme.em(3) for one in seen)
+    assert seen[0].max.x < seen[1].min.x
 
 
 def _names_in_the_memory_bank(d: Driver) -> None:

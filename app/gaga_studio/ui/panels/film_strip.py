@@ -15,6 +15,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.theme import em
 
+_NARROW = 1.5  # times its height: the photos of a panel so wide are rows below one another
 _FROM_CAMERA = "click to view the scene from this camera"
 
 
@@ -36,14 +37,17 @@ def draw(session: Session, state: FilmStripState) -> None:
         else:
             widgets.empty_state(icons.IMAGES, "No photos", what)
         return
-    height = imgui.get_content_region_avail().y
+    room = imgui.get_content_region_avail()
+    is_narrow = room.x < _NARROW * room.y
     imgui.begin_group()
-    _head(session, state)
+    _head(session, state, is_narrow=is_narrow)
     imgui.end_group()
-    imgui.same_line(0, em(0.8))
-    flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
-    if imgui.begin_child("Strip", ImVec2(0, height), imgui.ChildFlags_.none, flags):
-        _strip(session, document, state)
+    flags = imgui.WindowFlags_.none
+    if not is_narrow:
+        imgui.same_line(0, em(0.8))
+        flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+    if imgui.begin_child("Strip", ImVec2(0, 0), imgui.ChildFlags_.none, flags):
+        (_grid if is_narrow else _strip)(session, document, state)
     imgui.end_child()
 
 
@@ -83,12 +87,20 @@ def _photos(session: Session) -> None:
     imgui.end_child()
 
 
-def _head(session: Session, state: FilmStripState) -> None:
-    """Left of the photos: how many there are, and whether masks are shown over them."""
+def _head(session: Session, state: FilmStripState, *, is_narrow: bool) -> None:
+    """Left of the photos, or above them: how many there are, and whether masks are shown over
+    them."""
     folder = session.project.folder if session.project is not None else None
     n_test = len(folder.test) if folder is not None else 0
+    use = f"{n_test} for testing" if n_test else "all for training"
+    if is_narrow:
+        imgui.align_text_to_frame_padding()
     imgui.text_unformatted(counted(len(session.cameras), "photo"))
-    widgets.dim(f"{n_test} for testing" if n_test else "all for training")
+    if is_narrow:
+        widgets.tooltip(use)
+        imgui.same_line(0, em(0.8))
+    else:
+        widgets.dim(use)
     why_not = "" if len(session.masks) else "There are no masks here."
     hint = "Show the masks over the photos"
     label = f"{icons.MASK}  Masks###Masks"
@@ -119,6 +131,29 @@ def _strip(session: Session, document: Document, state: FilmStripState) -> None:
         size = ImVec2(widths[index], height)
         _thumbnail(session, document, state, index, size, is_active=index == in_view)
     imgui.set_cursor_pos(ImVec2(start.x + ends[-1] - gap, start.y + height))
+    imgui.dummy(ImVec2(1, 1))
+
+
+def _grid(session: Session, document: Document, state: FilmStripState) -> None:
+    """Two photos in a row; only the rows in sight are drawn and loaded."""
+    gap, start, width = em(0.5), imgui.get_cursor_pos(), imgui.get_content_region_avail().x
+    cell = (width - gap) / 2
+    narrowest = min(camera.width / camera.height for camera in session.cameras)
+    high = min(cell / narrowest, max(imgui.get_window_height() - em(1.3) - gap, em(3)))
+    step, n = high + em(1.3) + gap, len(session.cameras)
+    active = session.active_view
+    if active is not None and active != state.seen and active < n:
+        state.seen = active
+        imgui.set_scroll_y(max(active // 2 * step - (imgui.get_window_height() - step) / 2, 0.0))
+    in_view, first = split_view.photo_in_view(session), int(imgui.get_scroll_y() / step)
+    last = int((imgui.get_scroll_y() + imgui.get_window_height()) / step) + 1
+    for index in range(2 * first, min(2 * last, n)):
+        aspect = session.cameras[index].width / session.cameras[index].height
+        size = ImVec2(min(cell, high * aspect), min(high, cell / aspect))
+        x = index % 2 * (cell + gap) + (cell - size.x) / 2
+        imgui.set_cursor_pos(ImVec2(start.x + x, start.y + index // 2 * step))
+        _thumbnail(session, document, state, index, size, is_active=index == in_view)
+    imgui.set_cursor_pos(ImVec2(start.x, start.y + -(-n // 2) * step - gap))
     imgui.dummy(ImVec2(1, 1))
 
 
