@@ -168,7 +168,7 @@ class Lines:
     groups: tuple[int, ...]  # of each line; -1 where it is no object
     shown: tuple[int, ...]  # groups of the lines of objects
     depth: int  # of the deepest line
-    n_background: int
+    background: tuple[int, ...]  # groups in the background, whether they are folded or not
     n_kept: int  # objects that the filter keeps
 
 
@@ -250,7 +250,7 @@ def lines_of(listing: Listing, view: ObjectListView) -> Lines:
     """
     maker = _LineMaker(listing, view)
     maker.folder("", 0)
-    n_background = maker.background()
+    background = maker.background()
     lines = tuple(maker.lines)
     ids = listing.table.ids
     groups = tuple(int(ids[x.row]) if x.kind == "object" else -1 for x in lines)
@@ -260,7 +260,7 @@ def lines_of(listing: Listing, view: ObjectListView) -> Lines:
         groups,
         tuple(group for group in groups if group >= 0),
         max((line.depth for line in lines), default=0),
-        n_background,
+        background,
         int(np.count_nonzero(ids > 0) if kept is None else np.count_nonzero(kept)),
     )
 
@@ -316,16 +316,17 @@ class _LineMaker:
         for row in self._inside.get(path, ()):
             self._object(row, depth, path)
 
-    def background(self) -> int:
-        """Lines of the background and of what is in no group; how many are background."""
+    def background(self) -> tuple[int, ...]:
+        """Lines of the background and of what is in no group; the groups of the background."""
         if self._behind:
             self.lines.append(Line("background"))
-            for row in self._behind:
-                if int(self._listing.table.ids[row]) not in self._listing.folded:
-                    self._object(row, 0, "")
+        groups = tuple(int(self._listing.table.ids[row]) for row in self._behind)
+        for row, group in zip(self._behind, groups, strict=True):
+            if group not in self._listing.folded:
+                self._object(row, 0, "")
         for row in self._rest:
             self._object(row, 0, "")
-        return len(self._behind)
+        return groups
 
     def _object(self, row: int, depth: int, folder: str) -> None:
         """Lines of an object and of all objects under it: not recursive, chains may be long."""

@@ -202,7 +202,7 @@ _PRECISION = {
         "256, opacities and rotations to 8 bits, and SH to the nearest of a palette."
     ),
     SplatFormat.SPZ: (
-        "All numbers are rounded: positions to {step:.2g} scene units, sizes to 3 percent, colors "
+        "All numbers are rounded: positions to {step:.2g} {units}, sizes to 3 percent, colors "
         "and opacities to 8 bits, SH to 5 bits or 4."
     ),
 }
@@ -226,7 +226,9 @@ def _losses(gaussians: Gaussians, form: SplatFormat) -> Iterator[str]:
     if form is SplatFormat.HTML:
         yield "No program opens a page as splats again: keep the scene itself, too."
     if form in _PRECISION:
-        yield _PRECISION[form].format(step=2.0 ** -fraction_bits(gaussians.means))
+        units = "metres" if gaussians.is_metric else "scene units"
+        step = 2.0 ** -fraction_bits(gaussians.means)
+        yield _PRECISION[form].format(step=step, units=units)
     degree = gaussians.sh_degree
     if form is SplatFormat.SPLAT and degree:
         yield f"The view-dependent color (SH of degree {degree}) is left out."

@@ -407,7 +407,7 @@ def test_an_object_that_others_lie_under_is_no_background(laid: Session) -> None
     table, view = laid.objects(), laid.need().feature(ObjectListView)
     for behind in (frozenset({1, 4}), frozenset({1, 2, 4})):
         lines = lines_of(_listing(laid, behind=behind), view)
-        assert lines.n_background == 1
+        assert lines.background == (4,)
         shown = [int(table.ids[x.row]) for x in lines.lines if x.kind == "object"]
         assert {1, 2, 3} <= set(shown)
         assert 4 not in shown, "folded"

@@ -68,6 +68,14 @@ def test_a_glb_keeps_every_number(tmp_path: Path, degree: int) -> None:
     )
 
 
+@pytest.mark.parametrize(("is_metric", "said"), [(False, "scene units"), (True, "metres")])
+def test_the_precision_of_positions_is_told_in_the_unit_of_the_file(
+    is_metric: bool, said: str
+) -> None:
+    splats = random_gaussians(10).with_metres(is_metric)
+    assert f" {said}, sizes" in losses(splats, SplatFormat.SPZ)[0]
+
+
 def test_a_glb_of_another_program_is_placed_by_its_nodes(tmp_path: Path) -> None:
     """Two meshes: one turned and doubled by its node, one under a parent that moves it."""
     g = random_gaussians(30, seed=1, sh_degree=1)

@@ -47,7 +47,7 @@ class ObjectListState:
     was_row_hovered: bool = False
     scroll_to: int | str | None = None  # group or folder to scroll to
     last_selected: tuple[int, ...] = ()
-    n_background: int = -1  # objects in the background, as drawn last; -1: not drawn yet
+    background: tuple[int, ...] = (-1,)  # groups that were drawn there last; -1: not drawn yet
     pitch: tuple[float, float] = (0.0, 0.0)  # height of a row, and from one to the next as drawn
 
 
@@ -134,8 +134,8 @@ def _list(
     measured = memory_bank.quality_column(session, table)
     _follow_selection(session, document, state)  # its folder opens before there are lines
     lines = object_list.lines(session, table, *state.sort, state.rows.renaming)
-    if lines.n_background != state.n_background:  # rows went there: names are found after opening
-        state.n_background = lines.n_background
+    if lines.background != state.background:  # rows went there: names are found after opening
+        state.background = lines.background
         state.scroll_to = state.scroll_to or next(iter(session.selected_groups()), None)
     height = row_kinds.height(imgui.get_content_region_avail().y)
     parts = object_list.part_index(session)
@@ -179,7 +179,7 @@ def _draw_lines(rows: Rows, lines: Lines, renamed: int | None) -> float:
             elif line.part is not None:
                 PartRow(rows, line, line.part).draw()
             else:
-                _background_row(rows.session, lines.n_background, rows.columns.height)
+                _background_row(rows.session, len(lines.background), rows.columns.height)
     clipper.end()
     return clipper.items_height
 
