@@ -163,19 +163,21 @@ def describe(path: Path) -> "Stage[dict[str, object]]":
     import numpy as np
 
     from gaga_core.pipeline.search import list_objects
+    from gaga_core.scene.frame import lengths_text, scale_of
     from gaga_core.scene.project import open_path_stage
 
     project = yield from open_path_stage(path)
     scene, gaussians = project.scene, project.scene.gaussians
     # Outliers far away are common; percentiles say how large the scene is to a person.
     low, high = np.percentile(gaussians.means, [1, 99], axis=0)
+    sides = (scale_of(scene.frame.world) * (high - low)).tolist()
     values: dict[str, object] = {
         "model": str(project.model_path),
         "gaussians": len(gaussians),
         "visible": int(scene.visible.sum()),
         "sh_degree": gaussians.sh_degree,
         "look": "antialiased" if gaussians.is_antialiased else "classic",
-        "size": " x ".join(f"{v:.3g}" for v in high - low) + " scene units",
+        "size": lengths_text(sides, is_metric=scene.frame.is_metric),
         "extra_columns": [name for name in gaussians.extra if name not in ("nx", "ny", "nz")],
     }
     folder = project.folder
