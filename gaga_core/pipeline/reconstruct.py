@@ -5,8 +5,10 @@ on them. What is finished of a run that was stopped lies in SCENE/.gaga-reconstr
 the next time; when the scene is complete, that folder is gone.
 """
 
+import itertools
 import json
 import os
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -499,6 +501,29 @@ def look_at_photos(path: Path) -> PhotoFind | None:
         is_it = scene.absolute() == path.absolute()
         return None if is_it else PhotoFind(outside, scene, 0, (1, 1))
     return _photos_of(outside, scene)
+
+
+def photos_again(scene: Path) -> PhotoFind | None:
+    """What the photos of a finished ``scene`` have to make another scene of, in a new folder next
+    to it: those that it was made of, where they are still there, else its own. None without any."""
+    entry = read_entry(scene).get("sfm")
+    known = entry.get("source") if isinstance(entry, dict) else None
+    is_there = isinstance(known, str) and Path(known).exists()
+    source = Path(str(known)) if is_there else find_photos(scene)
+    if source is None:
+        return None
+    name = re.sub(r"-\d+$", "", scene.name)
+    tries = (scene.with_name(f"{name}-{i}") for i in itertools.count(2))
+    return _photos_of(source, next(path for path in tries if not path.exists()))
+
+
+def photos_since(scene: Path, photos: Path) -> int:
+    """How many of the ``photos`` of a folder are not among those that ``scene`` was made of."""
+    entry = read_entry(scene).get("sfm")
+    names = entry.get("names") if isinstance(entry, dict) else None
+    if not isinstance(names, list) or not photos.is_dir():
+        return 0
+    return max(len(list_photos(photos)) - len(names), 0)
 
 
 def stopped_training(scene: Path) -> PhotoFind | None:

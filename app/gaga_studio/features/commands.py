@@ -139,10 +139,11 @@ _ALL = (
 _BY_ID = {command.id: command for command in _ALL}
 _ORDER = {
     "File": """file.open_photos file.open_folder file.open_file file.saved_project file.make_splats
-        file.make_splats_as file.go_on_training file.add_splats file.add_scene file.demo file.save
-        file.save_as file.export_scene file.export_page file.export_selected file.export_objects
-        file.export_meshes file.export_simulation file.export_cameras file.export_masks
-        file.dataset file.save_script file.save_picture file.close file.quit""",
+        file.make_splats_as file.make_again file.go_on_training file.add_splats file.add_scene
+        file.demo file.save file.save_as file.export_scene file.export_page
+        file.export_selected file.export_objects file.export_meshes file.export_simulation
+        file.export_cameras file.export_masks file.dataset file.save_script file.save_picture
+        file.close file.quit""",
     "Edit": """edit.undo edit.redo edit.recolor edit.duplicate edit.duplicate_and_move
         edit.delete edit.mirror_x edit.mirror_y edit.mirror_z edit.reduce edit.delete_floaters
         edit.confirm edit.cancel edit.preferences""",

@@ -307,6 +307,30 @@ def go_on(session: Session) -> None:
     session.pending_question = choose_one(text, {"Go on": start})
 
 
+def why_not_again(session: Session) -> str:
+    """Return why no other splats can be made of the photos of the open scene; "" when they can."""
+    folder = session.project.folder if session.project is not None else None
+    if folder is None or not folder.image_paths:
+        return "No scene with photos is open."
+    return busy(session)
+
+
+@notifies
+def make_again(session: Session) -> None:
+    """Close the scene, and ask how splats are to be made of its photos, in another folder."""
+    from gaga_core.pipeline.reconstruct import photos_again
+
+    folder = session.need().project.folder
+    found = photos_again(folder.root) if folder is not None else None
+    if found is None:
+        raise GagaError("The photos of this scene are gone.")
+
+    def choose() -> None:
+        session.request = Request.MAKE_SPLATS
+
+    session.leave_for(found, "before splats are made again", choose)
+
+
 def _say_where(session: Session, aside: Path) -> None:
     """Tell where the objects of former splats are, if any were set ``aside``."""
     is_saved = meant_in(aside) is not None  # with the splats that it opens with
@@ -585,6 +609,7 @@ COMMANDS: tuple[Command, ...] = (
         enabled=why_not_go_on,
         describe=go_on_title,
     ),
+    Command("file.make_again", "Make splats again…", make_again, enabled=why_not_again),
     Command(
         "view.turn_in_training", "Turn the picture while training", switch_turning, is_on=turns
     ),

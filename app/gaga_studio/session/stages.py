@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, counted
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.demo_scene import ensure_demo
 from gaga_core.io.folder.scene_folder import find_model
@@ -44,6 +44,21 @@ def open_stage(path: Path) -> "Stage[Project | PhotoFind]":
     if found is not None and find_model(found.scene) is None:
         return found
     return (yield from open_path_stage(found.scene if found is not None else path))
+
+
+def said_of_photos(project: Project, path: Path) -> str:
+    """A sentence where ``path`` are photos, of which the scene ``project`` was made before; else
+    ""."""
+    from gaga_core.pipeline.reconstruct import photos_since
+    from gaga_core.placing.photos import is_video
+
+    folder = project.folder
+    is_photos = path.is_dir() or is_video(path)
+    if folder is None or not is_photos or path.absolute() == folder.root.absolute():
+        return ""
+    n_new = photos_since(folder.root, path)
+    new = f" {counted(n_new, 'photo')} of the folder came since." if n_new else ""
+    return f"This is the scene that was made of {path.name}.{new}"
 
 
 def kernels_stage(rates: KnownRates, *parts: "Part") -> Stage[None]:

@@ -11,7 +11,7 @@ import pytest
 
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras.transforms_json import write_transforms_json
-from gaga_core.io.folder.scene_folder import World, known_world, write_world
+from gaga_core.io.folder.scene_folder import World, find_model, known_world, write_world
 from gaga_core.io.images import write_rgb
 from gaga_core.pipeline.reconstruct import SURFACES, look_at_photos, reconstruct_scene
 from gaga_core.pipeline.settings import ReconstructConfig
@@ -23,7 +23,7 @@ from gaga_studio.features import objects, reconstruction
 from gaga_studio.features.commands import command, run
 from gaga_studio.features.find import association
 from gaga_studio.features.reconstruction import ReconstructionPlan
-from gaga_studio.session.notices import Level
+from gaga_studio.session.notices import Level, Request
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, TrainingUpdate, smoothed
 from tests.core.placing.photo_scenes import write_photos
@@ -92,6 +92,18 @@ def test_photos_alone_become_an_open_scene(
     assert "no masks" in offer.reason
     opened(session, tmp_path / "shots")  # again: what was made of them
     assert session.scene is not None
+    first = min((tmp_path / "shots").iterdir())
+    shutil.copy(first, first.with_stem("new"))
+    opened(session, tmp_path / "shots")
+    told = session.notices[-1]
+    assert told.text.endswith("1 photo of the folder came since.")
+    assert run(told.command, session), "they can be used again, in a folder of their own"
+    assert (session.document, session.request) == (None, Request.MAKE_SPLATS)
+    again = session.photos
+    assert again is not None
+    assert (again.n_photos, again.is_placed) == (7, False)
+    assert again.scene == tmp_path / "shots-scene-2"
+    assert find_model(found.scene) is not None, "the former scene stays"
 
 
 def test_splats_are_shown_while_they_train_and_a_cancelled_training_goes_on(
