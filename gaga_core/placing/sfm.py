@@ -36,10 +36,26 @@ IN_WINDOW = {
 }
 
 
+QUALITIES = {"draft": "Quick look", "standard": "Good", "full": "Best"}  # names in the window
+
+
 def option(name: str, value: str = "") -> str:
     """``name`` with its control: "--quality standard (Quality in the window's settings)"."""
     shown = f"{name} {value}".strip()
     return f"{shown} ({IN_WINDOW[name]} in the window's settings)"
+
+
+def in_window(text: str) -> str:
+    """A message as the window says it: "Quality: Best in Settings" for an `option`."""
+
+    def control(found: re.Match[str]) -> str:
+        value, name = found[1], found[2]
+        return (
+            f"{name}: {QUALITIES.get(value, value)} in Settings" if value else f"{name} in Settings"
+        )
+
+    text = re.sub(r"--[a-z-]+(?: (\S+))? \(([^()]*) in the window's settings\)", control, text)
+    return re.sub(r"gaga models get (\S+) \(Models in the window\)", r"\1, in Find, Models", text)
 
 
 TITLES = {

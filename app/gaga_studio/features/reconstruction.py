@@ -186,6 +186,7 @@ def make(
         return
     plan = plan or plan_of(found)
     from gaga_core.pipeline.reconstruct import Estimate
+    from gaga_core.placing.sfm import in_window
 
     stopped = session.training
     training = TrainingPreview(found.name, plan.config.train().iterations)
@@ -207,7 +208,7 @@ def make(
             placed = payload.placement
             for note in payload.notes:
                 is_told = placed is not None and note in placed.told
-                session.notify(Level.INFO if is_told else Level.WARNING, note)
+                session.notify(Level.INFO if is_told else Level.WARNING, in_window(note))
 
     def done(result: "Reconstruction | _Refused") -> None:
         if isinstance(result, _Refused):
@@ -378,11 +379,13 @@ def keep_stopped(session: Session) -> None:
 
 
 def _ask(session: Session, plan: ReconstructionPlan, finding: str) -> None:
+    from gaga_core.placing.sfm import in_window
+
     def chosen(choice: str) -> None:
         if choice == _ANYWAY:
             make(session, replace(plan, config=replace(plan.config, accept_wrong=True)))
 
-    session.pending_question = UserQuestion(finding, (_ANYWAY, _STOP), chosen)
+    session.pending_question = UserQuestion(in_window(finding), (_ANYWAY, _STOP), chosen)
 
 
 @notifies
@@ -395,6 +398,22 @@ def _look_again(session: Session, scene: Path) -> None:
 
 
 def _stage(
+    found: "PhotoFind",
+    plan: ReconstructionPlan,
+    estimate: "Estimate",
+    former: TrainingUpdate | None,
+) -> "Stage[Reconstruction | _Refused]":
+    """`_splats_stage`, whose errors name the window's controls."""
+    from gaga_core.placing.sfm import in_window
+
+    try:
+        return (yield from _splats_stage(found, plan, estimate, former))
+    except GagaError as error:
+        error.args = (in_window(str(error)),)
+        raise
+
+
+def _splats_stage(
     found: "PhotoFind",
     plan: ReconstructionPlan,
     estimate: "Estimate",

@@ -299,7 +299,8 @@ def test_a_wrong_model_is_a_question_and_can_be_used_anyway(
     question = session.pending_question
     assert question is not None
     assert "focal length ran away" in question.text
-    assert "--accept-wrong" not in question.text
+    assert "window" not in question.text, "it names the window's own controls"
+    assert "Minutes for placing in Settings gives more" in question.text
     assert session.photos is not None
     session.answer("Use it anyway")
     assert session.jobs.wait(300)

@@ -22,7 +22,7 @@ from gaga_core.placing.photos import (
     prepare_photos,
     turn_of_view,
 )
-from gaga_core.placing.sfm import SfmConfig
+from gaga_core.placing.sfm import SfmConfig, in_window, option
 from gaga_core.placing.worker import similar_pairs
 from gaga_core.progress import Progress, run_stage
 from tests.captures.placing import off_after_alignment
@@ -194,3 +194,8 @@ def test_the_last_digits_of_a_model_are_dropped(
     for model in models:
         _round(model)
     assert numbers(models[0]) == numbers(models[1])
+
+
+def test_the_window_names_its_own_controls() -> None:
+    said = f"Try {option('--quality', 'full')}, or {option('--focal')}."
+    assert in_window(said) == "Try Quality: Best in Settings, or Focal length, pixels in Settings."

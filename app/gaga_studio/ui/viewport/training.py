@@ -162,9 +162,9 @@ def _ring(placement: "PlacementReport") -> None:
 
 SHEET = "Make splats"
 _QUALITIES = (
-    ("draft", "Quick look", "Draft: enough to find objects in"),
-    ("standard", "Good", "Standard: a good picture"),
-    ("full", "Best", "Full: the published schedule, for a graphics card or a night"),
+    ("draft", "Draft: enough to find objects in"),
+    ("standard", "Standard: a good picture"),
+    ("full", "Full: the published schedule, for a graphics card or a night"),
 )
 
 
@@ -403,8 +403,11 @@ def _photo_row(session: Session, found: "PhotoFind") -> None:
 def _fields(
     session: Session, held: PlanSheet, plan: ReconstructionPlan, found: "PhotoFind"
 ) -> ReconstructionPlan:
+    from gaga_core.placing.sfm import QUALITIES
+
     config, choices = plan.config, []
-    for name, title, hint in _QUALITIES:
+    for name, hint in _QUALITIES:
+        title = QUALITIES[name]
         other = plan if name == config.quality else reconstruction.plan_with(plan, "quality", name)
         seconds = reconstruction.seconds_of(session, found, other)
         took = association.duration_text(seconds).removeprefix("about ")
@@ -412,7 +415,7 @@ def _fields(
     chosen = widgets.segmented("Quality", choices, config.quality, why_not={}, wraps=True)
     if chosen != config.quality:
         plan = reconstruction.plan_with(plan, "quality", chosen)
-    widgets.dim(next(text for name, _, text in _QUALITIES if name == chosen), wrap=True)
+    widgets.dim(dict(_QUALITIES)[chosen], wrap=True)
     held.shows_more = widgets.section("More", held.shows_more)
     if not held.shows_more:
         return plan
