@@ -12,19 +12,12 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast, get_args
 
+from gaga_core.cache_folder import user_cache
+
 _GROUP = "gaga_core.kernels"  # entry points: packages with kernels of their own
 _F = TypeVar("_F", bound=Callable[..., Any])
 # No nnan/ninf: kernels test for non-finite values.
 _FASTMATH = {"contract", "reassoc", "nsz", "arcp", "afn"}
-
-
-def user_cache() -> Path:
-    """Folder for what can be made again: compiled kernels, what is known of the machine."""
-    if os.name == "nt":
-        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "gaga-studio"
 
 
 def kernel_packages() -> list[Path]:

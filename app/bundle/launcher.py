@@ -10,6 +10,8 @@ import runpy
 import sys
 from pathlib import Path
 
+from gaga_core.io.packed import import_packed
+
 MODELS = "models"  # folder next to the programs: torch and what reads the weights of models
 
 
@@ -17,6 +19,7 @@ def main() -> int:
     """Run what the name of the program and the first argument ask for; the exit status."""
     multiprocessing.freeze_support()
     program = Path(sys.executable)
+    import_packed(program.parent / "_internal" / "packed")
     models = program.parent / MODELS
     if models.is_dir():
         sys.path.insert(0, str(models))  # whole packages there, of which the program has parts

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import zstandard
 
 from gaga_core.arrays import UInt8Array
 from gaga_core.errors import GagaError
 from gaga_core.io.files import atomic_write, explain_os_error, open_file
+from gaga_core.io.packed import unpacked_file
 from gaga_core.progress import Progress, Stage
 
 SUFFIXES = (".mp4", ".webm")
@@ -48,26 +48,13 @@ def ffmpeg_program(purpose: str = "Reading a video") -> str:
 
     binaries = Path(imageio_ffmpeg.__file__).parent / "binaries"
     if (packed := next(binaries.glob("ffmpeg-*.zst"), None)) is not None:
-        return str(_unpacked(packed))
+        return str(unpacked_file(packed))
     try:
         return str(imageio_ffmpeg.get_ffmpeg_exe())
     except RuntimeError as error:
         raise GagaError(
             f"{purpose} needs ffmpeg. Install the package imageio-ffmpeg again with pip."
         ) from error
-
-
-def _unpacked(packed: Path) -> Path:
-    """The program of a .zst, which is named by its version, in the user's cache."""
-    from gaga_core.kernels import user_cache
-
-    program = user_cache() / packed.stem
-    if not program.is_file():
-        with atomic_write(program) as temporary:
-            with packed.open("rb") as source, temporary.open("wb") as target:
-                zstandard.ZstdDecompressor().copy_stream(source, target)
-            temporary.chmod(0o755)
-    return program
 
 
 def video_input(video: Path) -> list[str]:

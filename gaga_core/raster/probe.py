@@ -100,7 +100,7 @@ def machine_key() -> str:
 
 def cache_file() -> Path:
     """Path of the saved verdict."""
-    from gaga_core.kernels import user_cache
+    from gaga_core.cache_folder import user_cache
 
     return user_cache() / "cuda.json"
 

@@ -14,9 +14,9 @@ import numpy as np
 import pycolmap
 
 from gaga_core.arrays import DoubleArray, UInt8Array
+from gaga_core.cache_folder import user_cache
 from gaga_core.camera import Camera
 from gaga_core.io.cameras.colmap import ColmapModel, read_colmap
-from gaga_core.kernels import user_cache
 from gaga_core.training.views import TrainView, TrainViews, read_view
 from tests.bench.figures import data_folder
 
