@@ -38,7 +38,7 @@ from gaga_core.io.arrays_file import Column, checked, damage, read_arrays, read_
 from gaga_core.io.files import atomic_write, fingerprint, is_file
 from gaga_core.io.folder.lock import lock_folder
 from gaga_core.io.folder.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
-from gaga_core.io.json_file import PathText, read_json
+from gaga_core.io.json_file import PathText, decode_json, read_json
 from gaga_core.io.splats.packing import READS
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.io.splats.sog import LOD_META, META, is_sog_meta, is_streamed_sog
@@ -796,12 +796,13 @@ def _write_project(project: Project, target: Path, entries: list[FileEntry]) -> 
         bookmarks=bookmarks_entry(project.bookmarks),
         path=path_entry(project.film),
     )
+    arrays = scene_arrays(scene)
+    text = json.dumps(msgspec.to_builtins(document, enc_hook=np.generic.item), indent=2)
+    _require_readable(scene, arrays, text)
     with atomic_write(target / name) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **scene_arrays(scene))  # type: ignore[arg-type]
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     try:
         with atomic_write(target / PROJECT_FILE) as temporary:
-            content = msgspec.to_builtins(document, enc_hook=np.generic.item)
-            text = json.dumps(content, indent=2)
             temporary.write_text(text, encoding="utf-8")
     except GagaError:
         (target / name).unlink(missing_ok=True)
@@ -811,6 +812,19 @@ def _write_project(project: Project, target: Path, entries: list[FileEntry]) -> 
         if re.match(_SCENE_FILE, stale.name) and stale.name != name:
             with suppress(OSError):  # in use elsewhere: the next save removes it
                 stale.unlink()
+
+
+def _require_readable(scene: Scene, arrays: dict[str, AnyArray], text: str) -> None:
+    """``GagaError`` when what is about to be saved could not be opened: the last save stays."""
+    try:
+        checked(arrays, _SCENE, M=scene.n_opened, F=scene.n_rows_of_files)
+        placements_of(arrays)
+        decode_json(text.encode(), ProjectFile, PROJECT_FILE, CURE)
+    except (ValueError, GagaError) as error:
+        raise GagaError(
+            f"The project cannot be saved: it could not be opened again ({error}). The last save "
+            "is as it was. Undo the last steps, and save again."
+        ) from error
 
 
 def _open_folder(root: Path) -> Stage[Project]:

@@ -22,9 +22,14 @@ from gaga_core.scene.edits.values import (
 )
 from gaga_core.scene.frame import Frame, scale_of
 from gaga_core.scene.index_set import IndexSet, PackedInts, sorted_indices
+from gaga_core.scene.named_arrays import placements_of
 from gaga_core.scene.scene import Placements, Revision, Scene, State
 from gaga_core.scene.selection import algebra
 
+_TOO_FAR = (
+    "This would bring splats farther away, or make them larger, smaller or brighter, than can be "
+    "saved. Take a smaller number."
+)
 _ROUNDING = 1e-12  # relative: what is that near to where its file has it was not moved
 _SAME_LENGTH = 1e-6  # relative: lengths are measured in float32
 _LEAST_SCALE, _MOST_SCALE = 1e-9, 1e9  # factors of the whole scene
@@ -35,7 +40,8 @@ def transform(
 ) -> SetPlacement | None:
     """Move splats by the world map ``matrix`` (3, 4), after whatever moved them before.
 
-    Raises ``ValueError`` when the map is not finite or flattens space.
+    Raises ``ValueError`` when the map is not finite or flattens space, ``GagaError`` when splats
+    would be farther away, larger or smaller than can be saved.
     """
     world = np.asarray(matrix, np.float64)[:3]
     if world.shape != (3, 4) or not np.isfinite(world).all() or not np.linalg.det(world[:, :3]):
@@ -130,6 +136,7 @@ def _place(
     if resets:
         sources = np.concatenate([in_place, parted])
         after = replace(after, matrix=_of_files(scene, splats, old, sources))
+    _require_saved(after)
     columns = (
         (getattr(old, name), getattr(after, name)) for name in ("matrix", "color", "opacity")
     )
@@ -146,6 +153,14 @@ def _place(
         rows_from=parted,
         rows_to=appended,
     )
+
+
+def _require_saved(rows: Placements) -> None:
+    """``GagaError`` when a project with these rows could not be opened again."""
+    try:
+        placements_of({"matrix": rows.matrix, "color": rows.color, "opacity": rows.opacity})
+    except ValueError as error:
+        raise GagaError(_TOO_FAR) from error
 
 
 def _of_files(scene: Scene, splats: AnyArray, old: Placements, rows: IntArray) -> DoubleArray:
@@ -183,13 +198,17 @@ def move_scene(
 
     Photos, bookmarks and the camera path follow (`gaga_core.scene.frame`). ``is_metric`` says
     whether a unit is a metre then; by default as before. Raises ``ValueError`` when the map is no
-    rotation times a scale.
+    rotation times a scale, ``GagaError`` when the scene would be farther away or larger than can be
+    saved.
     """
     motion = np.vstack([np.asarray(matrix, np.float64)[:3], [0.0, 0.0, 0.0, 1.0]])
     scale_of(motion)
     before = scene.frame
     metric = before.is_metric if is_metric is None else is_metric
-    after = Frame(motion @ before.world, metric)
+    try:
+        after = Frame(motion @ before.world, metric)
+    except ValueError as error:
+        raise GagaError(_TOO_FAR) from error
     set_frame = None if after.equals(before) else SetFrame(title, before, after)
     is_still = np.array_equal(motion, np.eye(4))
     moved = None if is_still else transform(scene, algebra.whole(scene), motion[:3], title)

@@ -257,3 +257,18 @@ def test_scenes_without_levels_have_no_detail(associated: Session) -> None:
     assert object_list.levels_of(associated) is None
     with pytest.raises(ValueError, match="no levels"):
         objects.choose_level(associated, 0)
+
+
+def test_a_typed_place_too_far_to_be_saved_is_told_and_shows_nothing(associated: Session) -> None:
+    """G, X, and a digit that is held down."""
+    scene, group = associated.need().scene, int(associated.objects().ids[1])
+    selection.select_groups(associated, (group,))
+    before = scene.placements.matrix.copy()
+    for digits in range(1, 25):
+        far = np.column_stack([np.eye(3), [10.0**digits, 0, 0]])
+        transform.preview_move(associated, far)
+    assert "than can be saved" in associated.notices[-1].text
+    associated.commit_preview()
+    assert (np.abs(scene.placements.matrix) <= 1e18).all()
+    associated.undo()
+    np.testing.assert_array_equal(scene.placements.matrix[: len(before)], before)

@@ -21,6 +21,7 @@ from gaga_core.progress import run_stage
 from gaga_core.scene import edits
 from gaga_core.scene.camera_path import Bookmark, Shot
 from gaga_core.scene.edits.history import History
+from gaga_core.scene.edits.values import Edit
 from gaga_core.scene.project import save_project
 from tests.core.scene.projects import assert_same, edited, model_in, opened
 from tests.scenes import objects_scene, random_gaussians
@@ -48,10 +49,56 @@ def test_a_failed_save_keeps_the_former_one(
     def full(*_: object, **__: object) -> str:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("gaga_core.scene.project.json.dumps", full)
+    monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(GagaError, match="disk is full"):
         save_project(project)
     assert {p.name: p.read_bytes() for p in where.iterdir()} == before
+
+
+@pytest.mark.parametrize("size", [1e6, 1e17, 1e19, 1e30, 1e-19, 1e-120])
+@pytest.mark.parametrize("kind", ["far", "large", "bright", "scene"])
+def test_an_edit_is_refused_or_what_it_makes_can_be_saved_and_opened(
+    tmp_path: Path, size: float, kind: str
+) -> None:
+    """A typed 1e30 was saved, and the project could never be opened again."""
+    project = opened(model_in(tmp_path))
+    scene, splats = project.scene, np.arange(20)
+    far, large = np.column_stack([np.eye(3), [size, 0, 0]]), size * np.eye(3, 4)
+    edit: Edit | None
+    for _ in range(3):
+        try:
+            if kind == "scene":
+                edit = edits.move_scene(scene, large, "Grow")
+            elif kind == "bright":
+                edit = edits.recolor(scene, splats, large)
+            else:
+                edit = edits.transform(scene, splats, far if kind == "far" else large)
+        except (GagaError, ValueError):  # a map that flattens space is a wrong call
+            break
+        assert edit is not None
+        edit.apply(scene)
+    assert_same(opened(save_project(project)).scene, scene)
+
+
+def test_a_place_too_far_to_be_saved_is_a_sentence(tmp_path: Path) -> None:
+    project = opened(model_in(tmp_path))
+    far = np.column_stack([np.eye(3), [1e30, 0, 0]])
+    with pytest.raises(GagaError, match="than can be saved"):
+        edits.transform(project.scene, np.arange(20), far)
+    edit = edits.move_scene(project.scene, 1e8 * np.eye(3, 4), "Grow")
+    assert edit is not None
+    edit.apply(project.scene)
+    with pytest.raises(GagaError, match="than can be saved"):
+        edits.move_scene(project.scene, 1e11 * np.eye(3, 4), "Grow")
+
+
+def test_what_could_not_be_opened_is_not_saved_over_the_last_save(tmp_path: Path) -> None:
+    project = opened(model_in(tmp_path))
+    saved = save_project(project)
+    project.scene.placements.matrix[0, 0, 3] = 1e30
+    with pytest.raises(GagaError, match="last save is as it was"):
+        save_project(project)
+    assert opened(saved).scene.placements.matrix[0, 0, 3] == 0
 
 
 def test_a_model_that_changed_or_went_is_named(tmp_path: Path) -> None:
