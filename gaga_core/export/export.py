@@ -40,7 +40,7 @@ from gaga_core.scene.export_manifest import (
     write_manifest,
 )
 from gaga_core.scene.objects import group_colors, group_name
-from gaga_core.scene.orientation import guess_up
+from gaga_core.scene.orientation import saying_up
 from gaga_core.scene.reduce import COMPARES, decimate_stage, picture_loss_stage
 from gaga_core.scene.reduce import STEP as MERGES
 from gaga_core.scene.scene import Scene, State, of_scene_now
@@ -239,8 +239,7 @@ def _as_written(
     gaussians = options.applied(gaussians, origin)
     if form in _STANDING:
         return options.standing(gaussians)
-    is_guessed = np.allclose(guess_up(gaussians), options.up, atol=1e-6)
-    return gaussians if is_guessed else gaussians.with_up(options.up)
+    return saying_up(gaussians, options.up)
 
 
 def _taken(scene: Scene, splats: IntArray) -> Gaussians:

@@ -63,6 +63,7 @@ from gaga_core.placing.video import expected_frames
 from gaga_core.progress import TELLING, Pace, Progress, Stage
 from gaga_core.raster import choose
 from gaga_core.raster.base import Rasterizer
+from gaga_core.scene.orientation import estimate_up, saying_up
 from gaga_core.scene.project import PROJECT_FILE, meant_in
 from gaga_core.threads import n_threads
 from gaga_core.training.checkpoint import iteration_of
@@ -239,7 +240,9 @@ def train_scene(
         if team.rank == 0:
             yield Progress("Write splats", 0, 1)
             file = root / "point_cloud.ply"
-            trained = replace(trained, gaussians=without_broken_rows(file, trained.gaussians))
+            up = folder.up or estimate_up(folder.cameras)
+            whole = without_broken_rows(file, trained.gaussians)
+            trained = replace(trained, gaussians=saying_up(whole, up))
             cost = Cost(time.perf_counter() - start, time.process_time() - cpu_start)
             write_cameras_json(root / "cameras.json", folder.cameras)
             write_entry(root, {"train": report_of(trained, settings, cost)})

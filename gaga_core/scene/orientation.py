@@ -61,6 +61,12 @@ def up_of_rotations(cam_from_world: DoubleArray) -> DoubleArray:
     return up
 
 
+def saying_up(gaussians: Gaussians, up: AnyArray | Sequence[float]) -> Gaussians:
+    """``gaussians`` with the comment on ``up`` (3,), where their shape alone tells another one."""
+    is_guessed = np.allclose(guess_up(gaussians), up, atol=1e-6)
+    return gaussians if is_guessed else gaussians.with_up(up)
+
+
 def up_of_moved(
     opened: Sequence[Camera],
     placed: Sequence[Camera],

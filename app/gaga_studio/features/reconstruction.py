@@ -11,7 +11,7 @@ import numpy as np
 
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError, counted
-from gaga_core.io.folder.scene_folder import find_model, place_aside
+from gaga_core.io.folder.scene_folder import find_model, known_world, place_aside
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.camera_path import CameraPath, turntable
 from gaga_core.scene.orientation import upright_basis
@@ -369,11 +369,13 @@ def keep_stopped(session: Session) -> None:
     from gaga_core.io.cameras.cameras_json import write_cameras_json
     from gaga_core.io.splats.ply import write_ply
     from gaga_core.pipeline.reconstruct import replacing_splats
+    from gaga_core.scene.orientation import estimate_up, saying_up
 
     aside = place_aside(found.scene)
     with replacing_splats(found.scene):
         write_cameras_json(found.scene / "cameras.json", training.cameras)
-        write_ply(found.scene / "point_cloud.ply", training.scene.gaussians)
+        up = known_world(found.scene)[1] or estimate_up(training.cameras)
+        write_ply(found.scene / "point_cloud.ply", saying_up(training.scene.gaussians, up))
     session.training = None
     session.open(found.scene, then=lambda: _say_where(session, aside))
 

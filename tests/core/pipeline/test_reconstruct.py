@@ -35,6 +35,7 @@ from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.orientation import estimate_up
+from gaga_core.scene.project import open_path_stage
 from gaga_core.training.losses import psnr
 from gaga_core.training.views import load_views_stage
 from tests.core.conftest import PlacedRoom
@@ -68,7 +69,7 @@ def titles(photos: Path | None, scene: Path, config: ReconstructConfig) -> set[s
     return {step.stage for step in told}
 
 
-def test_photos_become_a_scene_folder(made: Path) -> None:
+def test_photos_become_a_scene_folder(made: Path, tmp_path: Path) -> None:
     names = sorted(path.name for path in made.iterdir())
     assert names == ["cameras.json", "gaga", "images", "input", "point_cloud.ply", "sparse"]
     folder = open_scene_folder(made)
@@ -81,6 +82,8 @@ def test_photos_become_a_scene_folder(made: Path) -> None:
     for one, other in zip(listed, folder.cameras, strict=True):
         assert np.allclose(one.position, other.position, atol=1e-6)
     assert "reconstruct" not in missing_stages(folder)
+    alone = run_stage(open_path_stage(Path(shutil.copy(made / "point_cloud.ply", tmp_path))))
+    assert np.allclose(alone.up, [0, 0, 1]), "the file tells it without its photos"
 
 
 @pytest.mark.parametrize("antialiased", [False, True])
