@@ -27,6 +27,8 @@ _ZOOM_PER_NOTCH = 0.15
 _FAR = 300.0  # scene radii between the pivot and an orthographic camera: 0.3 % of perspective left
 _LEVEL_PER_DRAG = 0.85  # share of a training camera's roll that an orbit step leaves
 _SIDES = 8  # from which a scene without photos may be seen first
+_NEARER = (1, 2, 4)  # times, to come inside of what surrounds a scene
+_ENCLOSED = 0.02  # share of the middle's splats: where less is seen, something hides it
 _THREE_QUARTERS = np.radians(30.0)  # from the front, of the first view without photos
 
 
@@ -300,9 +302,16 @@ class CameraRig:
 
     def turn_to_clearest(self, scene: Scene, box: tuple[DoubleArray, DoubleArray]) -> None:
         """Look at the scene from the side that is open, of eight all around: the present one,
-        unless another shows much more of its middle."""
-        poses, views = self._around(self.pose)
-        self.pose = poses[clearest_view(scene, box, views)]
+        unless another shows much more of its middle. From nearer where something hides that on all
+        sides, as the far shell of a training does (`gaga_core.training.start`)."""
+        start, found = self.pose, list[tuple[float, Pose]]()
+        for nearness in _NEARER:
+            poses, views = self._around(replace(start, distance=start.distance / nearness))
+            best, share = clearest_view(scene, box, views)
+            found.append((share, poses[best]))
+            if share > _ENCLOSED:
+                break
+        self.pose = found[-1][1] if found[-1][0] > _ENCLOSED else found[0][1]
 
     def focus_clearly(self, scene: Scene, indices: IntArray) -> None:
         """Show splats (K,) from the present direction, or from the clearest of eight around them

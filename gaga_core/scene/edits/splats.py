@@ -11,6 +11,7 @@ from gaga_core.arrays import AnyArray, BoolArray, DoubleArray, IntArray, LongArr
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.io.splats.packing import READS
+from gaga_core.io.splats.sog import LOD_META, META
 from gaga_core.io.splats.splat_files import is_standing
 from gaga_core.io.splats.spz import OURS
 from gaga_core.progress import Stage, portion
@@ -144,7 +145,8 @@ def append(
     up was estimated.
     """
     path = Path(path).absolute()
-    title, stem = f"Add {path.name}", path.name.split(".")[0] or path.stem
+    file = path.parent.name if path.name in (META, LOD_META) else path.name  # of a SOG: its folder
+    title, stem = f"Add {file}", file.split(".")[0] or file
     first = free_group(scene)
     if scene.bank is not None:  # which may make groups of the next ids
         first = -(-first // _GAP) * _GAP

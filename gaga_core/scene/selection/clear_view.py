@@ -17,17 +17,23 @@ _SAMPLE = 50_000  # splats that are sampled
 _SEEN = 0.3  # opacity from which on a splat shows a surface
 _CORE = 0.6  # share of the sides of a scene's box that is its middle: no walls
 _CELLS = 64  # cells across a view in which surfaces hide each other
-_LARGEST = 3  # cells: radius of a sampled splat at most
+_LARGEST, _LEVELS = (
+    3,
+    4,
+)  # cells of a splat's radius, and how often cells are doubled for larger ones
 _BEHIND = 0.02  # of the view's distance: what is so little behind a surface is part of it
 _CLEARER = 0.05  # share of all splats that another view has to show more of in the middle
-_HIDDEN = 0.5  # of what the best view shows of an object: with less, another view is chosen
+_HIDDEN = (
+    0.5  # of what the best view shows of the middle or an object: with less, another is chosen
+)
 
 
 def clearest_view(
     scene: Scene, box: tuple[DoubleArray, DoubleArray], views: Sequence[Camera]
-) -> int:
+) -> tuple[int, float]:
     """Number of the view that shows the most of the middle of the box lo, hi (3,): the first,
-    unless another one shows more of it by a twentieth of all splats.
+    unless another one shows twice as much of it, or more by a twentieth of all splats; and the
+    share of the middle's splats that it shows.
 
     Splats are sampled; each hides what lies behind it in the cells of a view that it covers. Where
     the whole scene was moved to counts, not what was done to its parts.
@@ -38,13 +44,15 @@ def clearest_view(
     means = turned(gaussians.means[rows].astype(np.float64), world[:3, :3]) + world[:3, 3]
     rows, means = rows[np.isfinite(means).all(axis=1)], means[np.isfinite(means).all(axis=1)]
     if len(rows) == 0:
-        return 0
+        return 0, 1.0
     middle, half = (box[0] + box[1]) / 2, _CORE * (box[1] - box[0]) / 2
     is_core: BoolArray = np.logical_and.reduce(np.abs(means - middle) <= half, axis=1)
     sizes = scale_of(world) * _sizes(gaussians, rows, len(opaque))
     shown = [_n_shown(means, sizes, is_core, view.at_most(_CELLS)) for view in views]
     best = int(np.argmax(shown))
-    return best if shown[best] - shown[0] > _CLEARER * len(rows) else 0
+    is_hidden = shown[0] < _HIDDEN * shown[best]
+    best = best if is_hidden or shown[best] - shown[0] > _CLEARER * len(rows) else 0
+    return best, shown[best] / max(int(is_core.sum()), 1)
 
 
 def clearest_view_of(scene: Scene, indices: IntArray, views: Sequence[Camera]) -> int:
@@ -82,14 +90,29 @@ def _n_shown(means: DoubleArray, sizes: DoubleArray, is_core: BoolArray, view: C
     inside = np.flatnonzero(view.shows(pixels, depths))
     u, v = pixels[inside].astype(np.int64).T
     depth = depths[inside]
-    radius = np.minimum(sizes[inside] * view.K[0, 0] / depth, _LARGEST)
+    radius = sizes[inside] * view.K[0, 0] / depth
+    nearest = np.full((view.height, view.width), np.inf)
+    for level in range(_LEVELS):  # the larger a splat, the coarser the cells that it covers
+        times = 2**level
+        most = _LARGEST * times if level < _LEVELS - 1 else np.inf
+        own = (radius <= most) & (radius > (_LARGEST * times / 2 if level else -1))
+        covered = _nearest(u[own] // times, v[own] // times, depth[own], radius[own] / times, view)
+        whole = covered.repeat(times, axis=0).repeat(times, axis=1)
+        np.minimum(nearest, whole[: view.height, : view.width], out=nearest)
+    middle = float(np.median(depth)) if len(depth) else 0.0
+    return int((is_core[inside] & (depth <= nearest[v, u] + _BEHIND * middle)).sum())
+
+
+def _nearest(
+    u: LongArray, v: LongArray, depth: DoubleArray, radius: DoubleArray, view: Camera
+) -> DoubleArray:
+    """Depth (H, W) of the nearest of some splats (K,) in the cells that each covers."""
     nearest = np.full((view.height, view.width), np.inf)
     reach = np.arange(-_LARGEST, _LARGEST + 1)
     for dv in reach:
         for du in reach:
             y, x = v + dv, u + du
-            on = (radius >= np.hypot(du, dv)) & (x >= 0) & (y >= 0)
+            on = (np.minimum(radius, _LARGEST) >= np.hypot(du, dv)) & (x >= 0) & (y >= 0)
             on &= (x < view.width) & (y < view.height)
             np.minimum.at(nearest, (y[on], x[on]), depth[on])
-    middle = float(np.median(depth)) if len(depth) else 0.0
-    return int((is_core[inside] & (depth <= nearest[v, u] + _BEHIND * middle)).sum())
+    return nearest

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -43,6 +44,16 @@ def test_splats_of_another_file_come_as_one_undoable_edit(session: Session, tmp_
     assert session.undo() == "Add chair.spz"
     assert len(scene) == n
     assert session.need().history.state_id == state
+
+
+def test_a_folder_of_sog_is_called_by_its_name(session: Session, tmp_path: Path) -> None:
+    write_splats(tmp_path / "bowl.sog", random_gaussians(50))
+    with ZipFile(tmp_path / "bowl.sog") as archive:
+        archive.extractall(tmp_path / "bowl")
+    files_actions.add_splats(session, tmp_path / "bowl" / "meta.json")
+    assert session.jobs.wait()
+    assert {session.need().name_of(g) for g in session.selected_groups()} == {"bowl"}
+    assert session.undo() == "Add bowl"
 
 
 @pytest.mark.parametrize("end", ["broken", "cancelled"])

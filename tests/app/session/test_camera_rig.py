@@ -1,5 +1,7 @@
 """The camera rig: motions by their laws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,9 @@ from gaga_core.arrays import DoubleArray
 from gaga_core.camera import Camera
 from gaga_core.geometry import look_at, quats_to_matrices
 from gaga_core.scene.orientation import common_target, estimate_up, upright_basis
+from gaga_core.scene.scene import Scene
 from gaga_studio.session.camera_rig import CameraRig
-from tests.scenes import orbit_cameras
+from tests.scenes import orbit_cameras, random_gaussians
 
 _W, _H = 800, 600
 _BOX = (np.array([-1.0, -2.0, -0.5]), np.array([1.5, 1.0, 0.5]))
@@ -241,3 +244,26 @@ def test_upright_basis_is_a_rotation() -> None:
         np.testing.assert_allclose(basis @ basis.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(basis) == pytest.approx(1)
         np.testing.assert_allclose(basis @ up, [0, 0, 1], atol=1e-12)
+
+
+def test_the_first_view_of_what_a_shell_surrounds_is_inside_of_it() -> None:
+    """As of a training on few photos, whose far shell of blurred colors is closed."""
+    rng = np.random.default_rng(0)
+    out = rng.normal(size=(4000, 3))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    means = np.concatenate([0.3 * out[:3000], 3 * out[3000:]]).astype(np.float32)
+    sizes = np.repeat(np.log([0.02, 0.4]), [3000, 1000]).astype(np.float32)
+    splats = replace(
+        random_gaussians(4000),
+        means=means,
+        log_scales=np.repeat(sizes[:, None], 3, axis=1),
+        logit_opacities=np.full(4000, 4.0, np.float32),
+    )
+    box, rig = (np.full(3, -1.0), np.full(3, 1.0)), CameraRig()
+    for is_closed in (True, False):
+        scene = Scene.of(splats if is_closed else splats.take(np.arange(3000)))
+        rig.frame_scene(*box)
+        rig.turn_to_clearest(scene, box)
+        eye = np.linalg.norm(rig.camera(100, 100).position)
+        assert (eye < 2.6) == is_closed
+        assert eye > 0.5

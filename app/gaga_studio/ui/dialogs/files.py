@@ -490,7 +490,7 @@ _ASKED = {
         "Add the splats of another file",
         PathKind.OPEN_FILE,
         files.add_splats,
-        READ_SUFFIXES,
+        (*READ_SUFFIXES, ".json"),  # of a folder of SOG
         "Add",
     ),
     Request.ADD_SCENE: _Asked(
