@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar, cast, runtime_checkable
 
@@ -135,6 +136,15 @@ class ViewSteps:
     def redo_title(self, state: int) -> str:
         """Title of the step that redo does again in this state of the history; "" if none."""
         return self._undone[-1].title if self._undone and self._undone[-1].state == state else ""
+
+    def titles(self, state: int) -> tuple[list[str], list[str]]:
+        """Titles of the steps in this state of the history that undo and redo reach: those that
+        are done, oldest first, and those that were undone, the next one first."""
+        done, undone = (
+            [step.title for step in takewhile(lambda step: step.state == state, reversed(steps))]
+            for steps in (self._done, self._undone)
+        )
+        return done[::-1], undone
 
     def undo(self) -> tuple[Views, int]:
         """Take the newest step back; return what there was before it, and its number."""
@@ -364,6 +374,17 @@ class Document:
             return False
         self._take_views(*self._views.redo())
         return True
+
+    def view_steps(self) -> tuple[list[str], list[str]]:
+        """Titles of the steps of the views after the newest edit; see `ViewSteps.titles`."""
+        return self._views.titles(self.history.state_id)
+
+    def go_to_view_step(self, n: int) -> None:
+        """Undo or redo steps of the views until ``n`` are done after the newest edit."""
+        while len(self.view_steps()[0]) > n and self.undo_views():
+            pass
+        while len(self.view_steps()[0]) < n and self.redo_views():
+            pass
 
     def _take_views(self, views: Views, number: int) -> None:
         self.project.film, self.project.bookmarks = views

@@ -662,6 +662,12 @@ class Session:
         self._keep_playback()
         return title
 
+    def go_to_view_step(self, n: int) -> None:
+        """Undo or redo bookmarks and path until ``n`` of their steps are done after the newest
+        edit."""
+        self.need().go_to_view_step(n)
+        self._keep_playback()
+
     def redo(self) -> str | None:
         """Redo what was undone last; return its title, None if there is none."""
         if self.document is None:

@@ -121,6 +121,16 @@ def _undo_takes_back_what_is_done_to_views(d: Driver) -> None:
     d.keys(KEY.mod_ctrl, KEY.mod_shift, KEY.z)
     assert bookmarks(d.session) == ()
     assert d.history.cursor == n, "no edit was undone for it"
+    d.focus("History")
+    done, undone = d.session.need().view_steps()
+    assert (done[-2:], undone) == (["Add bookmark View 1", "Remove bookmark View 1"], [])
+    d.engine.set_ref(d.engine.window_info("//History/Entries").window)
+    d.engine.item_click("**/###Add bookmark View 1")
+    d.frames(4)
+    assert bookmarks(d.session) == kept, "History goes back to before it was removed"
+    d.engine.item_click("**/###Remove bookmark View 1")
+    d.frames(4)
+    assert bookmarks(d.session) == ()
     d.focus("Camera path")
 
 

@@ -7,6 +7,7 @@ from imgui_bundle import ImVec2, imgui
 
 from gaga_core.scene.edits.history import HistoryEntry
 from gaga_studio.features import split_view
+from gaga_studio.session.document import Document
 from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, theme, widgets
 
@@ -24,7 +25,7 @@ class HistoryState:
 def draw(session: Session, state: HistoryState) -> None:
     """The whole panel."""
     document = session.document
-    if document is None or not document.history.entries():
+    if document is None or not (document.history.entries() or any(document.view_steps())):
         widgets.empty_state(
             icons.HISTORY,
             "No edits since the scene was opened" if document else "No edits",
@@ -38,26 +39,51 @@ def draw(session: Session, state: HistoryState) -> None:
         imgui.end_child()
         _total(history.nbytes, history.budget)
         return
-    clicked = _line(session, 0, "As opened", "", history.cursor == 0, True)
-    target = 0 if clicked else None
+    n_views: int | None = None
+    at = None if document.view_steps()[0] else history.cursor  # the entry that is marked
+    target = 0 if _line(session, 0, "As opened", "", at == 0, True) else None
+    if history.cursor == 0:
+        n_views = _view_lines(document)
     for first, last in _runs(entries):
         if last - first and first not in state.unfolded:
             if _folded(first, last, first <= history.cursor <= last, entries[first - 1].done):
                 state.unfolded.add(first)
+            if first <= history.cursor <= last:
+                n_views = _view_lines(document)
             continue
         for position in range(first, last + 1):
-            entry, is_here = entries[position - 1], position == history.cursor
-            size = _size(entry.nbytes)
-            if _line(session, position, entry.title, size, is_here, entry.done):
+            entry, size = entries[position - 1], _size(entries[position - 1].nbytes)
+            if _line(session, position, entry.title, size, position == at, entry.done):
                 target = position
+            if position == history.cursor:
+                n_views = _view_lines(document)
     if state.seen != history.cursor:
         state.seen = history.cursor
         line = imgui.get_text_line_height_with_spacing()
         imgui.set_scroll_y(max(history.cursor * line - imgui.get_window_height() * 0.6, 0.0))
     if target is not None and target != history.cursor:
         document.go_to(target)
+    elif target is not None or n_views is not None:
+        session.go_to_view_step(n_views or 0)
     imgui.end_child()
     _total(history.nbytes, history.budget)
+
+
+def _view_lines(document: Document) -> int | None:
+    """Steps of bookmarks and of the camera's path after the newest edit; how many are to be done
+    after a click on one."""
+    done, undone = document.view_steps()
+    clicked = None
+    for n, title in enumerate((*done, *undone), start=1):
+        imgui.push_id(f"view {n}")
+        with theme.text_color(theme.TEXT if n <= len(done) else theme.FAINT):
+            shown = widgets.elided(f"{icons.BOOKMARK} {title}", imgui.get_content_region_avail().x)
+            if imgui.selectable(f"{shown}###{title}", n == len(done))[0]:
+                clicked = n
+        where = "You are here" if n == len(done) else "Go back to here"
+        widgets.tooltip(where if n <= len(done) else "Do again up to here", of_row=True)
+        imgui.pop_id()
+    return clicked
 
 
 def _runs(entries: Sequence[HistoryEntry]) -> list[tuple[int, int]]:
