@@ -8,6 +8,7 @@ up the next time.
 import hashlib
 import json
 import logging
+import re
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -610,4 +611,6 @@ def refuse(
     """`WrongModelError` when a verdict is an error and the settings do not accept it."""
     errors = [verdict.text for verdict in verdicts if verdict.level == "error"]
     if errors and not config.accept_wrong:
-        raise WrongModelError(" ".join((title, *errors, *reasons)))
+        text = " ".join((title, *errors, *reasons))
+        sentences = dict.fromkeys(re.split(r"(?<=\.) (?=[A-Z])", text))  # one advice of several
+        raise WrongModelError(" ".join(sentences))

@@ -35,7 +35,7 @@ from gaga_studio.features import (
 )
 from gaga_studio.features.find import memory_bank
 from gaga_studio.features.find.search import SearchState
-from gaga_studio.session.notices import Level
+from gaga_studio.session.notices import Level, UserQuestion
 from gaga_studio.session.settings import Settings
 from gaga_studio.session.view import Mode, PhotoCompareMode, Side, ToolName, TrainingPreview
 from gaga_studio.studio import _panel
@@ -43,6 +43,7 @@ from gaga_studio.system.fonts import fonts_with
 from gaga_studio.ui.chrome.status import status_text
 from gaga_studio.ui.dialogs.files import FileDialog, PathKind, writing
 from gaga_studio.ui.kit import theme, widgets
+from gaga_studio.ui.kit.modal import QUESTION
 from gaga_studio.ui.kit.picture_area import overlap
 from gaga_studio.ui.kit.theme import visual
 from gaga_studio.ui.viewport import photo_compare
@@ -910,6 +911,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _find_menu(d)
         _numbers_of_an_object(d)
         _photos_of_a_narrow_panel(d)
+        _a_long_question(d)
         _names_in_the_memory_bank(d)
         _stacked_notices(d)
         _what_lies_over_the_picture(d)
@@ -1203,6 +1205,17 @@ def _numbers_of_an_object(d: Driver) -> None:
         patch.setattr(imgui, "collapsing_header", partial(header, imgui.collapsing_header))
         d.frames(2)
     assert not cut
+
+
+def _a_long_question(d: Driver) -> None:
+    """It was scrolled to its end, where the buttons are."""
+    text = " ".join(f"Sentence {n} of a question that tells much." for n in range(30))
+    d.session.pending_question = UserQuestion(text, ("Yes", "No"), lambda _: None)
+    d.frames(6)
+    sheet = d.engine.get_window_by_ref(f"//{QUESTION}")
+    assert (sheet.scroll_max.y, sheet.scroll.y) == (0, 0)
+    d.keys(KEY.escape)
+    d.frames(2)
 
 
 def _photos_of_a_narrow_panel(d: Driver) -> None:

@@ -20,7 +20,15 @@ from gaga_core.io.folder.scene_folder import (
     with_entry,
 )
 from gaga_core.io.splats.ply import read_ply
-from gaga_core.pipeline.place import WORKSPACE, find_photos, notes_of, placement_of, read_entry
+from gaga_core.pipeline.place import (
+    WORKSPACE,
+    WrongModelError,
+    find_photos,
+    notes_of,
+    placement_of,
+    read_entry,
+    refuse,
+)
 from gaga_core.pipeline.reconstruct import (
     KERNELS,
     STEPS,
@@ -32,6 +40,7 @@ from gaga_core.pipeline.reconstruct import (
 )
 from gaga_core.pipeline.run import missing_stages
 from gaga_core.pipeline.settings import ReconstructConfig
+from gaga_core.placing.checks import Verdict
 from gaga_core.progress import Progress, run_stage
 from gaga_core.raster.cpu.rasterizer import CpuRasterizer
 from gaga_core.scene.orientation import estimate_up
@@ -195,6 +204,14 @@ def test_a_wrong_focal_length_is_refused_unless_accepted(photos: Path, tmp_path:
     assert isinstance(sfm, dict)
     assert "error" in {check["level"] for check in sfm["checks"]}
     assert any("focal length" in note for note in result.notes)
+
+
+def test_an_advice_that_several_checks_give_is_said_once() -> None:
+    cure = "Try more photos, or others."
+    wrong = [Verdict(k, "error", f"{k.title()} is off. {cure}") for k in ("pairs", "doubled")]
+    with pytest.raises(WrongModelError) as refused:
+        refuse(wrong, "It is wrong.", ReconstructConfig())
+    assert refused.value.finding == f"It is wrong. Pairs is off. {cure} Doubled is off."
 
 
 def test_too_few_photos_leave_nothing(photos: Path, tmp_path: Path) -> None:

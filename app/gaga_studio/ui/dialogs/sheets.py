@@ -176,7 +176,8 @@ def _question(session: Session) -> None:
         return
     if imgui.is_window_appearing():  # on the blue button: the first Tab goes to the next
         imgui.set_nav_cursor_visible(True)
-    widgets.paragraph(question.text)
+    with body("Text"):
+        widgets.paragraph(question.text)
     imgui.dummy(ImVec2(0, em(0.4)))
     style = imgui.get_style()
     pad = 2 * style.frame_padding.x
