@@ -28,6 +28,7 @@ from gaga_core.fill.inpaint import Inpainter
 from gaga_core.fill.shadows import foot_cells, gains, shadow_of, splat_gains, taken_cells
 from gaga_core.fill.surfaces import AROUND, FillConfig, Seen, SeenView, seen_stage, surfaces_around
 from gaga_core.gaussians import Gaussians
+from gaga_core.geometry import turned
 from gaga_core.progress import Progress, Stage, portion
 from gaga_core.raster.base import Frame, Rasterizer
 from gaga_core.scene.bake import bake_stage
@@ -37,6 +38,7 @@ from gaga_core.scene.edits.values import Edit, joined, together
 from gaga_core.scene.index_set import sorted_indices
 from gaga_core.scene.objects import group_name
 from gaga_core.scene.scene import Revision, Scene, State
+from gaga_core.scene.selection.algebra import world_means
 
 T = TypeVar("T")
 
@@ -568,6 +570,7 @@ class Filling:
     lighten: bool  # whether stains were looked for
     is_refused: bool  # a hole was found and left open: its filling hardly shows, or does harm
     model: str = ""  # name of the inpainting model's file; "" = colors continue the surroundings
+    was_put: bool = False  # all of the object was put there by a person, so that it hid nothing
 
     def __bool__(self) -> bool:
         return len(self.splats) > 0 or len(self.stained) > 0 or len(self.unseen) > 0
@@ -635,6 +638,8 @@ def _filled(
     # What has no place in space is never drawn: it hides nothing.
     is_there = np.isfinite(scene.gaussians.means).all(axis=1)
     rows = np.flatnonzero((scene.visible | chosen) & is_there)
+    apart = _hides_nothing(scene, rows, chosen[rows])
+    rows = rows[~apart]
     labels = scene.labels[rows]
     gaussians = yield from portion(bake_stage(scene, indices=rows), 0, 0, _STAGE)
     is_object = chosen[rows]
@@ -642,7 +647,8 @@ def _filled(
     if not is_object.any():  # the removal alone
         none, gains = np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
         found = splats, np.zeros(0, np.int32), none, gains, settings.lighten
-        return Filling(np.flatnonzero(chosen), none, *found, is_refused=False)
+        was_put = bool(apart.any())
+        return Filling(np.flatnonzero(chosen), none, *found, is_refused=False, was_put=was_put)
     placed, made = _put_there(scene, rows)
     known = (placed | made) & ~is_object
     looks = seen_stage(gaussians, is_object, cameras, rasterizer, settings, known)
@@ -671,6 +677,22 @@ def _filled(
 
 
 _MOVED = 1e-6  # relative: less is rounding of composed motions
+_AWAY = 0.5  # of the diagonal of an object: what was moved farther left the place that it hid
+
+
+def _hides_nothing(scene: Scene, rows: LongArray, is_object: BoolArray) -> BoolArray:
+    """Which splats ``rows`` (K,) of the object were put where they are by a person: copies, what
+    was added, and what was moved away. Photos show what is behind them."""
+    result = is_object & (rows >= scene.n_opened)
+    left = np.flatnonzero(is_object & ~result)
+    own = rows[left].astype(np.int32)
+    now, world = world_means(scene, own).astype(np.float64), scene.frame.world
+    home = turned(scene.gaussians.means[own].astype(np.float64), world[:3, :3]) + world[:3, 3]
+    for placement in np.unique(scene.placement[own]):
+        part = scene.placement[own] == placement
+        way = np.linalg.norm(now[part].mean(axis=0) - home[part].mean(axis=0))
+        result[left[part]] = way > _AWAY * np.linalg.norm(np.ptp(now[part], axis=0))
+    return result
 
 
 def _put_there(scene: Scene, rows: LongArray) -> tuple[BoolArray, BoolArray]:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 _CHANGED = "The scene changed while the hole was analysed. Try again."
 _NO_PREVIEW = "There is no fill preview. Use Delete and fill first."
 _COVERED = "the place is covered already, or nothing around it continues well there."
+_PUT = "it was put there, so the photos show what is behind it."
 _REFUSED = "the fill would be barely visible or would alter nearby surfaces."
 
 
@@ -65,7 +66,7 @@ def title(session: Session) -> str:
 
 def _why(found: "Filling") -> str:
     """Return why no splats are added."""
-    return _REFUSED if found.is_refused else _COVERED
+    return _PUT if found.was_put else _REFUSED if found.is_refused else _COVERED
 
 
 def summary(found: "Filling") -> tuple[str, ...]:

@@ -147,6 +147,26 @@ def test_what_a_person_put_into_it_stays(table: Table, is_copied: bool) -> None:
     assert (found.stained < n).all()
 
 
+@pytest.mark.parametrize("how", ["copied", "moved", "nudged"])
+def test_what_a_person_put_there_hid_nothing_and_leaves_no_hole(table: Table, how: str) -> None:
+    """A copy of the teapot took half of the cup next to it along; one that was moved by a little
+    still stands where nothing was seen."""
+    scene = Scene.of(table.gaussians, table.labels)
+    box = np.flatnonzero(table.labels == BOX)
+    aside = np.eye(4)
+    aside[0, 3] = 0.02 if how == "nudged" else 0.5
+    history, n = History(scene), len(table.labels)
+    if how == "copied":
+        assert history.do(edits.duplicate(scene, box, aside))
+        box = np.arange(n, len(scene))
+    else:
+        assert history.do(edits.transform(scene, box, aside))
+    found = run_stage(fill_stage(scene, box, table.cameras, CPU))
+    assert np.array_equal(found.removed, box)
+    assert found.was_put == (how != "nudged")
+    assert bool(found) == (how == "nudged")
+
+
 def test_what_photos_saw_behind_it_is_not_filled_again(table: Table) -> None:
     whole = replace(table.empty)
     box = table.gaussians.take(table.labels == BOX)
