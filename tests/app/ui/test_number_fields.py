@@ -164,6 +164,8 @@ def test_what_is_typed_stays_within_the_limits() -> None:
     field = _Field("%.1f s", limits=(0.1, 600.0))
     field.type("20 min")
     assert field.value == 600.0
+    said = '"20 min" is out of range: it became 600.0 s, the most here.'
+    assert number_fields.take_not_read() == said
 
 
 @pytest.mark.parametrize(

@@ -43,14 +43,14 @@ class _Typing:
     frame: int = 0  # in which it was last drawn
     before: str = ""  # its text when that began
     text: str = ""
-    not_read: str = ""  # what to tell of a text that was no number
+    not_read: str = ""  # what to tell of a text that was no number, or none that can be
 
 
 _typing = _Typing()
 
 
 def take_not_read() -> str:
-    """Return the sentence of a text that could not be read since the last call, or nothing."""
+    """Return the sentence of a text that could not be taken since the last call, or nothing."""
     text, _typing.not_read = _typing.not_read, ""
     return text
 
@@ -149,8 +149,11 @@ def as_typed(
         example = _NO_SCALE if is_length else _EXAMPLES.get(_unit(form), "a number")
         _typing.not_read = f'"{_typing.text}" cannot be read here. Type {example}.'
         return False, value
-    if limits is not None:
-        number = min(max(number, limits[0]), limits[1])
+    if limits is not None and not limits[0] <= number <= limits[1]:
+        end = "least" if number < limits[0] else "most"
+        number = limits[0] if end == "least" else limits[1]
+        shown = (form % number).strip()
+        _typing.not_read = f'"{_typing.text}" is out of range: it became {shown}, the {end} here.'
     return number != value, number
 
 

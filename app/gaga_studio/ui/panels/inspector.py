@@ -101,7 +101,8 @@ def _position(session: Session, state: PlacementState, start: Pose, extent: floa
         _FARTHEST * session.rig.radius,
     )
     for axis, letter in enumerate("XYZ"):
-        form, limits = measure.number_format(session), (begun[axis] - far, begun[axis] + far)
+        form, at = measure.number_format(session), float(begun[axis])
+        limits = min(at, 0.0) - far, max(at, 0.0) + far
         now, step = float(values[axis]), extent * 0.005
         changed, value = number(f"Position {letter}", now, step, form, limits)
         if changed:
