@@ -18,6 +18,7 @@ from gaga_core.scene.orientation import upright_basis
 from gaga_core.scene.project import meant_in
 from gaga_studio.features.base import Command, ask, busy
 from gaga_studio.session import stages
+from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level, Request, UserQuestion, choose_one, notifies
 from gaga_studio.session.session import Session
 from gaga_studio.session.view import TrainingPreview, TrainingUpdate
@@ -59,6 +60,12 @@ def why_not(session: Session) -> str:
     return busy(session) or too_few(session.photos)
 
 
+def why_not_meant(session: Session) -> str:
+    """Return why no splats can be made of the photos that the sheet is about."""
+    found = meant(session)
+    return why_not(session) if found is None else busy(session) or too_few(found)
+
+
 def open_photos(session: Session, path: Path) -> None:
     """Open a video, a recording of a phone, or the folder of a photo."""
     from gaga_core.placing.photos import is_video
@@ -87,9 +94,11 @@ def plan_of(found: "PhotoFind") -> ReconstructionPlan:
 
 def title(session: Session) -> str:
     """ "Make splats from 50 photos" or "Continue training"."""
-    found = session.photos
-    if found is None:
-        return "Make splats"
+    return title_of(session.photos) if session.photos is not None else "Make splats"
+
+
+def title_of(found: "PhotoFind") -> str:
+    """The same of these photos."""
     if found.going_on is not None:
         return "Continue training"
     plural = "" if found.n_photos == 1 else "s"
@@ -112,7 +121,7 @@ def photo_files(session: Session) -> tuple[Path, ...]:
     """Return the files of the photos that are open; none of a video, and where there are splats."""
     from gaga_core.placing.photos import list_photos, plain_stem
 
-    kept, found = session.feature(PhotoFiles), session.photos
+    kept, found = session.feature(PhotoFiles), meant(session)
     if kept.of is not found:
         kept.of, kept.files, kept.stems = found, (), ()
         if found is not None and not found.is_video:
@@ -316,20 +325,43 @@ def why_not_again(session: Session) -> str:
     return busy(session)
 
 
+class PhotosAgain:
+    """The photos of the open scene, of which another one is to be made."""
+
+    def __init__(self) -> None:
+        self.of: Document | None = None
+        self.found: PhotoFind | None = None
+
+
+def meant(session: Session) -> "PhotoFind | None":
+    """Return the photos that the sheet is about: those that are open, else those of the scene."""
+    again = session.feature(PhotosAgain)
+    is_again = session.document is not None and again.of is session.document
+    return session.photos or (again.found if is_again else None)
+
+
 @notifies
 def make_again(session: Session) -> None:
-    """Close the scene, and ask how splats are to be made of its photos, in another folder."""
+    """Ask how splats are to be made of the photos of the scene once more, in another folder."""
     from gaga_core.pipeline.reconstruct import photos_again
 
-    folder = session.need().project.folder
+    document = session.need()
+    folder = document.project.folder
     found = photos_again(folder.root) if folder is not None else None
     if found is None:
         raise GagaError("The photos of this scene are gone.")
+    again = session.feature(PhotosAgain)
+    again.of, again.found = document, found
+    session.request = Request.MAKE_SPLATS
 
-    def choose() -> None:
-        session.request = Request.MAKE_SPLATS
 
-    session.leave_for(found, "before splats are made again", choose)
+def make_meant(session: Session, plan: ReconstructionPlan) -> None:
+    """Make splats of the photos that the sheet is about; the open scene is closed for it."""
+    found = meant(session)
+    if found is None or session.photos is not None:
+        make(session, plan)
+    else:
+        session.leave_for(found, "before splats are made again", lambda: make(session, plan))
 
 
 def _say_where(session: Session, aside: Path) -> None:

@@ -98,12 +98,20 @@ def test_photos_alone_become_an_open_scene(
     told = session.notices[-1]
     assert told.text.endswith("1 photo of the folder came since.")
     assert run(told.command, session), "they can be used again, in a folder of their own"
-    assert (session.document, session.request) == (None, Request.MAKE_SPLATS)
-    again = session.photos
+    assert session.request is Request.MAKE_SPLATS
+    again = reconstruction.meant(session)
     assert again is not None
+    assert session.photos is None, "the scene stays open until Start"
     assert (again.n_photos, again.is_placed) == (7, False)
     assert again.scene == tmp_path / "shots-scene-2"
+    one = ReconstructionPlan(replace(TINY, iterations=1), again.scene)
+    reconstruction.make_meant(session, one)
+    assert session.jobs.wait(300)
+    assert session.project is not None
+    assert session.project.folder is not None
+    assert session.project.folder.root == again.scene
     assert find_model(found.scene) is not None, "the former scene stays"
+    assert reconstruction.meant(session) is None
 
 
 def test_splats_are_shown_while_they_train_and_a_cancelled_training_goes_on(

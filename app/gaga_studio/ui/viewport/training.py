@@ -360,7 +360,7 @@ def _short(value: float) -> str:
 
 def sheet(session: Session, held: PlanSheet) -> None:
     """Settings of what is to be made."""
-    found = session.photos
+    found = reconstruction.meant(session)
     if not begin_modal(SHEET, em(32), is_possible=found is not None) or found is None:
         return
     if held.plan is None or held.photos is not found:
@@ -370,8 +370,10 @@ def sheet(session: Session, held: PlanSheet) -> None:
         held.plan = reconstruction.plan_with(held.plan, "foreground", masks)
     with body("Plan"):
         with theme.face(strong=True, scale=1.2):
-            imgui.text_unformatted(theme.plain(reconstruction.title(session)))
-        widgets.dim(reconstruction.found_text(found), wrap=True)
+            imgui.text_unformatted(theme.plain(reconstruction.title_of(found)))
+        is_again = found is not session.photos
+        said = f"For a new scene, {found.scene.name}. The open one stays as it is saved."
+        widgets.dim(said if is_again else reconstruction.found_text(found), wrap=True)
         _photo_row(session, found)
         imgui.dummy(ImVec2(0, em(0.2)))
         try:
@@ -383,8 +385,8 @@ def sheet(session: Session, held: PlanSheet) -> None:
         imgui.dummy(ImVec2(0, em(0.3)))
         _estimate(session, found, plan)
     face = Face("Start", icons.RUN, width=em(8), primary=True)
-    if answer("Start", face, why_not=reconstruction.why_not(session)):
-        reconstruction.make(session, plan)
+    if answer("Start", face, why_not=reconstruction.why_not_meant(session)):
+        reconstruction.make_meant(session, plan)
     imgui.end_popup()
 
 
