@@ -91,10 +91,10 @@ _NO_EFFECT = ("snapshot_seconds", "checkpoint_seconds")  # settings that change 
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """The splats that drew the choosing held-out views best so far, with the PSNR of these."""
+    """The latest splats that drew the choosing held-out views as well as any so far."""
 
     iteration: int
-    psnr: float  # dB, mean over the held-out views
+    psnr: float  # dB, the best mean over these views so far; theirs is the same but for noise
     gaussians: Gaussians  # as they were then; never changed
 
 

@@ -86,7 +86,7 @@ class TrainConfig:
     opacity_decay: float = 0.0  # weight of mean opacity in the loss: 0.01 (MCMC)
     scale_decay: float = 0.0  # weight of mean standard deviation over extent: 0.01 (MCMC)
     dropout: float = 0.0  # share of splats left out of a step, see `dropout_at`: 0.2 (Park)
-    keep_best: bool = True  # of few photos, the splats that drew held-out views best are kept
+    keep_best: bool = True  # of few photos: once held-out views get worse, earlier splats are kept
     antialiased: bool = False  # drawn in the mip mode, for other sizes of picture too (Yu 2024)
     exposure: bool = False  # a gain and an offset per photo and channel are trained along
     exposure_rate: float = 1e-2  # learning rate of these at the start, falling to a hundredth
@@ -195,8 +195,8 @@ class TrainConfig:
         return self.shell if fewness(n_views) > 0 else 0
 
     def keeps_best(self, n_views: int) -> bool:
-        """Whether the result is the best of all measurements: with fewer than 50 photos, which a
-        training begins to learn by heart when it has learned the scene."""
+        """Whether the result may be an earlier measurement, where later ones are worse by more than
+        noise: with fewer than 50 photos, to which a training can overfit."""
         return self.keep_best and fewness(n_views) > 0
 
     def choosing(self, n_views: int) -> int:

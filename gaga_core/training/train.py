@@ -85,6 +85,7 @@ class Keeper:
             self._took = self._last - start
 
 
+_SAME = 0.3  # dB that tell nothing: another seed changes a draft of few photos by 0.2
 STAGE = "Train splats"
 _log = logging.getLogger(__name__)
 
@@ -258,8 +259,9 @@ def _measure_stage(
     psnr = team.size * float(team.mean_values(np.array([psnr]))[0])
     if not setting.config.keeps_best(len(setting.views)):
         return
-    if state.best is None or psnr >= state.best.psnr:
-        state.best = Best(state.iteration, psnr, now)
+    top = psnr if state.best is None else max(psnr, state.best.psnr)
+    if state.best is None or psnr >= top - _SAME:
+        state.best = Best(state.iteration, top, now)
 
 
 def _parted(

@@ -633,7 +633,10 @@ def _figures(report: dict[str, object]) -> str:
     if isinstance(held_out, dict) and isinstance(held_out.get("psnr"), float):
         text += f", {held_out['psnr']:.1f} dB on photos that were held out"
     elif train.get("curve"):  # it chose, so it tells nothing
-        text += ", the best by the one photo that was held out"
+        text += ", chosen by the one photo that was held out"
+    kept, n = train.get("kept_iteration"), train.get("iterations")
+    if isinstance(kept, int) and isinstance(n, int) and kept < n:
+        text += f". They are of iteration {kept:,} of {n:,}: later ones drew held-out photos worse"
     return f"{text}."
 
 

