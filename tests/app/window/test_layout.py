@@ -1602,6 +1602,11 @@ def _letters(d: Driver) -> None:
     font = theme._Loaded.regular
     assert font is not None
     assert all(font.is_glyph_in_font(ord(letter)) for letter in visual("شاي"))
+    d.session.notify(Level.INFO, "شاي")
+    d.frames(2)
+    with _texts() as shown:
+        d.frames(2)
+    assert visual("شاي") in shown, "in text that is wrapped, too"
 
 
 def _letters_of_a_folder(d: Driver, folder: Path) -> None:

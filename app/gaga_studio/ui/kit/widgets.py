@@ -230,7 +230,7 @@ def paragraph(words: str) -> None:
     edge = max(imgui.internal.get_current_window().dc.text_wrap_pos, 0.0)
     room = imgui.internal.calc_wrap_width_for_pos(imgui.get_cursor_screen_pos(), edge)
     imgui.push_text_wrap_pos(edge)
-    imgui.text_unformatted("\n".join(_lines(words, room)))
+    imgui.text_unformatted("\n".join(map(visual, _lines(words, room))))
     imgui.pop_text_wrap_pos()
 
 
@@ -682,7 +682,7 @@ def wrapped(text: str, color: ImVec4) -> None:
     width = imgui.get_content_region_avail().x - em(0.5)
     with theme.text_color(color):
         for part in _lines(text, width):
-            _centred(part)
+            _centred(visual(part))
 
 
 def _lines(text: str, width: float) -> list[str]:
