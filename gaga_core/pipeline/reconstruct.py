@@ -508,7 +508,8 @@ def look_at_photos(path: Path) -> PhotoFind | None:
 
 def photos_again(scene: Path) -> PhotoFind | None:
     """What the photos of a finished ``scene`` have to make another scene of, in a new folder next
-    to it: those that it was made of, where they are still there, else its own. None without any."""
+    to it or one that was begun: those that it was made of, where they are still there, else its
+    own. None without any."""
     entry = read_entry(scene).get("sfm")
     known = entry.get("source") if isinstance(entry, dict) else None
     is_there = isinstance(known, str) and Path(known).exists()
@@ -517,7 +518,11 @@ def photos_again(scene: Path) -> PhotoFind | None:
         return None
     name = re.sub(r"-\d+$", "", scene.name)
     tries = (scene.with_name(f"{name}-{i}") for i in itertools.count(2))
-    return _photos_of(source, next(path for path in tries if not path.exists()))
+    return _photos_of(source, next(path for path in tries if _is_free(path)))
+
+
+def _is_free(scene: Path) -> bool:
+    return not scene.exists() or (_is_begun(scene) and find_model(scene) is None)
 
 
 def photos_since(scene: Path, photos: Path) -> int:

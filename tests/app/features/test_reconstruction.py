@@ -13,7 +13,13 @@ from gaga_core.errors import GagaError
 from gaga_core.io.cameras.transforms_json import write_transforms_json
 from gaga_core.io.folder.scene_folder import World, find_model, known_world, write_world
 from gaga_core.io.images import write_rgb
-from gaga_core.pipeline.reconstruct import SURFACES, look_at_photos, reconstruct_scene
+from gaga_core.pipeline.place import WORKSPACE
+from gaga_core.pipeline.reconstruct import (
+    SURFACES,
+    look_at_photos,
+    photos_again,
+    reconstruct_scene,
+)
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing import ladder
 from gaga_core.placing.checks import Verdict
@@ -104,6 +110,10 @@ def test_photos_alone_become_an_open_scene(
     assert session.photos is None, "the scene stays open until Start"
     assert (again.n_photos, again.is_placed) == (7, False)
     assert again.scene == tmp_path / "shots-scene-2"
+    (again.scene / WORKSPACE).mkdir(parents=True)
+    begun = photos_again(found.scene)
+    assert begun is not None
+    assert begun.scene == again.scene, "what was begun goes on"
     one = ReconstructionPlan(replace(TINY, iterations=1), again.scene)
     reconstruction.make_meant(session, one)
     assert session.jobs.wait(300)
