@@ -1153,6 +1153,11 @@ def _sizes_of_a_film(d: Driver) -> None:
         assert button.max.x <= sheet.inner_clip_rect.max.x, size
     d.click(f"{ref}/1080 × 1920")
     assert d.studio.ui.film.film_size[1] == 1920
+    d.studio.ui.film.film_size = (321, 180)
+    with _texts() as shown:
+        d.frames(2)
+    assert "Written as 320 × 180: sides are even." in shown
+    d.studio.ui.film.film_size = (1920, 1080)
     d.keys(KEY.escape)
 
 

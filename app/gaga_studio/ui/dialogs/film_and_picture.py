@@ -121,6 +121,9 @@ def _film(session: Session, choices: FilmChoices) -> bool:
         else:
             _left(session, choices)
         choices.film_size = _size(choices.film_size)
+        width, height = choices.film_size
+        if width % 2 or height % 2:  # see `VideoConfig.size`
+            widgets.dim(f"Written as {width - width % 2} × {height - height % 2}: sides are even.")
         widgets.field_name("Pictures a second", em(_NAMES))
         _, choices.fps = widgets.slider("##Pictures a second", choices.fps, 5.0, 60.0, "%.0f")
         widgets.field_name("Quality", em(_NAMES))
