@@ -1,14 +1,14 @@
 """Parts that the program folder holds compressed: unpacked into the user's cache at first use.
 
-ffmpeg, COLMAP and the compiler of the kernels are 430 MiB, a third of it compressed, and two of the
+ffmpeg, COLMAP and the compiler of the kernels are 449 MiB, 114 of them compressed, and two of the
 three are not needed to look at a scene.
 """
 
-import shutil
 import sys
 import tarfile
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.abc import MetaPathFinder
 from pathlib import Path
 
@@ -57,8 +57,17 @@ def unpacked_folder(packed: Path) -> Path:
             raise GagaError(explain_os_error(error, folder)) from error
     for other in user_cache().glob(f"{folder.name.rpartition('-')[0]}-*"):
         if other != folder:
-            shutil.rmtree(other, ignore_errors=True)
+            _remove_whole(other)
     return folder
+
+
+def _remove_whole(folder: Path) -> None:
+    """Remove a folder of the cache; one that is in use stays, and is never left in part."""
+    gone = tempfile.TemporaryDirectory(
+        prefix=".old-", dir=folder.parent, ignore_cleanup_errors=True
+    )
+    with suppress(OSError), gone as place:
+        folder.rename(Path(place) / folder.name)
 
 
 class _PackedPackages(MetaPathFinder):
@@ -71,7 +80,8 @@ class _PackedPackages(MetaPathFinder):
     def find_spec(self, fullname: str, path: Sequence[str] | None, target: object = None) -> None:
         """Nothing: the import goes on with the path, to which the package's folder was added."""
         if fullname in self._packed:
-            sys.path.append(str(unpacked_folder(self._packed.pop(fullname))))
+            sys.path.append(str(unpacked_folder(self._packed[fullname])))
+            del self._packed[fullname]  # only now: after an error the next import tries again
 
 
 def import_packed(folder: Path) -> None:

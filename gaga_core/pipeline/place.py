@@ -267,7 +267,7 @@ def sfm_entry(
     placed = set(best.facts.names)
     left_out = [photo.name for photo in photos.photos if photo.name not in placed]
     return best.summary.to_json() | {
-        "source": str(source),
+        "source": str(source.absolute()),
         "left_out": left_out,
         "why_out": {name: made.diagnosis.why_out(name, made.best.placed) for name in left_out},
         "names": list(best.facts.all_names),
@@ -354,6 +354,8 @@ def place_photos(
             source = scene / ORIGINALS
         given = _given_poses(source, config)
         _claim(workspace, _fingerprint(source, config, given))
+        photos_there = list_photos(source) if source.is_dir() else ()
+        files = [path.relative_to(source).as_posix() for path in photos_there]
         require_room(scene, source, workspace)
         has_masks = config.foreground is not None or (given is not None and given.has_masks)
         if not has_masks:  # found by a run that was stopped: features need none
@@ -396,7 +398,7 @@ def place_photos(
             shutil.rmtree(workspace, ignore_errors=True)
             if not existed and scene.is_dir() and not any(scene.iterdir()):
                 scene.rmdir()
-    entry = sfm_entry(source, found, made, backdrop)
+    entry = sfm_entry(source, found, made, backdrop) | {"files": files}
     if given is not None and posed is not None:
         entry |= _given_entry(given, posed, entry, made, workspace, config)
         write_world(scene, World(given.is_metric, given.up, given.program))

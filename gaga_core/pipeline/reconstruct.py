@@ -510,15 +510,16 @@ def photos_again(scene: Path) -> PhotoFind | None:
     """What the photos of a finished ``scene`` have to make another scene of, in a new folder next
     to it or one that was begun: those that it was made of, where they are still there, else its
     own. None without any."""
-    entry = read_entry(scene).get("sfm")
-    known = entry.get("source") if isinstance(entry, dict) else None
-    is_there = isinstance(known, str) and Path(known).exists()
-    source = Path(str(known)) if is_there else find_photos(scene)
-    if source is None:
-        return None
-    name = re.sub(r"-\d+$", "", scene.name)
+    known = _placement_entry(scene).get("source")
+    sources = [find_photos(scene)]
+    if isinstance(known, str) and sources != [scene / ORIGINALS]:  # else it was made in place
+        sources.insert(0, Path(known))
+    first = re.sub(r"-\d+$", "", scene.name)
+    name = first if scene.with_name(first).is_dir() else scene.name  # "room-12" is no twelfth
     tries = (scene.with_name(f"{name}-{i}") for i in itertools.count(2))
-    return _photos_of(source, next(path for path in tries if _is_free(path)))
+    target = next(path for path in tries if _is_free(path))
+    found = (_photos_of(path, target) for path in sources if path is not None and path.exists())
+    return next(filter(None, found), None)
 
 
 def _is_free(scene: Path) -> bool:
@@ -526,12 +527,18 @@ def _is_free(scene: Path) -> bool:
 
 
 def photos_since(scene: Path, photos: Path) -> int:
-    """How many of the ``photos`` of a folder are not among those that ``scene`` was made of."""
-    entry = read_entry(scene).get("sfm")
-    names = entry.get("names") if isinstance(entry, dict) else None
-    if not isinstance(names, list) or not photos.is_dir():
+    """How many of the ``photos`` of a folder were not there when ``scene`` was made of it."""
+    known = _placement_entry(scene).get("files")
+    if not isinstance(known, list) or not photos.is_dir():
         return 0
-    return max(len(list_photos(photos)) - len(names), 0)
+    return len(
+        {path.relative_to(photos).as_posix() for path in list_photos(photos)} - {*map(str, known)}
+    )
+
+
+def _placement_entry(scene: Path) -> Mapping[str, object]:
+    entry = read_entry(scene).get("sfm")
+    return entry if isinstance(entry, dict) else {}
 
 
 def stopped_training(scene: Path) -> PhotoFind | None:

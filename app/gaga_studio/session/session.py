@@ -583,7 +583,7 @@ class Session:
                     what = "this file" if project.manifest is None else "these objects"
                     text = f"{saved.name} was saved of {what}: open it for your objects and edits."
                     self.notify(Level.INFO, text, "file.saved_project")
-                if path is not None and (said := stages.said_of_photos(project, path)):
+                if path is not None and (said := stages.said_of_photos(path)):
                     self.notify(Level.INFO, said, "file.make_again")
                 for follow in self._when_opened:
                     follow(self)

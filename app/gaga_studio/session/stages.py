@@ -46,17 +46,16 @@ def open_stage(path: Path) -> "Stage[Project | PhotoFind]":
     return (yield from open_path_stage(found.scene if found is not None else path))
 
 
-def said_of_photos(project: Project, path: Path) -> str:
-    """A sentence where ``path`` are photos, of which the scene ``project`` was made before; else
-    ""."""
-    from gaga_core.pipeline.reconstruct import photos_since
-    from gaga_core.placing.photos import is_video
+def said_of_photos(path: Path) -> str:
+    """A sentence where ``path``, which was opened, are photos of which a scene was made before;
+    else ""."""
+    from gaga_core.pipeline.reconstruct import photos_since, source_of
+    from gaga_core.placing.undistort import ORIGINALS
 
-    folder = project.folder
-    is_photos = path.is_dir() or is_video(path)
-    if folder is None or not is_photos or path.absolute() == folder.root.absolute():
+    photos, scene = source_of(path)
+    if scene.absolute() == path.absolute():
         return ""
-    n_new = photos_since(folder.root, path)
+    n_new = photos_since(scene, photos or scene / ORIGINALS)
     new = f" {counted(n_new, 'photo')} of the folder came since." if n_new else ""
     return f"This is the scene that was made of {path.name}.{new}"
 

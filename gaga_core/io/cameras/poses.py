@@ -140,6 +140,7 @@ FORMATS = (
     PoseFormat("LLFF", lambda p, head: head[:6] == b"\x93NUMPY" and "poses" in p.stem, read_llff),
 )
 _SUFFIXES = (".json", ".csv", ".out", ".xml", ".txt", ".p4d", ".opf", ".npy", "")
+_ORIGINALS = "input"  # photos with the lens's distortion; the model next to images/ is without it
 _FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", "corrected_cameras", "cameras")
 
 
@@ -185,6 +186,8 @@ def find_poses(folder: Path) -> GivenPoses | None:
     """
     for place in (folder, folder.parent):
         found = _candidates(place, is_own=place == folder)
+        if place != folder and folder.name == _ORIGINALS and (place / "images").is_dir():
+            found = [(path, form) for path, form in found if form.name != "COLMAP"]
         readable: list[GivenPoses] = []
         errors: list[GagaError] = []
         for path, form in found:

@@ -28,7 +28,7 @@ from gaga_core.scene.selection import algebra
 
 _TOO_FAR = (
     "This would bring splats farther away, or make them larger, smaller or brighter, than can be "
-    "saved. Take a smaller number."
+    "saved. Take a less extreme number."
 )
 _ROUNDING = 1e-12  # relative: what is that near to where its file has it was not moved
 _SAME_LENGTH = 1e-6  # relative: lengths are measured in float32
@@ -81,7 +81,8 @@ def recolor(
 ) -> SetPlacement | None:
     """Color splats by ``affine`` (3, 4) in RGB and multiply their opacity, after earlier recolors.
 
-    Raises ``ValueError`` when a number is not finite or the opacity is negative.
+    Raises ``ValueError`` when a number is not finite or the opacity is negative, ``GagaError`` when
+    a number would be larger than can be saved.
     """
     color = np.asarray(affine, np.float64)[:3]
     if color.shape != (3, 4) or not np.isfinite(color).all():

@@ -145,8 +145,9 @@ def append(
     up was estimated.
     """
     path = Path(path).absolute()
-    file = path.parent.name if path.name in (META, LOD_META) else path.name  # of a SOG: its folder
-    title, stem = f"Add {file}", file.split(".")[0] or file
+    is_folder = path.name in (META, LOD_META)  # of SOG
+    file = path.parent.name if is_folder else path.name
+    title, stem = f"Add {file}", file if is_folder else file.split(".")[0] or file
     first = free_group(scene)
     if scene.bank is not None:  # which may make groups of the next ids
         first = -(-first // _GAP) * _GAP

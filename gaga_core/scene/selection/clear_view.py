@@ -17,15 +17,11 @@ _SAMPLE = 50_000  # splats that are sampled
 _SEEN = 0.3  # opacity from which on a splat shows a surface
 _CORE = 0.6  # share of the sides of a scene's box that is its middle: no walls
 _CELLS = 64  # cells across a view in which surfaces hide each other
-_LARGEST, _LEVELS = (
-    3,
-    4,
-)  # cells of a splat's radius, and how often cells are doubled for larger ones
+_LARGEST = 3  # cells: radius of a splat up to which it is drawn in cells of this size
+_LEVELS = 4  # sizes of cells, each twice the one before, for larger splats
 _BEHIND = 0.02  # of the view's distance: what is so little behind a surface is part of it
 _CLEARER = 0.05  # share of all splats that another view has to show more of in the middle
-_HIDDEN = (
-    0.5  # of what the best view shows of the middle or an object: with less, another is chosen
-)
+_HIDDEN = 0.5  # share of what the best view shows: the first is left where it shows less
 
 
 def clearest_view(

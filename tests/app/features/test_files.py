@@ -49,11 +49,11 @@ def test_splats_of_another_file_come_as_one_undoable_edit(session: Session, tmp_
 def test_a_folder_of_sog_is_called_by_its_name(session: Session, tmp_path: Path) -> None:
     write_splats(tmp_path / "bowl.sog", random_gaussians(50))
     with ZipFile(tmp_path / "bowl.sog") as archive:
-        archive.extractall(tmp_path / "bowl")
-    files_actions.add_splats(session, tmp_path / "bowl" / "meta.json")
+        archive.extractall(tmp_path / "bowl v1.2")
+    files_actions.add_splats(session, tmp_path / "bowl v1.2" / "meta.json")
     assert session.jobs.wait()
-    assert {session.need().name_of(g) for g in session.selected_groups()} == {"bowl"}
-    assert session.undo() == "Add bowl"
+    assert {session.need().name_of(g) for g in session.selected_groups()} == {"bowl v1.2"}
+    assert session.undo() == "Add bowl v1.2"
 
 
 @pytest.mark.parametrize("end", ["broken", "cancelled"])

@@ -72,18 +72,20 @@ def test_photos_alone_become_an_open_scene(
     new_session: Callable[[], Session], tmp_path: Path
 ) -> None:
     write_photos(tmp_path / "shots", 6)
+    first = min((tmp_path / "shots").iterdir())
+    shutil.copy(first, first.with_stem("twin"))  # which is left out
     session = new_session()
     opened(session, tmp_path / "shots")
     found = session.photos
     assert found is not None
     assert session.document is None
-    assert (found.n_photos, found.is_placed, found.scene) == (6, False, tmp_path / "shots-scene")
+    assert (found.n_photos, found.is_placed, found.scene) == (7, False, tmp_path / "shots-scene")
     made = command("file.make_splats")
     assert not made.enabled(session)
-    assert made.title_now(session) == "Make splats from 6 photos"
+    assert made.title_now(session) == "Make splats from 7 photos"
     assert found.seconds(TINY) < found.seconds(ReconstructConfig())
     reconstruction.make(session, ReconstructionPlan(TINY, found.scene))
-    assert made.enabled(session) == "Make splats from 6 photos is still running."
+    assert made.enabled(session) == "Make splats from 7 photos is still running."
     assert session.jobs.wait(300)
     assert session.scene is not None, session.notices
     assert session.project is not None
@@ -98,7 +100,7 @@ def test_photos_alone_become_an_open_scene(
     assert "no masks" in offer.reason
     opened(session, tmp_path / "shots")  # again: what was made of them
     assert session.scene is not None
-    first = min((tmp_path / "shots").iterdir())
+    assert session.notices[-1].text == "This is the scene that was made of shots."
     shutil.copy(first, first.with_stem("new"))
     opened(session, tmp_path / "shots")
     told = session.notices[-1]
@@ -108,7 +110,7 @@ def test_photos_alone_become_an_open_scene(
     again = reconstruction.meant(session)
     assert again is not None
     assert session.photos is None, "the scene stays open until Start"
-    assert (again.n_photos, again.is_placed) == (7, False)
+    assert (again.n_photos, again.is_placed) == (8, False)
     assert again.scene == tmp_path / "shots-scene-2"
     (again.scene / WORKSPACE).mkdir(parents=True)
     begun = photos_again(found.scene)

@@ -237,6 +237,7 @@ def test_a_scene_is_listed_once_however_it_is_opened(
         assert associated.jobs.wait()
         associated.tick(0.1)
         assert associated.settings.recent == (str(root.root.resolve()),), way
+        assert not any("was made of" in notice.text for notice in associated.notices), way
     file = tmp_path / "bowl.ply"
     write_ply(file, objects_scene(2, 30, n_cameras=1).gaussians)
     sog = tmp_path / "sog"

@@ -2,6 +2,7 @@
 
 import importlib
 import io
+import shutil
 import sys
 import tarfile
 from pathlib import Path
@@ -53,6 +54,34 @@ def test_a_new_version_takes_the_place_of_the_former(tmp_path: Path, cache: Path
     stamp = second.stat().st_mtime_ns
     assert unpacked_folder(tmp_path / "packed" / "one-b2.tar.zst") == second
     assert second.stat().st_mtime_ns == stamp, "it is not unpacked again"
+
+
+def test_a_former_version_that_is_removed_in_part_is_not_taken_for_whole(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its files may be in use, or the program may end in between."""
+    first = _pack(tmp_path / "packed", "one", "a1", 1)
+    unpacked_folder(first)
+
+    def removes_some(folder: str, *_: object, **__: object) -> None:
+        for file in Path(folder).rglob("__init__.py"):
+            file.unlink()
+
+    with monkeypatch.context() as broken:
+        broken.setattr(shutil, "rmtree", removes_some)
+        unpacked_folder(_pack(tmp_path / "packed", "one", "b2", 2))
+    assert (unpacked_folder(first) / "one" / "__init__.py").is_file()
+
+
+def test_an_import_that_could_not_unpack_is_tried_again(tmp_path: Path, cache: Path) -> None:
+    _pack(tmp_path / "packed", "gaga_packed_two", "a1", 7)
+    import_packed(tmp_path / "packed")
+    cache.parent.write_text("a file")
+    for _ in range(2):
+        with pytest.raises(GagaError, match="cache"):
+            importlib.import_module("gaga_packed_two")
+    cache.parent.unlink()
+    assert importlib.import_module("gaga_packed_two").VALUE == 7
 
 
 def test_a_cache_that_cannot_be_written_is_a_sentence(tmp_path: Path, cache: Path) -> None:

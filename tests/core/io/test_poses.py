@@ -80,6 +80,16 @@ def test_what_an_earlier_run_wrote_is_no_given_pose(tmp_path: Path) -> None:
     assert find_poses(folder) is None
 
 
+def test_the_model_of_pictures_without_distortion_is_not_of_the_originals(tmp_path: Path) -> None:
+    """Of a scene folder: images/ and sparse/ are without distortion, input/ is as it came."""
+    originals = photos(tmp_path / "input")
+    FORMS["COLMAP"][0](tmp_path, cameras())
+    assert find_poses(originals) is not None
+    pictures = photos(tmp_path / "images")
+    assert find_poses(originals) is None
+    assert find_poses(pictures) is not None
+
+
 def test_two_files_that_agree_are_no_question(tmp_path: Path) -> None:
     folder = photos(tmp_path / "images")
     FORMS["instant-ngp"][0](tmp_path, cameras())

@@ -28,6 +28,7 @@ from gaga_core.pipeline.place import (
     placement_of,
     read_entry,
     refuse,
+    write_entry,
 )
 from gaga_core.pipeline.reconstruct import (
     KERNELS,
@@ -36,6 +37,8 @@ from gaga_core.pipeline.reconstruct import (
     TRAINS,
     Estimate,
     PhotoFind,
+    photos_again,
+    photos_since,
     reconstruct_scene,
 )
 from gaga_core.pipeline.run import missing_stages
@@ -181,6 +184,33 @@ def test_the_originals_in_a_scene_folder_are_kept(made: Path, placed_room: Place
     kept = {path.name: path.read_bytes() for path in (made / "input").iterdir()}
     assert kept == {path.name: path.read_bytes() for path in originals.iterdir()}
     assert find_photos(made) == made / "input"
+
+
+def test_splats_are_made_again_of_the_originals_with_what_came_since(
+    made: Path, tmp_path: Path
+) -> None:
+    """Not of the pictures without distortion, nor with the poses of these."""
+    scene = tmp_path / "scene"
+    for name in ("gaga", "images", "input", "sparse"):
+        shutil.copytree(made / name, scene / name)
+    again = photos_again(scene)
+    assert again is not None
+    assert (again.photos, again.poses) == (scene / "input", "")
+    assert again.scene == tmp_path / "scene-2"
+    assert photos_since(scene, scene / "input") == 0
+    first = min((scene / "input").iterdir())
+    first.rename(first.with_stem("new"))
+    assert photos_since(scene, scene / "input") == 1, "as many as before, but one is another"
+    (scene / "input").rename(source := tmp_path / "photos")
+    write_entry(scene, {"sfm": {"source": str(source)}})
+    again = photos_again(scene)
+    assert again is not None
+    assert again.photos == source
+    for path in source.iterdir():
+        path.unlink()
+    again = photos_again(scene)
+    assert again is not None
+    assert again.photos == scene / "images", "those that it was made of are gone"
 
 
 def test_other_pictures_in_the_scene_are_not_replaced(photos: Path, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.ui.kit import icons, textures, theme, widgets
 from gaga_studio.ui.kit.theme import em
 
-_NARROW = 1.5  # times its height: the photos of a panel so wide are rows below one another
+_NARROW = 1.5  # times its height: in a panel less wide, photos are in rows below one another
 _FROM_CAMERA = "click to view the scene from this camera"
 
 

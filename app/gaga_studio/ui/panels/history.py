@@ -46,7 +46,8 @@ def draw(session: Session, state: HistoryState) -> None:
         n_views = _view_lines(document)
     for first, last in _runs(entries):
         if last - first and first not in state.unfolded:
-            if _folded(first, last, first <= history.cursor <= last, entries[first - 1].done):
+            is_here = at is not None and first <= at <= last
+            if _folded(first, last, is_here, entries[first - 1].done):
                 state.unfolded.add(first)
             if first <= history.cursor <= last:
                 n_views = _view_lines(document)
