@@ -126,7 +126,7 @@ _UNSURE, _NEAR_SURFACE, _SHAFT = 0.003, 1.0, 0.04
 _SEEN = 2.0  # voxels: a vertex no farther from a view's depth has its color
 
 
-OVER = 1.1  # times the triangles that are asked for: near enough
+MOST_OVER = 1.1  # times the triangles that are asked for: near enough
 _TRIES = 4  # to get there
 
 
@@ -328,13 +328,13 @@ def _at_most(field: FloatArray, triangles: int) -> tuple[DoubleArray, DoubleArra
 
     vertices, faces = _surface(field)
     share = 1.0
-    for _ in range(_TRIES if triangles and len(faces) > OVER * triangles else 0):
+    for _ in range(_TRIES if triangles and len(faces) > MOST_OVER * triangles else 0):
         share *= np.sqrt(triangles / len(faces))  # their number goes with the square, nearly
         coarse = ndimage.zoom(field, share, order=1)
         steps = (np.array(field.shape) - 1) / np.maximum(np.array(coarse.shape) - 1, 1)
         vertices, faces = _surface(coarse)
         vertices = vertices * steps
-        if triangles / OVER < len(faces) < OVER * triangles:
+        if triangles / MOST_OVER < len(faces) < MOST_OVER * triangles:
             break
     return vertices, faces
 

@@ -435,4 +435,4 @@ def _begin(folder: Path, former: Path, rung: Rung) -> None:
 
 
 def _labelled(label: str) -> Callable[[Progress], Progress]:
-    return lambda step: replace(step, message=step.message + label)
+    return lambda step: replace(step, message=f"{step.message}{label}".strip())

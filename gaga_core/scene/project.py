@@ -822,8 +822,8 @@ def _require_readable(scene: Scene, arrays: dict[str, AnyArray], text: str) -> N
         decode_json(text.encode(), ProjectFile, PROJECT_FILE, CURE)
     except (ValueError, GagaError) as error:
         raise GagaError(
-            f"The project cannot be saved: it could not be opened again ({error}). The last save "
-            "is as it was. Undo the last steps, and save again."
+            f"The project was not saved: it could not be opened again ({error}). What was saved "
+            "before is as it was. Undo the last steps, and save again."
         ) from error
 
 

@@ -30,7 +30,7 @@ from gaga_core.export.export import (
 from gaga_core.export.options import ExportOptions, PageContent
 from gaga_core.export.page import content_of
 from gaga_core.export.simulation.export import SimulationExport, unit_sentence
-from gaga_core.export.solids import OVER
+from gaga_core.export.solids import MOST_OVER
 from gaga_core.io.files import explain_os_error, safe_name
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import SplatFormat, form_of
@@ -256,7 +256,7 @@ def _mesh_bytes(how: MeshExport) -> int:
         return 1_000 if is_glb else 370  # 12 triangles, measured
     if how.form is MeshForm.COLLIDER:
         return 5_200 if is_glb else 6_900  # 128 vertices, 252 triangles, measured
-    n = round(OVER * how.config.triangles) or 5 * how.config.voxels**2  # of a ball
+    n = round(MOST_OVER * how.config.triangles) or 5 * how.config.voxels**2  # of a ball
     return n * 24 + 1_000 if is_glb else n * 44
 
 

@@ -96,7 +96,7 @@ def test_what_could_not_be_opened_is_not_saved_over_the_last_save(tmp_path: Path
     project = opened(model_in(tmp_path))
     saved = save_project(project)
     project.scene.placements.matrix[0, 0, 3] = 1e30
-    with pytest.raises(GagaError, match="last save is as it was"):
+    with pytest.raises(GagaError, match="saved before is as it was"):
         save_project(project)
     assert opened(saved).scene.placements.matrix[0, 0, 3] == 0
 

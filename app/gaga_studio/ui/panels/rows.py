@@ -626,7 +626,8 @@ class ObjectRow:
             imgui.set_cursor_pos(ImVec2(top.x + place.x, top.y + place.y))
             is_count = self.is_partly_selected and i == 1
             widgets.text(text, theme.ACCENT if is_count else color)
-        if " ".join(lines) != self.name and not self.is_partly_selected:
+        is_cut = lines[0] != self.name if self.is_partly_selected else " ".join(lines) != self.name
+        if is_cut:
             widgets.tooltip(self.name, of_row=True)
 
     def _quality(self) -> None:
