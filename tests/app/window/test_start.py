@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,9 @@ def test_the_sheet_of_keys_finds_a_key_by_what_it_does_and_back() -> None:
     assert [title for rows in found["erase"].values() for _, title in rows][:1] == ["Delete"]
     assert {keys for keys, _ in found["orbit"]["Mouse"]} == {"Drag", "Middle drag"}
     assert found["no such"] == {}
+    assert keys_with("fly", session)["Mouse"][0][0] == "W A S D, Q, E"
+    session.settings = replace(session.settings, keys="blender")
+    assert keys_with("fly", session)["Mouse"][0][0].startswith("V, then"), "they are commands there"
 
 
 def test_the_palette_finds_panels() -> None:

@@ -31,7 +31,6 @@ MOUSE = (
     ("Right drag", "Pan"),
     ("Right click", "The menu of the object"),
     ("Wheel", "Zoom"),
-    ("W A S D, Q, E", "Fly; Shift fast, Alt slow"),
 )
 _LICENCES = (
     "Apache-2.0. With Dear ImGui Bundle (MIT), moderngl (MIT), numba (BSD), NumPy (BSD), "
@@ -336,8 +335,11 @@ def _shortcuts(session: Session, state: PaletteState) -> None:
 def keys_with(text: str, session: Session) -> dict[str, list[tuple[str, str]]]:
     """Keys and what they do, by menu: those that have every word of ``text``."""
     words = text.casefold().split()
-    texts = {row: f"mouse {' '.join(row)}".casefold() for row in MOUSE}
-    found = {"Mouse": [row for row in MOUSE if all(word in texts[row] for word in words)]}
+    is_letters = session.settings.keys == "blender"  # which are commands until V
+    flies = "V, then W A S D, Q, E" if is_letters else "W A S D, Q, E"
+    mouse = (*MOUSE, (flies, "Fly; Shift fast, Alt slow"))
+    texts = {row: f"mouse {' '.join(row)}".casefold() for row in mouse}
+    found = {"Mouse": [row for row in mouse if all(word in texts[row] for word in words)]}
     for menu, listed in MENUS.items():
         rows = [(c, ", ".join(commands.keys_of(c, session))) for c in listed]
         found[menu] = [
