@@ -6,19 +6,21 @@ NAME of exported objects) with
     project.json      which model (with a fingerprint), names of groups, folders, which scene file
     scene-<id>.npz    the columns and tables of the scene, and the memory bank with its log
 
-The model itself is not copied, unless it changed since it was opened and the caller asks for it. A
-save writes a new scene file first and then replaces project.json in one step, so a failure at any
-moment leaves the former save whole. Only one program writes at a time, and none over a save that it
-does not know.
+The model itself is not copied, unless it changed since it was opened and the caller asks for it;
+files of splats that were added are, as added-<digest>/NAME. A save writes a new scene file first
+and then replaces project.json in one step, so a failure at any moment leaves the former save whole.
+Only one program writes at a time, and none over a save that it does not know.
 """
 
 import json
 import re
+import shutil
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 from uuid import uuid4
 
@@ -35,14 +37,19 @@ from gaga_core.identity.classifier_io import CLASSIFIER_FILE, field_of_model
 from gaga_core.identity.field import FILE as IDENTITY_FILE
 from gaga_core.identity.field import LABELLING, encoding_colors
 from gaga_core.io.arrays_file import Column, checked, damage, read_arrays, read_columns
-from gaga_core.io.files import atomic_write, fingerprint, is_file
+from gaga_core.io.files import atomic_write, explain_os_error, fingerprint, is_file
 from gaga_core.io.folder.lock import lock_folder
 from gaga_core.io.folder.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
 from gaga_core.io.json_file import PathText, decode_json, read_json
 from gaga_core.io.splats.packing import READS
 from gaga_core.io.splats.ply import write_ply
 from gaga_core.io.splats.sog import LOD_META, META, is_sog_meta, is_streamed_sog
-from gaga_core.io.splats.splat_files import is_same_model, model_fingerprint, read_splats_stage
+from gaga_core.io.splats.splat_files import (
+    files_of_model,
+    is_same_model,
+    model_fingerprint,
+    read_splats_stage,
+)
 from gaga_core.io.splats.spz import OURS, SilentAxes
 from gaga_core.progress import Progress, Stage, part, portion
 from gaga_core.scene.camera_path import (
@@ -747,6 +754,7 @@ def save_project(
     *,
     copies_model: bool = False,
     overwrites: bool = False,
+    keeps_added: bool = True,
 ) -> Path:
     """Save all edits to ``path`` (default: `Project.saves_to`).
 
@@ -754,8 +762,9 @@ def save_project(
     written, ``InUseError`` when another program has it open, ``SavedElsewhereError`` when another
     one saved there since (not with ``overwrites``, or to a ``path`` that is not the project's own),
     and ``ModelChangedError`` when a file of splats is not the one that was opened; with
-    ``copies_model`` the splats as they were opened are written next to the project then. The former
-    save stays whole in every case.
+    ``copies_model`` the splats as they were opened are written next to the project then. Files that
+    were added are copied into it, but not without ``keeps_added``. The former save stays whole in
+    every case.
     """
     own = project.saves_to
     target = Path(path or own)
@@ -768,7 +777,11 @@ def save_project(
                 f"Another program saved a project in {target} since this one was opened. Save "
                 "elsewhere to keep both."
             )
-        _write_project(project, target, entries or _entries(project, target, True))
+        entries = entries or _entries(project, target, True)
+        if keeps_added:
+            kept = (_kept_in(target, entry, project.copies) for entry in entries[1:])
+            entries = [entries[0], *kept]
+        _write_project(project, target, entries)
     project.path = target
     return target
 
@@ -812,6 +825,10 @@ def _write_project(project: Project, target: Path, entries: list[FileEntry]) -> 
         if re.match(_SCENE_FILE, stale.name) and stale.name != name:
             with suppress(OSError):  # in use elsewhere: the next save removes it
                 stale.unlink()
+    used = {Path(entry.path).parts[0] for entry in entries[1:] if entry.path}
+    for copy in target.glob("added-*"):
+        if re.fullmatch(_ADDED_COPY, copy.name) and copy.name not in used:
+            shutil.rmtree(copy, ignore_errors=True)
 
 
 def _require_readable(scene: Scene, arrays: dict[str, AnyArray], text: str) -> None:
@@ -930,6 +947,38 @@ def _entries(project: Project, target: Path, copies_model: bool) -> list[FileEnt
         path, digest = current_file(wanted, target, scene, rows, project.copies)
         entries.append(FileEntry(_shown(path, target), digest, item.n, item.axes, item.frame))
     return entries
+
+
+_ADDED_COPY = r"added-[0-9a-f]{16}"  # folder of an added file in the project's
+
+
+def _kept_in(target: Path, entry: FileEntry, known: KnownCopies) -> FileEntry:
+    """The ``entry`` of an added file as a copy in ``target``, made once: the file may go, or be
+    written anew, and the project could not be opened any more.
+
+    A file stays where it is if its parts lie elsewhere. ``GagaError``: it cannot be copied.
+    """
+    if not entry.path:
+        return entry
+    path, base = _resolve(target, entry.path), target.resolve()
+    if path.is_relative_to(base):
+        return msgspec.structs.replace(entry, path=path.relative_to(base).as_posix())
+    folder = base / f"added-{entry.fingerprint[:16]}"
+    try:
+        if not folder.is_dir():
+            files = files_of_model(path)
+            if not all(file.is_relative_to(path.parent) and is_file(file) for file in files):
+                return entry
+            with TemporaryDirectory(prefix=".added-", dir=base) as temporary:
+                for file in files:
+                    copy = Path(temporary) / "made" / file.relative_to(path.parent)
+                    copy.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(file, copy)
+                (Path(temporary) / "made").rename(folder)
+    except OSError as error:
+        raise GagaError(explain_os_error(error, folder)) from error
+    known.files[target, entry.fingerprint] = folder / path.name, entry.fingerprint
+    return msgspec.structs.replace(entry, path=f"{folder.name}/{path.name}")
 
 
 def _added_of(entries: Sequence[FileEntry], base: Path, n_opened: int) -> tuple[Added, ...]:

@@ -2,9 +2,11 @@
 
 import gzip
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -152,7 +154,8 @@ def test_a_saved_project_brings_all_files_back(room: Path, chair: Path) -> None:
     where = save_project(project)
     back = opened(where).scene
     assert snapshot(back) == snapshot(scene)
-    assert back.added == scene.added
+    assert [item.path for item in back.added] == [str(_copy_in(where))] * 2
+    assert [replace(item, path=str(chair)) for item in back.added] == list(scene.added)
     sure = back.confidence_of()
     assert sure is not None
     assert (sure[:200] == 9).all()
@@ -161,18 +164,70 @@ def test_a_saved_project_brings_all_files_back(room: Path, chair: Path) -> None:
     assert snapshot(opened(again).scene) == snapshot(scene)
 
 
+def _copy_in(project: Path) -> Path:
+    (copy,) = project.glob("added-*/*.ply")
+    return copy
+
+
+@pytest.mark.parametrize("end", ["gone", "changed"])
+def test_a_project_keeps_what_was_added(room: Path, chair: Path, end: str) -> None:
+    """A file that was only added took all edits of the scene along when it went."""
+    project = opened(room)
+    history = History(project.scene)
+    add(history, project.scene, chair)
+    where, before = save_project(project), snapshot(project.scene)
+    if end == "gone":
+        chair.unlink()
+    else:
+        write_splats(chair, random_gaussians(90, seed=6))
+    assert snapshot(opened(where).scene) == before
+    assert save_project(project) == where, "the copy is what the next save names, too"
+    assert save_project(opened(where)) == where
+    moved = where.rename(where.with_name("elsewhere.gaga"))
+    assert snapshot(opened(moved).scene) == before
+    other = save_project(opened(moved), where.with_name("other.gaga"))
+    shutil.rmtree(moved)
+    assert snapshot(opened(other).scene) == before
+
+
+def test_a_copy_goes_with_what_was_added(room: Path, chair: Path) -> None:
+    project = opened(room)
+    history = History(project.scene)
+    add(history, project.scene, chair)
+    where = save_project(project)
+    stamp = _copy_in(where).stat().st_mtime_ns
+    save_project(project)
+    assert _copy_in(where).stat().st_mtime_ns == stamp, "it is made once"
+    history.undo()
+    save_project(project)
+    assert not list(where.glob("added-*"))
+
+
+def test_a_folder_of_sog_is_kept_whole(room: Path, tmp_path: Path) -> None:
+    write_splats(tmp_path / "bowl.sog", random_gaussians(50))
+    with ZipFile(tmp_path / "bowl.sog") as archive:
+        archive.extractall(tmp_path / "bowl")
+    project = opened(room)
+    add(History(project.scene), project.scene, tmp_path / "bowl" / "meta.json")
+    where, before = save_project(project), snapshot(project.scene)
+    shutil.rmtree(tmp_path / "bowl")
+    assert snapshot(opened(where).scene) == before
+
+
 def test_a_project_whose_added_file_is_gone_or_changed_says_so(room: Path, chair: Path) -> None:
     project = opened(room)
     add(History(project.scene), project.scene, chair)
     where = save_project(project)
+    text = (where / "project.json").read_text()
+    document = json.loads(text)
+    document["added"][0]["path"] = str(chair)  # as older projects have it
+    (where / "project.json").write_text(json.dumps(document))
     write_splats(chair, random_gaussians(90, seed=6))
     with pytest.raises(GagaError, match=r"chair\.ply changed"):
         opened(where)
     chair.unlink()
     with pytest.raises(GagaError, match="gone"):
         opened(where)
-    text = (where / "project.json").read_text()
-    document = json.loads(text)
     document["added"][0].pop("fingerprint")
     (where / "project.json").write_text(json.dumps(document))
     with pytest.raises(GagaError, match="damaged"):
@@ -378,7 +433,8 @@ def test_a_saved_project_and_a_script_know_it(project: Project, tmp_path: Path) 
     replayed = run_stage(open_path_stage(tmp_path / "0.ply")).scene
     run_script(replayed, json.loads((tmp_path / "script.json").read_text()))
     for scene in (again, replayed):
-        assert scene.added == project.scene.added
+        for item, known in zip(scene.added, project.scene.added, strict=True):
+            assert replace(item, path=known.path) == known, "but for the copy of the file"
         _moved_and_reset(scene, History(scene))
         np.testing.assert_allclose(world_means(scene), before, atol=1e-5)
     assert_same(again, replayed)
