@@ -22,6 +22,7 @@ import numpy as np
 from gaga_core.errors import GagaError
 
 _LOG = logging.getLogger(__name__)
+_MOST_NAME = 255  # bytes: what file systems take
 _LONGEST = 200  # bytes of a name in that of its temporary file: file systems take 255
 # Names of `atomic_write` and `staging_folder`.
 _LEFT = re.compile(r"\..+\.[0-9a-f]{8}\.part|\.gaga-[a-z0-9_]{8}")
@@ -268,6 +269,12 @@ def fingerprint(path: Path) -> str:
     except OSError as error:
         raise GagaError(explain_os_error(error, path)) from error
     return digest.hexdigest()
+
+
+def too_long(path: Path) -> str:
+    """A sentence where no file can be called ``path``; "" where one can."""
+    n = max((len(os.fsencode(part)) for part in path.parts), default=0)
+    return f"The name is too long: {n} bytes of {_MOST_NAME} at most." if n > _MOST_NAME else ""
 
 
 def safe_name(name: str) -> str:

@@ -1,5 +1,6 @@
 """The memory bank: moved masks, split objects, quality, the replay, the splats of a mask."""
 
+import shutil
 import threading
 import time
 from collections.abc import Callable
@@ -513,3 +514,21 @@ def test_masks_that_were_made_again_are_read_again(associated: Session) -> None:
     assert memory_bank.evidence_of(session, document) is not kept
     assert memory_bank.mask_splats_of(session, decision) is None  # until its view is read again
     assert memory_bank.mask_overlaps(session, _mask(session))
+
+
+def test_the_memory_bank_shows_the_masks_that_the_objects_are_of(associated: Session) -> None:
+    """Masks that were imported since were shown, and their ids taken for those of the objects."""
+    project = associated.need().project
+    assert project.folder is not None
+    masks_folder = project.folder.root / "masks"
+    shutil.copytree(masks_folder / "made", masks_folder / "others")
+    before = associated.masks
+    assert masks.choose(associated, "others")
+    assert associated.masks is not before
+    shown = memory_bank.masks_of_bank(associated)
+    assert set(shown.loaders) == set(before.loaders)
+    assert "made" in str(shown.source)
+    assert "made" in str(memory_bank.evidence_of(associated, associated.need()).masks.source)
+    association.associate(associated)
+    assert associated.jobs.wait()
+    assert memory_bank.masks_of_bank(associated) is associated.masks, "found again, of the others"

@@ -1667,6 +1667,12 @@ def _file_dialog(d: Driver, folder: Path) -> None:
     d.click("$FOCUSED/###place 0")
     assert dialog.folder == Path.home().resolve()
     d.keys(KEY.escape)
+    saving = FileDialog("Save a picture", PathKind.SAVE_FILE, folder, "n" * 300, (".png",))
+    d.on_main(lambda: d.studio.ui.files.ask(saving, taken.append))
+    d.frames(3)
+    d.keys(KEY.enter)
+    assert saving.message.startswith("The name is too long")
+    d.keys(KEY.escape)
 
 
 def test_path_fields_complete_what_is_typed(

@@ -19,6 +19,7 @@ from gaga_core.io.files import (
     open_file,
     safe_name,
     same_name,
+    too_long,
 )
 from gaga_core.io.masks.label_maps import view_key, view_keys
 
@@ -144,3 +145,13 @@ def test_a_large_file_may_take_fifty_times_its_size_and_half_of_the_memory(tmp_p
     check_memory(path, 1500 << 20, "splats")
     with pytest.raises(GagaError):
         check_memory(path, (1500 << 20) + 1, "splats")
+
+
+@pytest.mark.parametrize(("name", "n"), [("n" * 255, 255), ("n" * 300, 300), ("я" * 128, 256)])
+def test_a_name_that_no_file_can_have_is_told(tmp_path: Path, name: str, n: int) -> None:
+    said = too_long(tmp_path / name)
+    assert bool(said) == (n > 255)
+    assert not said or f"{n} bytes" in said
+    if said:
+        with pytest.raises(OSError, match="too long"):
+            (tmp_path / name).write_text("")

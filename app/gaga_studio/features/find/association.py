@@ -177,6 +177,7 @@ def take_groups(document: Document, found: Association) -> str:
     from gaga_core.grouping.add_views import with_decisions
 
     scene = document.settled().scene
+    document.feature(BankMasks).provider = ""
     former, changed = scene.labels[: len(found.labels)], decided_groups(document.project)
     of_file, new_ids = with_decisions(former, found.labels, changed, scene.names)
     n_kept = int(of_file.max(initial=0)) - int(found.labels.max(initial=0))
@@ -481,6 +482,13 @@ def _no_masks(folder: SceneFolder) -> StageOffer:
     more = (("", "object.masks_model"), ("Other ways…", "object.masks"))
     note = "now, without a model"
     return StageOffer(reason, "Make masks", "object.masks_quick", seconds, note, more)
+
+
+class BankMasks:
+    """The masks that the objects were made of, where others were taken into use since."""
+
+    def __init__(self) -> None:
+        self.provider = ""  # "": those in use
 
 
 def masks_now(session: Session) -> MaskSet:

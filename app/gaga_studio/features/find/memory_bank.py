@@ -15,6 +15,7 @@ from gaga_core.grouping.figures import BankGrowth
 from gaga_core.grouping.memory_bank import Decision, MemoryBank, renumbered
 from gaga_core.io.folder.scene_folder import select_views
 from gaga_core.io.masks.label_maps import label_files_of, view_key
+from gaga_core.masks import MaskSet
 from gaga_core.progress import Stage
 from gaga_core.raster import choose
 from gaga_core.scene import edits
@@ -78,6 +79,18 @@ class Timeline:
 
 
 _Looked = tuple[str, "Evidence", str]  # a view, and the groups that it shows; "": not wanted
+
+
+def masks_of_bank(session: Session) -> MaskSet:
+    """The masks that the decisions of the memory bank are about."""
+    document = session.need()
+    folder, name = document.project.folder, document.feature(association.BankMasks).provider
+    if folder is None or name == session.provider or name not in folder.mask_folders:
+        return session.masks
+    key = (name, folder.mask_folders[name])
+    return document.read.once(
+        "masks of the bank", key, lambda: stages.masks_of(document.project, name)[1]
+    )
 
 
 class KnownViews:
@@ -257,15 +270,16 @@ def evidence_of(session: Session, document: Document) -> "Evidence":
     from gaga_core.grouping.repair.view_evidence import Evidence
 
     folder, bank = document.project.folder, document.scene.bank
-    if folder is None or bank is None or len(session.masks) == 0:
+    masks = masks_of_bank(session)
+    if folder is None or bank is None or len(masks) == 0:
         raise GagaError("This scene has no masks. Put label maps into its masks folder first.")
-    key = (session.masks.source or session.provider, bank.preset)
+    key = (masks.source or session.provider, bank.preset)
     kept = document.feature(KnownViews).evidence.get(key)
     if kept is None:
         train = set(folder.train)
         cameras = [camera for camera in folder.cameras if camera.name in train]
         gaussians = stages.file_gaussians(document.scene)
-        kept = Evidence.of(gaussians, cameras, session.masks, AssociateConfig.of(bank.preset))
+        kept = Evidence.of(gaussians, cameras, masks, AssociateConfig.of(bank.preset))
         document.feature(KnownViews).evidence[key] = kept
     return kept
 

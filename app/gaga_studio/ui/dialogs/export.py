@@ -11,6 +11,7 @@ from gaga_core.export.cameras import CameraForm, camera_form_of
 from gaga_core.export.export import MeshExport, MeshForm
 from gaga_core.export.options import ExportOptions, Point
 from gaga_core.export.simulation.export import SimulationExport, SimulatorForm
+from gaga_core.io.files import too_long
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import WRITE_SUFFIXES, SplatFormat
 from gaga_core.scene.selection.bounds import splat_box
@@ -477,7 +478,8 @@ def _says(sheet: ExportSheet, summary: ExportSummary) -> None:
 
 
 def _replaces(sheet: ExportSheet) -> bool:
-    return not _is_folder(sheet) and _plan(sheet).path.is_file()
+    path = _plan(sheet).path
+    return not _is_folder(sheet) and not too_long(path) and path.is_file()
 
 
 def size_text(n_bytes: int) -> str:
@@ -507,6 +509,8 @@ def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> st
         return "Nothing of it is visible, so nothing can be written."
     if not sheet.path.strip():
         return "Say where to write."
+    if said := too_long(_plan(sheet).path):
+        return said
     if sheet.what == "simulation":
         return _why_no_bodies(session, sheet)
     if not _is_folder(sheet) and export.form_of_name(sheet.path) is None:

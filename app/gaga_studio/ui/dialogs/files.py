@@ -15,7 +15,7 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as native
 
-from gaga_core.io.files import safe_name
+from gaga_core.io.files import safe_name, too_long
 from gaga_core.io.images import IMAGE_SUFFIXES
 from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.placing.photos import VIDEO_SUFFIXES
@@ -348,7 +348,9 @@ def _accept(dialog: FileDialog) -> None:
     """Take what the text field names, or say why it cannot be taken."""
     text = dialog._text.strip()
     path = (dialog.folder / Path(text).expanduser()) if text else dialog.folder
-    if dialog.kind is PathKind.SAVE_FILE:
+    if said := too_long(path):
+        dialog.message = said
+    elif dialog.kind is PathKind.SAVE_FILE:
         _accept_save(dialog, path, text)
     elif dialog.kind is PathKind.NEW_FOLDER and not path.exists() and path.parent.is_dir():
         _finish(dialog, path)

@@ -13,9 +13,10 @@ from gaga_core.color import group_palette
 from gaga_core.errors import GagaError
 from gaga_core.grouping.memory_bank import Decision, MemoryBank
 from gaga_core.io.images import read_rgb
-from gaga_core.masks import Loader, resize_labels
+from gaga_core.masks import Loader, MaskSet, resize_labels
 from gaga_core.scene.objects import ObjectTable
 from gaga_studio.features import object_list
+from gaga_studio.features.find.memory_bank import masks_of_bank
 from gaga_studio.session.document import Document
 from gaga_studio.session.notices import Level
 from gaga_studio.session.session import Session
@@ -136,14 +137,21 @@ def photo_with_masks(
     session: Session, view: str, bank: MemoryBank | None, side: int = THUMBNAIL
 ) -> Texture:
     """The photo with its masks in the colors of their groups."""
-    path, load = photo_path(session, view), session.masks.loaders.get(view)
+    path, load = photo_path(session, view), _masks(session).loaders.get(view)
     if path is None or load is None:
         return photo(session, view, side)
     groups = groups_of_view(bank, view)
     own = _own_colors(session)
-    key = f"masks {path} {session.provider} {side} {_mark(groups)} {sorted(own.items())}"
+    key = f"masks {path} {_masks(session).source} {side} {_mark(groups)} {sorted(own.items())}"
     paint = partial(tint_masks, path, load, groups, side, own)
     return _texture(session, key, paint)
+
+
+def _masks(session: Session) -> MaskSet:
+    """Those of which the objects are, or are being made."""
+    if session.live is not None or session.document is None:
+        return session.masks
+    return masks_of_bank(session)
 
 
 def photo_and_mask(
@@ -151,14 +159,14 @@ def photo_and_mask(
 ) -> tuple[Texture, Texture]:
     """The photo with one mask outlined, and the label map with that mask bright."""
     view, mask = decision.view, decision.mask
-    path, load = photo_path(session, view), session.masks.loaders.get(view)
+    path, load = photo_path(session, view), _masks(session).loaders.get(view)
     if load is None:
         return photo(session, view, LARGE), None
     side = LARGE
     bank = document.scene.bank if session.live is None else session.live.bank
     groups = groups_of_view(bank, view)
     own = _own_colors(session)
-    key = f"{session.masks.source} {view} {mask} {_mark(groups)} {sorted(own.items())}"
+    key = f"{_masks(session).source} {view} {mask} {_mark(groups)} {sorted(own.items())}"
     right = _texture(
         session,
         f"mask {key}",
@@ -172,7 +180,7 @@ def photo_and_mask(
 
 def mask_at(session: Session, view: str, u: float, v: float) -> int:
     """Id of the mask at a place of a view, 0..1 from the upper left; 0 = none."""
-    load = session.masks.loaders.get(view)
+    load = _masks(session).loaders.get(view)
     if load is None:
         return 0
     try:
