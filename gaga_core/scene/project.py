@@ -131,6 +131,7 @@ class ProjectFile(msgspec.Struct, frozen=True):
     sets: list[str] = []
     bookmarks: object = None
     path: object = None
+    masks: str = ""  # name of the masks that the objects are of
 
 
 class _Head(msgspec.Struct, frozen=True):
@@ -521,6 +522,7 @@ class Project:
     # Both in the frame in which the scene was opened, see `gaga_core.scene.frame`.
     bookmarks: tuple[Bookmark, ...] = ()
     film: CameraPath = field(default_factory=CameraPath)  # the camera's path
+    bank_masks: str = ""  # name of the masks that the objects are of; "": not known
     # Both are shared by copies of this value, which are what a save works on.
     known_saves: set[str] = field(default_factory=set)  # scene files read or written by this one
     copies: KnownCopies = field(default_factory=KnownCopies)  # of files that changed
@@ -808,6 +810,7 @@ def _write_project(project: Project, target: Path, entries: list[FileEntry]) -> 
         sets=list(scene.named_selections),
         bookmarks=bookmarks_entry(project.bookmarks),
         path=path_entry(project.film),
+        masks=project.bank_masks,
     )
     arrays = scene_arrays(scene)
     text = json.dumps(msgspec.to_builtins(document, enc_hook=np.generic.item), indent=2)
@@ -914,6 +917,7 @@ def _open_saved(file: Path) -> Stage[Project]:
         manifest=_resolve(file.parent, document.manifest) if document.manifest else None,
         bookmarks=bookmarks_of(document.bookmarks),
         film=film,
+        bank_masks=document.masks,
         known_saves={document.scene},
     )
 

@@ -159,12 +159,14 @@ def file_gaussians(scene: Scene) -> Gaussians:
 
 
 def masks_of(project: Project, provider: str = "") -> tuple[str, MaskSet]:
-    """The chosen (else the first) provider and its masks; empty when there are none."""
+    """The chosen provider, else the one that the objects are of, else the first, and its masks;
+    empty when there are none."""
     folder = project.folder
     if folder is None or not folder.mask_folders:
         return "", MaskSet()
     if provider and provider not in folder.mask_folders:
         known = ", ".join(folder.mask_folders)
         raise GagaError(f"There are no masks of {provider!r} here. Choose one of {known}.")
-    name = provider or next(iter(folder.mask_folders))
+    known = project.bank_masks if project.bank_masks in folder.mask_folders else ""
+    name = provider or known or next(iter(folder.mask_folders))
     return name, mask_folder(folder.mask_folders[name], [c.name for c in folder.cameras])

@@ -521,7 +521,8 @@ def test_the_memory_bank_shows_the_masks_that_the_objects_are_of(associated: Ses
     project = associated.need().project
     assert project.folder is not None
     masks_folder = project.folder.root / "masks"
-    shutil.copytree(masks_folder / "made", masks_folder / "others")
+    for name in ("others", "a set"):
+        shutil.copytree(masks_folder / "made", masks_folder / name)
     before = associated.masks
     assert masks.choose(associated, "others")
     assert associated.masks is not before
@@ -529,6 +530,12 @@ def test_the_memory_bank_shows_the_masks_that_the_objects_are_of(associated: Ses
     assert set(shown.loaders) == set(before.loaders)
     assert "made" in str(shown.source)
     assert "made" in str(memory_bank.evidence_of(associated, associated.need()).masks.source)
+    associated.save()
+    assert associated.jobs.wait()
+    associated.open(project.folder.root)
+    assert associated.jobs.wait()
+    assert associated.provider == "made", "in use again after opening, though not the first"
+    assert masks.choose(associated, "a set")
     association.associate(associated)
     assert associated.jobs.wait()
     assert memory_bank.masks_of_bank(associated) is associated.masks, "found again, of the others"

@@ -152,11 +152,12 @@ def associate(session: Session, provider: str | None = None, preset: str | None 
     config = session.feature(FindState).association(preset)
     found = stages.masks_of(document.project, provider or session.provider)
     session.provider, session.masks = found
-    rates = session.rates
+    rates, name = session.rates, session.provider
     stage = associate_project_stage(document.project, session.masks, config, rates)
     progress, end = watch_bank(session)
 
     def done(result: Association) -> None:
+        document.project.bank_masks = name
         session.notify(Level.INFO, take_groups(document, result))
         took = session.feature(FindState).took_the_tool and session.tool is ToolName.OBJECT
         if took and len(session.selected_indices()) == 0:
@@ -177,7 +178,6 @@ def take_groups(document: Document, found: Association) -> str:
     from gaga_core.grouping.add_views import with_decisions
 
     scene = document.settled().scene
-    document.feature(BankMasks).provider = ""
     former, changed = scene.labels[: len(found.labels)], decided_groups(document.project)
     of_file, new_ids = with_decisions(former, found.labels, changed, scene.names)
     n_kept = int(of_file.max(initial=0)) - int(found.labels.max(initial=0))
@@ -482,13 +482,6 @@ def _no_masks(folder: SceneFolder) -> StageOffer:
     more = (("", "object.masks_model"), ("Other ways…", "object.masks"))
     note = "now, without a model"
     return StageOffer(reason, "Make masks", "object.masks_quick", seconds, note, more)
-
-
-class BankMasks:
-    """The masks that the objects were made of, where others were taken into use since."""
-
-    def __init__(self) -> None:
-        self.provider = ""  # "": those in use
 
 
 def masks_now(session: Session) -> MaskSet:

@@ -463,9 +463,8 @@ def choose(session: Session, name: str) -> bool:
     _look_again(document)
     if name not in mask_folders(session):
         raise GagaError(f"The masks of {name} are no longer here. Make or import them.")
-    origin = document.feature(association.BankMasks)
-    if document.scene.bank is not None and not origin.provider:
-        origin.provider = session.provider
+    if document.scene.bank is not None and not document.project.bank_masks:
+        document.project.bank_masks = session.provider
     session.provider, session.masks = stages.masks_of(document.project, name)
     document.feature(KnownViews).forget()  # files of the same names may hold other masks now
     return True

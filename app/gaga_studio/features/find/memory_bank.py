@@ -84,7 +84,7 @@ _Looked = tuple[str, "Evidence", str]  # a view, and the groups that it shows; "
 def masks_of_bank(session: Session) -> MaskSet:
     """The masks that the decisions of the memory bank are about."""
     document = session.need()
-    folder, name = document.project.folder, document.feature(association.BankMasks).provider
+    folder, name = document.project.folder, document.project.bank_masks
     if folder is None or name == session.provider or name not in folder.mask_folders:
         return session.masks
     key = (name, folder.mask_folders[name])
