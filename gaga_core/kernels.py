@@ -134,11 +134,11 @@ def mark_compiled(part: Part = "window", step: str = "") -> None:
 
 def _stamp(part: Part, step: str) -> Path:
     """File that is there when it is compiled: named by all that numba compiles for."""
-    return Path(os.environ["NUMBA_CACHE_DIR"]) / _stamp_name(part, step)
+    return Path(os.environ["NUMBA_CACHE_DIR"]) / _stamp_name(part, step, numba.__version__)
 
 
 @functools.cache  # windows ask in every frame
-def _stamp_name(part: Part, step: str) -> str:
-    parts = (_DIGEST, platform.python_version(), numba.__version__, _PROCESSOR, _FEATURES)
+def _stamp_name(part: Part, step: str, compiler: str) -> str:
+    parts = (_DIGEST, platform.python_version(), compiler, _PROCESSOR, _FEATURES)
     name = hashlib.sha256("\n".join((*parts, step)).encode()).hexdigest()[:16]
     return f"compiled-{part}-{name}"

@@ -500,6 +500,7 @@ def look_at_photos(path: Path) -> PhotoFind | None:
     holds photos of kinds only that are not read.
     """
     outside, scene = source_of(path)
+    scene = scene if outside is None else latest_of(scene)
     if find_model(scene) is not None:
         is_it = scene.absolute() == path.absolute()
         return None if is_it else PhotoFind(outside, scene, 0, (1, 1))
@@ -520,6 +521,18 @@ def photos_again(scene: Path) -> PhotoFind | None:
     target = next(path for path in tries if _is_free(path))
     found = (_photos_of(path, target) for path in sources if path is not None and path.exists())
     return next(filter(None, found), None)
+
+
+def latest_of(scene: Path) -> Path:
+    """The last of the finished scenes that were made again of the photos of ``scene``, else it."""
+    source = _placement_entry(scene).get("source")
+
+    def is_of_them(other: Path) -> bool:
+        is_made = source is not None and find_model(other) is not None
+        return is_made and _placement_entry(other).get("source") == source
+
+    others = (scene.with_name(f"{scene.name}-{i}") for i in itertools.count(2))
+    return [scene, *itertools.takewhile(is_of_them, others)][-1]
 
 
 def _is_free(scene: Path) -> bool:

@@ -73,6 +73,7 @@ TITLES = {
     "undistort": "Undistort photos",
 }
 _BLOCK = re.compile(r"Processing (?:block|image) \[(\d+)/(\d+)(?:, (\d+)/(\d+))?\]")
+UPRIGHT = "upright.json"  # in a workspace: the turn of its model to a world whose z is up
 NO_MODEL = "no model"  # the worker's word for a mapping that found no pair to start from
 MATCH_SIDE = 640  # pixels: learned models look at photos at this size, as published
 FEW_PHOTOS = 12  # of one camera: a simple lens model holds where a rich one would run away

@@ -14,10 +14,9 @@ from gaga_core.io.depth_maps import DEPTH
 from gaga_core.io.files import explain_os_error, refuse_links
 from gaga_core.io.folder.scene_folder import FOREGROUND
 from gaga_core.placing.photos import MASKS, PhotoSet
-from gaga_core.placing.sfm import SfmConfig, run_step
+from gaga_core.placing.sfm import UPRIGHT, SfmConfig, run_step
 from gaga_core.progress import Progress, Stage
 
-UPRIGHT = "upright.json"  # in a workspace: the turn of its model to a world whose z is up
 ORIGINALS = "input"  # folder in the scene for photos as they came (as in the original 3DGS work)
 
 

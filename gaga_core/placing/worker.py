@@ -30,8 +30,7 @@ from gaga_core.io.images import read_rgb
 from gaga_core.io.json_file import read_json
 from gaga_core.placing.photos import DEPTH_MAPS, MASKS, prefix_of_view, turn_of_view
 from gaga_core.placing.poses import centres, moved_by, similarity_between
-from gaga_core.placing.sfm import FEW_PHOTOS, MATCH_SIDE, CameraGroup, StepSettings
-from gaga_core.placing.undistort import UPRIGHT
+from gaga_core.placing.sfm import FEW_PHOTOS, MATCH_SIDE, UPRIGHT, CameraGroup, StepSettings
 
 # --- What the checks read of a model: plain arrays that the worker writes.
 

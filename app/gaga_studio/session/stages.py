@@ -49,12 +49,13 @@ def open_stage(path: Path) -> "Stage[Project | PhotoFind]":
 def said_of_photos(path: Path) -> str:
     """A sentence where ``path``, which was opened, are photos of which a scene was made before;
     else ""."""
-    from gaga_core.pipeline.reconstruct import photos_since, source_of
+    from gaga_core.pipeline.reconstruct import latest_of, photos_since, source_of
     from gaga_core.placing.undistort import ORIGINALS
 
     photos, scene = source_of(path)
     if scene.absolute() == path.absolute():
         return ""
+    scene = scene if photos is None else latest_of(scene)
     n_new = photos_since(scene, photos or scene / ORIGINALS)
     new = f" {counted(n_new, 'photo')} of the folder came since." if n_new else ""
     return f"This is the scene that was made of {path.name}.{new}"

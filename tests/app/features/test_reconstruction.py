@@ -124,6 +124,11 @@ def test_photos_alone_become_an_open_scene(
     assert session.project.folder.root == again.scene
     assert find_model(found.scene) is not None, "the former scene stays"
     assert reconstruction.meant(session) is None
+    opened(session, tmp_path / "shots")
+    assert session.project.folder.root == again.scene, "the last one that was made of them"
+    assert session.notices[-1].text == "This is the scene that was made of shots."
+    opened(session, found.scene)
+    assert session.project.folder.root == found.scene
 
 
 def test_splats_are_shown_while_they_train_and_a_cancelled_training_goes_on(

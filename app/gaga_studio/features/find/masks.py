@@ -535,9 +535,9 @@ def _import(
         masks, photos = counted(report.n_masks, "mask"), counted(n, "photo")
         is_used = session.document is document and len(mask_folders(session)) > 1
         use = f" The masks in use are those of {report.name} now." if is_used else ""
-        session.notify(Level.INFO, f"Imported {masks} in {photos}.{use}")
         for note in report.notes()[1:]:
             session.notify(Level.WARNING, note)
+        session.notify(Level.INFO, f"Imported {masks} in {photos}.{use}")  # last: it stays in sight
 
     stage = import_masks(folder, source, name, replace=replace_old)
     session.jobs.start("Import masks", stage, on_done=done)
