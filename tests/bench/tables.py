@@ -494,6 +494,7 @@ TABLES: Mapping[str, Sequence[Row]] = {
             once=(836,),
             unit="MiB",
         ),
+        Row("program folder without models", Data("Linux", "–"), once=(351,), unit="MiB"),
         _speed(
             "30M splats: peak memory",
             "30M: peak of memory, textures included",
