@@ -957,8 +957,8 @@ _ADDED_COPY = r"added-[0-9a-f]{16}"  # folder of an added file in the project's
 
 
 def _kept_in(target: Path, entry: FileEntry, known: KnownCopies) -> FileEntry:
-    """The ``entry`` of an added file as a copy in ``target``, made once: the file may go, or be
-    written anew, and the project could not be opened any more.
+    """The ``entry`` of an added file as a copy in ``target``, made once: without it the
+    project could not be opened when the file was moved or changed.
 
     A file stays where it is if its parts lie elsewhere. ``GagaError``: it cannot be copied.
     """

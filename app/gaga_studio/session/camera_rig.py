@@ -28,7 +28,9 @@ _FAR = 300.0  # scene radii between the pivot and an orthographic camera: 0.3 % 
 _LEVEL_PER_DRAG = 0.85  # share of a training camera's roll that an orbit step leaves
 _SIDES = 8  # from which a scene without photos may be seen first
 _NEARER = (1, 2, 4)  # times, to come inside of what surrounds a scene
-_ENCLOSED = 0.02  # share of the middle's splats: where less is seen, something hides it
+# Share of the middle's splats: where less is seen, something hides it. Of a scene of 12 photos
+# 0.013 are seen from outside and 0.17 from inside of its shell, of four lone objects 0.1 and more.
+_ENCLOSED = 0.02
 _THREE_QUARTERS = np.radians(30.0)  # from the front, of the first view without photos
 
 

@@ -95,11 +95,8 @@ def _position(session: Session, state: PlacementState, start: Pose, extent: floa
     is_metric = session.need().scene.frame.is_metric
     unit = "metres" if is_metric else "scene units"
     row("Position", f"Centre of the selection, in {unit}")
-    values, begun, far = (
-        axes.T @ shown.centre,
-        axes.T @ start.centre,
-        _FARTHEST * session.rig.radius,
-    )
+    values, begun = axes.T @ shown.centre, axes.T @ start.centre
+    far = _FARTHEST * session.rig.radius
     for axis, letter in enumerate("XYZ"):
         form, at = measure.number_format(session), float(begun[axis])
         limits = min(at, 0.0) - far, max(at, 0.0) + far
