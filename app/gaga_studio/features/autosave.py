@@ -288,8 +288,10 @@ def offer(session: Session) -> bool:
             _remover(newest.folder)()
             offer(session)
 
+    is_past = newest.project is not None and _saved_at(newest.project) > newest.saved_at
+    since = " The project was saved since then, without them." if is_past else ""
     session.pending_question = UserQuestion(
-        f"gaga-studio ended without saving the edits of {newest.name} ({newest.age}). "
+        f"gaga-studio ended without saving the edits of {newest.name} ({newest.age}).{since} "
         "Recover them?",
         ("Recover", "Discard", "Later"),
         chosen,
@@ -306,7 +308,7 @@ def _recover(session: Session, found: Recovery) -> None:
     def opened(found_there: tuple[Project, HistoryCopy | None]) -> None:
         project, history = found_there
         project.path, project.copies.leaving = found.project, found.folder
-        if found.project is not None and _is_older(found.project, found.saved_at):
+        if found.project is not None and 0 < _saved_at(found.project) <= found.saved_at:
             project.known_saves.add(saved_scene(found.project))
         session.take(project)
         level_of_detail.opened(session)
@@ -331,10 +333,10 @@ def _open_stage(folder: Path) -> Stage[tuple[Project, HistoryCopy | None]]:
     return project, read_history(folder, saved_scene(folder), project.scene)
 
 
-def _is_older(place: Path, saved_at: float) -> bool:
-    """Whether the project saved in ``place`` is what the autosave was made from."""
+def _saved_at(place: Path) -> float:
+    """When the project in ``place`` was saved last, seconds since the epoch; 0: there is none."""
     file = place / PROJECT_FILE
-    return file.is_file() and file.stat().st_mtime <= saved_at
+    return file.stat().st_mtime if file.is_file() else 0.0
 
 
 def _write_note(folder: Path, note: RecoveryNote) -> None:

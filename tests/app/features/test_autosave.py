@@ -333,6 +333,26 @@ def test_a_recovery_record_of_an_older_version_is_read(
     assert fresh.need().history.entries() == ()
 
 
+def test_the_question_says_that_the_project_was_saved_since(
+    associated: Session, new_session: Callable[[], Session]
+) -> None:
+    associated.save()
+    finish(associated)
+    place = associated.need().project.path
+    assert place is not None
+    _edit_and_wait(associated)
+    _saved(associated)
+    _crash()
+    fresh = new_session()
+    for later, says in ((-5.0, False), (5.0, True)):
+        at = left_over()[0][0].saved_at + later
+        os.utime(place / "project.json", (at, at))
+        assert offer(fresh)
+        assert fresh.pending_question is not None
+        assert ("saved since then" in fresh.pending_question.text) == says
+        fresh.answer("Later")
+
+
 def test_a_model_that_was_gone_is_kept_with_what_is_saved_after_recovery(
     associated: Session, new_session: Callable[[], Session]
 ) -> None:
