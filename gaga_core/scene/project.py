@@ -756,7 +756,6 @@ def save_project(
     *,
     copies_model: bool = False,
     overwrites: bool = False,
-    keeps_added: bool = True,
 ) -> Path:
     """Save all edits to ``path`` (default: `Project.saves_to`).
 
@@ -765,8 +764,7 @@ def save_project(
     one saved there since (not with ``overwrites``, or to a ``path`` that is not the project's own),
     and ``ModelChangedError`` when a file of splats is not the one that was opened; with
     ``copies_model`` the splats as they were opened are written next to the project then. Files that
-    were added are copied into it, but not without ``keeps_added``. The former save stays whole in
-    every case.
+    were added are copied into it. The former save stays whole in every case.
     """
     own = project.saves_to
     target = Path(path or own)
@@ -780,9 +778,8 @@ def save_project(
                 "elsewhere to keep both."
             )
         entries = entries or _entries(project, target, True)
-        if keeps_added:
-            kept = (_kept_in(target, entry, project.copies) for entry in entries[1:])
-            entries = [entries[0], *kept]
+        kept = (_kept_in(target, entry, project.copies) for entry in entries[1:])
+        entries = [entries[0], *kept]
         _write_project(project, target, entries)
     project.path = target
     return target

@@ -397,6 +397,38 @@ def _edit_at_random(session: Session) -> None:
     session.undo()
 
 
+def test_what_was_added_comes_back_without_its_file(
+    associated: Session, new_session: Callable[[], Session], tmp_path: Path
+) -> None:
+    """All unsaved edits could not be recovered any more when a file that was added had moved."""
+    more = tmp_path / "more.ply"
+    write_ply(more, random_gaussians(30))
+    _edit_and_wait(associated)
+    files.add_splats(associated, more)
+    finish(associated)
+    before = snapshot(scene_of(associated))
+    _saved(associated)
+    _crash()
+    more.unlink()
+    fresh = new_session()
+    assert offer(fresh)
+    fresh.answer("Recover")
+    finish(fresh)
+    assert snapshot(scene_of(fresh)) == before
+    fresh.save()
+    finish(fresh)
+    place = fresh.need().project.path
+    assert place is not None
+    saver = Autosave(0.0)
+    saver.tick(fresh)
+    saver.wait()
+    assert not list(autosave_actions.root().iterdir())
+    again = new_session()
+    again.open(place)
+    finish(again)
+    assert snapshot(scene_of(again)) == before
+
+
 def test_a_file_of_splats_that_is_gone_takes_only_its_entry_and_older_ones(
     associated: Session, tmp_path: Path
 ) -> None:
