@@ -912,6 +912,7 @@ def test_a_low_window_with_large_text_shows_what_it_offers(
         _numbers_of_an_object(d)
         _photos_of_a_narrow_panel(d)
         _a_long_question(d)
+        _a_question_of_four_answers(d)
         _names_in_the_memory_bank(d)
         _stacked_notices(d)
         _what_lies_over_the_picture(d)
@@ -1219,6 +1220,25 @@ def _a_long_question(d: Driver) -> None:
     d.frames(6)
     sheet = d.engine.get_window_by_ref(f"//{QUESTION}")
     assert (sheet.scroll_max.y, sheet.scroll.y) == (0, 0)
+    d.keys(KEY.escape)
+    d.frames(2)
+
+
+def _a_question_of_four_answers(d: Driver) -> None:
+    """The last one reached out of the sheet."""
+    answers = ("Save with a copy", "Save elsewhere…", "Reload", "Cancel")
+    d.session.pending_question = UserQuestion("A question?", answers, lambda _: None)
+    d.frames(6)
+    rects = [d.engine.item_info(f"//{QUESTION}/{answer}").rect_full for answer in answers]
+    sheet = d.engine.get_window_by_ref(f"//{QUESTION}")
+    left, top = sheet.pos
+    right, bottom = left + sheet.size.x, top + sheet.size.y
+    for one in rects:
+        assert left < one.min.x
+        assert top < one.min.y
+        assert one.max.x < right
+        assert one.max.y < bottom
+    assert sheet.scroll_max.y == 0
     d.keys(KEY.escape)
     d.frames(2)
 

@@ -171,28 +171,33 @@ def _question(session: Session) -> None:
     name = QUESTION
     if question is not None and not imgui.is_popup_open(name):
         imgui.open_popup(name)
-    if not begin_modal(name, em(28), is_possible=question is not None) or question is None:
+    choices = question.choices if question is not None else ()
+    style = imgui.get_style()
+    widths = [max(em(6), imgui.calc_text_size(c).x + 2 * style.frame_padding.x) for c in choices]
+    in_one_row = sum(widths) + len(widths) * style.item_spacing.x + 2 * em(1.1)
+    width = max(em(28), in_one_row)
+    if not begin_modal(name, width, is_possible=question is not None) or question is None:
         return
     if imgui.is_window_appearing():  # on the blue button: the first Tab goes to the next
         imgui.set_nav_cursor_visible(True)
-    with body("Text"):
+    room = imgui.get_content_region_avail().x
+    rows = _rows(widths, room)
+    with body("Text", rows=len(rows)):
         widgets.paragraph(question.text)
     imgui.dummy(ImVec2(0, em(0.4)))
-    style = imgui.get_style()
-    pad = 2 * style.frame_padding.x
-    widths = [max(em(6), imgui.calc_text_size(choice).x + pad) for choice in question.choices]
-    used = sum(widths) + (len(widths) - 1) * style.item_spacing.x
-    room = imgui.get_content_region_avail().x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(room - used, 0.0))
-    answer = ""
-    for position, (choice, width) in enumerate(zip(question.choices, widths, strict=True)):
-        if position:
-            imgui.same_line()
-        is_by_enter = choice == question.by_enter
-        if widgets.button(choice, Face(width=width, primary=is_by_enter)):
-            answer = choice
-        if is_by_enter:
-            imgui.set_item_default_focus()
+    answer, left = "", imgui.get_cursor_pos_x()
+    for row in rows:
+        used = sum(widths[at] for at in row) + (len(row) - 1) * style.item_spacing.x
+        imgui.set_cursor_pos_x(left + max(room - used, 0.0))
+        for at in row:
+            if at != row[0]:
+                imgui.same_line()
+            choice = choices[at]
+            is_by_enter = choice == question.by_enter
+            if widgets.button(choice, Face(width=widths[at], primary=is_by_enter)):
+                answer = choice
+            if is_by_enter:
+                imgui.set_item_default_focus()
     if imgui.is_window_appearing():
         pass  # the key of this frame opened it
     elif enter_is_free():
@@ -203,6 +208,19 @@ def _question(session: Session) -> None:
         imgui.close_current_popup()
         session.answer(answer)
     imgui.end_popup()
+
+
+def _rows(widths: Sequence[float], room: float) -> list[list[int]]:
+    """Which buttons of these ``widths`` stand in which row of ``room`` pixels."""
+    rows: list[list[int]] = [[]]
+    used = 0.0
+    for at, width in enumerate(widths):
+        if rows[-1] and used + width > room:
+            rows.append([])
+            used = 0.0
+        rows[-1].append(at)
+        used += width + imgui.get_style().item_spacing.x
+    return rows
 
 
 def _palette(session: Session, state: PaletteState) -> None:

@@ -65,10 +65,10 @@ def begin_modal(
     return is_open
 
 
-def body_height(wanted: float) -> float:
-    """Height of a part that scrolls, so that what is above it and one row below stay visible."""
+def body_height(wanted: float, rows: int = 1) -> float:
+    """Height of a part that scrolls, so that what is above it and the rows below stay visible."""
     style = imgui.get_style()
-    row = em(0.3) + imgui.get_frame_height() + 2 * style.item_spacing.y
+    row = em(0.3) + rows * imgui.get_frame_height() + (1 + rows) * style.item_spacing.y
     return max(min(wanted, highest() - imgui.get_cursor_pos_y() - row - em(0.9) - em(0.1)), em(4))
 
 
@@ -78,9 +78,9 @@ def begin_part(name: str, size: ImVec2, flags: int = 0) -> bool:
 
 
 @contextmanager
-def body(name: str, wanted: float = 1e6) -> Iterator[None]:
-    """The part of a sheet that scrolls where it is too high; the row of buttons below it stays."""
-    imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, body_height(wanted)))
+def body(name: str, wanted: float = 1e6, rows: int = 1) -> Iterator[None]:
+    """The part of a sheet that scrolls where it is too high; the rows of buttons below it stay."""
+    imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, body_height(wanted, rows)))
     begin_part(name, ImVec2(0, 0), imgui.ChildFlags_.auto_resize_y)
     try:
         yield
