@@ -34,7 +34,12 @@ from gaga_core.scene.edits.history import History
 from gaga_core.scene.object_picture import object_picture, object_view
 from gaga_core.scene.objects import group_indices, group_name, object_table
 from gaga_core.scene.orientation import estimate_up
-from gaga_core.scene.project import Project, open_path_stage, save_project
+from gaga_core.scene.project import (
+    Project,
+    open_path_stage,
+    require_other_file,
+    save_project,
+)
 from gaga_core.scene.scene import State
 from gaga_core.scene.selection.algebra import world_means
 from gaga_core.scene.selection.click import click_views
@@ -138,6 +143,7 @@ class SceneObject:
         """Write it alone as a file of splats; the end of the name says which kind."""
         from gaga_core.export.export import export_scene_stage
 
+        require_other_file(self.scene.project, Path(path))
         scene, own = self.scene.project.scene, self.indices
         state = scene.state | np.uint8(State.HIDDEN)
         state[own] = scene.state[own]
@@ -263,10 +269,17 @@ class Scene:
         name: str = "",
         on_progress: OnProgress | None = None,
     ) -> SceneObject:
-        """Make an object of what clicks in views mean: (view, u, v), pixels of the photo."""
+        """Make an object of what clicks in views mean: (view, u, v), pixels of the photo.
+
+        A view is the name or the number of a photo; of a file of splats, a number.
+        """
         from gaga_core.pipeline.click import ViewClick, click_stage
 
-        places = [ViewClick(str(view), u, v) for view, u, v in clicks]
+        has_photos = self.project.placed_folder is not None
+        places = [
+            ViewClick(self._camera(view).name if has_photos else str(view), u, v)
+            for view, u, v in clicks
+        ]
         found = _run(click_stage(self.project, places), on_progress, compiles=True)
         scene = self.project.scene
         self.history.do(separate(scene, found.splats, "Make object"))
@@ -307,6 +320,7 @@ class Scene:
         from gaga_core.export.options import ExportOptions
         from gaga_core.export.page import content_of
 
+        require_other_file(self.project, Path(path))
         options = ExportOptions(up=self.project.up, page=content_of(self.project))
         stage = export_scene_stage(self.project.scene, Path(path), groups=True, options=options)
         _run(stage, on_progress)

@@ -110,6 +110,7 @@ class ExportCommand:
         from gaga_core.export.page import content_of
         from gaga_core.identity.classifier_io import CLASSIFIER_FILE, write_classifier
         from gaga_core.io.splats.splat_files import SplatFormat, form_of
+        from gaga_core.scene.project import require_other_file
 
         self._check()
         solid = self._solid()
@@ -117,6 +118,7 @@ class ExportCommand:
         if self.what == "scene" and not self.form:
             form = form_of(self.out)  # a mistake is told before a large model is read
         project = out.open_project(self.scene)
+        require_other_file(project, self.out)
         if self.what == "masks":
             return self._masks(project)
         options = replace(self.options, up=project.up, page=content_of(project))

@@ -44,6 +44,7 @@ class EditCommand:
         from gaga_core.io.json_file import read_json
         from gaga_core.io.splats.splat_files import SplatFormat, form_of
         from gaga_core.pipeline.search import describe_project
+        from gaga_core.scene.project import require_other_file
 
         form_of(self.output)  # a mistake is told before a large model is read
         script = read_json(
@@ -51,6 +52,7 @@ class EditCommand:
         )
         parse_script(script)
         project = out.open_project(self.input)
+        require_other_file(project, self.output)
         scene = project.scene
         titles = run_script(scene, script, views=lambda: project.training_views)
         behind: frozenset[int] = frozenset()

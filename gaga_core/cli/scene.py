@@ -120,6 +120,7 @@ class AlignCommand:
         from gaga_core.export.export import export_scene_stage
         from gaga_core.io.splats.splat_files import form_of
         from gaga_core.pipeline import align
+        from gaga_core.scene.project import require_other_file
 
         if self.write is not None:
             form_of(self.write)  # a mistake is told before anything long begins
@@ -127,6 +128,9 @@ class AlignCommand:
         (first, a), (second, b) = opened
         if self.write is not None and (a is None or b is None):
             raise GagaError("--write needs splats in both scenes. Train them first.")
+        if self.write is not None:
+            for project in filter(None, (a, b)):
+                require_other_file(project, self.write)
         stage = align.align_stage(first, second, self.config, align.workspace_of(self.first))
         found = out.follow(stage, compiles=True)
         target = self.out or align.result_path(self.first, found)

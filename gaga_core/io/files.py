@@ -324,5 +324,7 @@ def explain_os_error(error: OSError, path: Path) -> str:
     if error.errno == errno.EISDIR:
         return f"{path} is a folder. Choose a file name."
     if error.errno in (errno.ENOENT, errno.ENOTDIR):
+        if error.filename is not None and path.exists():
+            return f"{os.fsdecode(error.filename)} does not exist. It belongs to {path.name}."
         return f"{path} does not exist. Check the path."
     return f"{path} cannot be used: {error.strerror or error}."

@@ -750,6 +750,19 @@ def reopen_stage(project: Project) -> Stage[Project]:
     return (yield from _open_model(project.model_path))
 
 
+def require_other_file(project: Project, path: Path) -> None:
+    """Raise ``GagaError`` where an export to ``path`` would replace what ``project`` is read from.
+
+    Its saved edits would fit no file then, and what they hid or deleted would be gone.
+    """
+    if not path.exists():
+        return
+    added = (Path(item.path) for item in project.scene.added if not item.is_made)
+    for model in (project.model_path, *added):
+        if any(file.exists() and file.samefile(path) for file in files_of_model(model)):
+            raise GagaError(f"This scene is read from {path}. Choose another name.")
+
+
 def save_project(
     project: Project,
     path: Path | None = None,

@@ -43,6 +43,7 @@ from gaga_core.progress import Progress, Stage, portion
 from gaga_core.scene import cleanup as cleanup_edits
 from gaga_core.scene.export_manifest import listed_files, read_manifest
 from gaga_core.scene.objects import selected_groups
+from gaga_core.scene.project import require_other_file
 from gaga_core.scene.scene import Scene, State
 from gaga_studio.features import camera, cleanup, folders, measure, simulate, split_view
 from gaga_studio.features.base import (
@@ -330,6 +331,15 @@ def export(
         return (yield from portion(writing, _CLEANED, 1, STAGE))
 
     start_export(session, path, stage())
+
+
+def why_not_there(session: Session, path: Path) -> str:
+    """Why nothing may be exported to ``path``; empty when it may."""
+    try:
+        require_other_file(session.need().project, path)
+    except GagaError as error:
+        return str(error)
+    return ""
 
 
 def start_export(session: Session, path: Path, stage: Stage[str]) -> None:

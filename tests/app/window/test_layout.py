@@ -987,6 +987,12 @@ def _file_that_is_replaced(d: Driver, folder: Path) -> None:
         assert f"{label}###Export now" in shown
         button = d.engine.item_info("//Export/###Export now")
         assert button.rect_clipped.max.y == button.rect_full.max.y
+    d.studio.ui.export.path = str(d.session.need().project.model_path)  # never
+    d.frames(2)
+    d.engine.item_click("//Export/###Export now")
+    d.frames(2)
+    assert d.session.jobs.running is None
+    assert d.engine.item_exists("//Export/###Export now"), "it stays open"
     d.keys(KEY.escape)
 
 

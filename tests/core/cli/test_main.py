@@ -14,8 +14,10 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
+import gaga_core
 from gaga_core.cli.main import AnyCommand, main
 from gaga_core.cli.output import follow, say_what_a_project_keeps
+from gaga_core.errors import GagaError
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.ply import read_ply
 from gaga_core.pipeline.settings import IdentitySettings
@@ -169,6 +171,28 @@ def test_recorded_edits_give_the_edited_file(scene: Path, tmp_path: Path, capsys
     want = before.means[kept] + np.where(labels[kept] == moved, 2, 0)[:, None] * [0, 0, 1]
     assert np.allclose(after.means, want, atol=1e-5)
     assert np.array_equal(after.extra["group"], labels[kept])
+
+
+def test_what_is_read_is_not_written_over(scene: Path, tmp_path: Path, capsys: Capture) -> None:
+    """Saved edits fitted no file any more, and what they had hidden was gone."""
+    script = tmp_path / "script.json"
+    script.write_text('[{"op": "delete", "groups": [1]}]')
+    model = scene / "point_cloud.ply"
+    before = model.read_bytes()
+    alias = tmp_path / "alias.ply"
+    alias.symlink_to(model)
+    for path in (str(model), str(alias)):
+        for command in (
+            ("edit", str(scene), path, "--script", str(script)),
+            ("export", str(scene), "--out", path),
+            ("export", path, "--out", str(model), "--sh-degree", "0"),
+        ):
+            assert "Choose another name" in refusal(capsys, *command)
+    with pytest.raises(GagaError, match="Choose another name"):
+        gaga_core.open(scene).objects[1].export(model)
+    with pytest.raises(GagaError, match="Choose another name"):
+        gaga_core.open(model).export(alias)
+    assert model.read_bytes() == before
 
 
 def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -358,6 +358,15 @@ def test_a_part_that_is_no_file_of_the_folder_is_not_read(tmp_path: Path, kind: 
             read_splats(path)
 
 
+def test_a_part_that_is_missing_is_named(tmp_path: Path) -> None:
+    """The file that names it was said not to exist."""
+    for name, content in sog_parts().items():
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "l.webp").unlink()
+    with pytest.raises(GagaError, match=r"l\.webp does not exist. It belongs to meta\.json"):
+        read_splats(tmp_path / "meta.json")
+
+
 # --- numbers at the ends of what is accepted
 
 

@@ -513,9 +513,11 @@ def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> st
         return said
     if sheet.what == "simulation":
         return _why_no_bodies(session, sheet)
-    if not _is_folder(sheet) and export.form_of_name(sheet.path) is None:
+    if _is_folder(sheet):
+        return ""
+    if export.form_of_name(sheet.path) is None:
         return f"The name must end in {sheet.form.suffix}."
-    return ""
+    return export.why_not_there(session, _plan(sheet).path)
 
 
 def _why_no_bodies(session: Session, sheet: ExportSheet) -> str:
