@@ -9,6 +9,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.geometry import look_at
 from gaga_core.pipeline.search import search
 from gaga_core.query.colors import NAMES
+from gaga_core.query.descriptions import describe_groups
 from gaga_core.query.grammar import parse
 from gaga_core.query.group_facts import facts_of, group_facts
 from gaga_core.query.search import FITS, Answer, name_scores
@@ -16,7 +17,7 @@ from gaga_core.query.spatial_relations import canonical_view
 from gaga_core.scene import edits
 from gaga_core.scene.edits.history import History
 from gaga_core.scene.scene import Scene
-from tests.core.query.made_scenes import BACK, FRONT, TABLE, UP, ball, boxes_scene
+from tests.core.query.made_scenes import BACK, FRONT, TABLE, UP, ball, boxes_scene, shells
 
 NAMED = {1: "apple", 2: "toolbox", 3: "sponge", 4: "die", 5: "photo album"}
 
@@ -352,3 +353,21 @@ def test_canonical_view_is_the_one_that_shows_most(table: Scene) -> None:
     assert canonical_view(facts, (away, BACK)) is BACK
     assert canonical_view(facts, (BACK, FRONT)) is FRONT  # the first by name of equals
     assert canonical_view(facts, ()) is None
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_what_is_called_by_a_color_is_meant_by_it(seed: int) -> None:
+    """Four objects were called red, and "red" counted three."""
+    rng = np.random.default_rng(seed)
+    rows = [((float(k % 8), float(k // 8), 0.2), (0.4, 0.4, 0.4), "808080") for k in range(40)]
+    scene = shells([*rows, ((4.0, 2.5, -0.01), (30.0, 30.0, 0.02), "8a8a8a")])
+    for group in range(1, 41):  # of up to five colors
+        own = np.flatnonzero(scene.labels == group)
+        n = int(rng.integers(1, 6))
+        which = rng.choice(n, len(own), p=rng.dirichlet((2,) * n))
+        scene.gaussians.sh[own, 0] = dc_from_rgb(rng.uniform(0.1, 0.9, (n, 3)))[which]
+    facts = group_facts(scene, (FRONT, BACK))
+    scene.described = describe_groups(scene, facts, (FRONT, BACK))
+    for name in NAMES:
+        called = {g for g, w in scene.described.items() if w.split()[0] == name and g <= 40}
+        assert called <= meant(ask(scene, name)), name
