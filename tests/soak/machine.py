@@ -44,8 +44,8 @@ from tests.scenes import objects_scene, random_gaussians
 
 COMMANDS = (
     "edit.undo", "edit.redo", "edit.duplicate", "edit.delete", "edit.mirror_x", "edit.cancel",
-    "edit.delete_floaters", "select.all", "select.none", "select.invert", "select.grow",
-    "select.shrink", "select.whole", "select.keep", "object.hide", "object.isolate",
+    "edit.delete_floaters", "edit.restore", "select.all", "select.none", "select.invert",
+    "select.grow", "select.shrink", "select.whole", "select.keep", "object.hide", "object.isolate",
     "object.show_all", "object.merge", "object.separate", "object.split", "object.lock",
     "object.unlock_all", "object.folder", "object.folder_out", "object.leave_parent",
     "select.children", "camera.add_bookmark", "camera.add_keyframe", "camera.clear_path",

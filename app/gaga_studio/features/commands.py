@@ -146,7 +146,7 @@ _ORDER = {
         file.close file.quit""",
     "Edit": """edit.undo edit.redo edit.recolor edit.duplicate edit.duplicate_and_move
         edit.delete edit.mirror_x edit.mirror_y edit.mirror_z edit.reduce edit.delete_floaters
-        edit.confirm edit.cancel edit.preferences""",
+        edit.restore edit.confirm edit.cancel edit.preferences""",
     "Select": """select.all select.none select.invert select.grow select.shrink select.whole
         select.alike select.children select.keep""",
     "Find": """object.masks object.masks_rest object.masks_quick object.masks_model object.models

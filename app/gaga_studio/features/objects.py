@@ -133,6 +133,12 @@ def delete_floaters(session: Session) -> bool:
 
 
 @notifies
+def restore(session: Session) -> bool:
+    """Bring back everything that was deleted."""
+    return session.edit(edits.restore)
+
+
+@notifies
 def show_all(session: Session) -> bool:
     """Show everything that is hidden."""
     return session.edit(edits.show_all)
@@ -327,11 +333,15 @@ _nothing_hidden = needs(
     ).any(),
     "Nothing is hidden.",
 )
+_nothing_deleted = needs(
+    lambda session: session.need().scene.has(State.DELETED).any(), "Nothing is deleted."
+)
 _nothing_locked = needs(
     lambda session: session.need().scene.has(State.LOCKED).any(), "Nothing is locked."
 )
 COMMANDS: tuple[Command, ...] = (
     Command("edit.delete_floaters", "Delete floaters", delete_floaters, enabled=no_scene),
+    Command("edit.restore", "Restore deleted", restore, enabled=_nothing_deleted),
     Command("object.hide", "Hide", hide, "H", enabled=no_selection),
     Command(
         "object.show_all", "Show all", show_all, "Shift+H", ("Alt+H",), enabled=_nothing_hidden

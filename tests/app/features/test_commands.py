@@ -171,6 +171,12 @@ def test_reasons_follow_the_selection(session: Session) -> None:
     assert "hidden" in command("object.show_all").enabled(session)
     objects.hide(session)
     assert not command("object.show_all").enabled(session)
+    assert "deleted" in command("edit.restore").enabled(session)
+    n = len(session.objects().ids)
+    objects.delete(session)
+    run("edit.restore", session)
+    assert len(session.objects().ids) == n
+    assert "deleted" in command("edit.restore").enabled(session)
 
 
 def test_a_film_needs_a_path_or_photos_that_are_here(session: Session) -> None:
@@ -218,6 +224,7 @@ _NEEDS_MORE = {
     "camera.split_before",
     "job.cancel",
     "object.show_all",
+    "edit.restore",
     "object.clean_apply",
     "object.fill_apply",
     "object.fill_lighten",

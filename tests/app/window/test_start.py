@@ -70,6 +70,7 @@ def test_the_palette_finds_by_any_word() -> None:
         "file.save_as": ("save as",),
         "object.hide": ("hide",),
         "object.show_all": ("show", "unhide"),
+        "edit.restore": ("restore", "undelete"),
         "view.home": ("reset view",),
         "tool.measure": ("measure l",),  # not those with the letter somewhere
         "file.export_objects": ("export obj",),

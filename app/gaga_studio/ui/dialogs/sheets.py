@@ -67,6 +67,7 @@ _WORDS = {
     "edit.mirror_z": "flip reflect",
     "edit.reduce": "simplify decimate fewer smaller compress",
     "edit.delete_floaters": "remove noise clean outliers",
+    "edit.restore": "undelete bring back recover original",
     "edit.preferences": """settings options theme dark light language keys blender font text size
         autosave""",
     "select.none": "deselect unselect clear",
