@@ -307,6 +307,17 @@ def test_undo_and_redo_bring_back_what_objects_were_called(associated: Session, 
             session.undo()
 
 
+def test_what_loses_the_name_that_it_came_with_is_described(associated: Session) -> None:
+    """It was called by its number until something else changed."""
+    session = associated
+    group = next(g for g in session.objects().ids.tolist() if g > 0)
+    assert objects.rename(session, group, "mug")
+    session.need().feature(SearchState).measured = None  # as in a project that is opened
+    assert describe(session)[group] == "mug"
+    assert objects.rename(session, group, "")
+    assert not describe(session)[group].startswith("group")
+
+
 def test_the_title_of_an_edit_has_no_number_of_a_group_whose_name_comes_later(
     associated: Session,
 ) -> None:

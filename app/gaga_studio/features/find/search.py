@@ -75,6 +75,11 @@ class SceneMeasurements:
     description: Description  # what groups without a name are called, and which are background
     problem: str = ""  # why the index cannot be used
 
+    def describes(self, scene: Scene) -> bool:
+        """Whether it has words for all that has no name: not after a name was taken back."""
+        words = self.description.words
+        return all(g in words or g in scene.names for g in self.facts.ids.tolist() if g)
+
     @property
     def n_unknown(self) -> int:
         """Groups that the index does not know as they are now."""
@@ -375,18 +380,19 @@ def follow(session: Session) -> None:
     is_asked = bool(search.text.strip())
     cameras = train_views(document.project)
     key = search.key(document.scene, cameras)
-    is_new = search.measured is None or search.measured.key != key
+    measured = search.measured
+    is_new = measured is None or measured.key != key or not measured.describes(document.scene)
     rests = search.rests(key)
-    _describe(document, None if is_new else search.measured)
+    _describe(document, None if is_new else measured)
     if session.jobs.quiet is None:
         nouns = search.nouns_to_look_up()
         if is_new:
             # Next to a job only what was edited: a copy has a name and a picture before it ends.
-            is_edited = search.measured is not None
+            is_edited = measured is not None
             if is_asked or (rests and (is_edited or session.jobs.running is None)):
                 _measure(session, document, cameras, key)
-        elif nouns and search.measured is not None and search.measured.pictures is not None:
-            stage = look_up_stage(search.measured.pictures, nouns, search.know)
+        elif nouns and measured is not None and measured.pictures is not None:
+            stage = look_up_stage(measured.pictures, nouns, search.know)
             session.jobs.start_quiet("Look up words", stage)
 
 
