@@ -1,13 +1,17 @@
 """From photos with splats to objects, stage by stage: masks without a model, groups, identities.
 
-The first 47 training photos of ycb_crowd; left out where the scene is not on this machine
-(GAGA_TEST_DATA).
+The first 47 training photos of ycb_crowd, and all of them of the same scene in a million splats;
+left out where the scene is not on this machine (GAGA_TEST_DATA).
 """
 
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.associate import AssociateConfig
 from gaga_core.io.folder.scene_folder import open_scene_folder, read_model
 from gaga_core.pipeline.associate import associate_scene
@@ -20,6 +24,7 @@ from gaga_core.segmentation.regions import NAME
 from tests.bench.figures import Figure, data_folder, timed
 
 _PHOTOS = 47
+_MANY = 1_000_000  # splats
 
 
 def figures() -> list[Figure]:
@@ -42,10 +47,27 @@ def figures() -> list[Figure]:
             lambda: run_stage(associate_scene(folder, made.folder, robust, gaussians=gaussians))
         )
         _, identities = timed(lambda: run_stage(lift_scene(folder, gaussians=gaussians)))
+        whole = replace(scene, root=Path(name) / "whole")
+        all_made = run_stage(segment_scene(whole, provider_named(NAME)))
+        fine = _split(gaussians, -(-_MANY // len(gaussians)))
+        _, many = timed(
+            lambda: run_stage(associate_scene(whole, all_made.folder, robust, gaussians=fine))
+        )
     of = f"find objects: {_PHOTOS} photos"
     return [
         Figure(f"{of}, masks", masks, "CPU-s"),
         Figure(f"{of}, groups", groups, "CPU-s"),
         Figure(f"{of}, identities", identities, "CPU-s"),
         Figure(f"{of}, together", masks + groups + identities, "CPU-s", "<= 20"),
+        Figure("find objects: 1M splats, groups", many, "CPU-s", "<= 38"),
     ]
+
+
+def _split(gaussians: Gaussians, n: int) -> Gaussians:
+    """The same surfaces of ``n`` times as many splats, each smaller by the root of ``n``."""
+    fine = gaussians.take(np.repeat(np.arange(len(gaussians)), n))
+    scales = np.exp(fine.log_scales)
+    offset = np.random.default_rng(0).normal(size=scales.shape) * scales * np.sqrt(1 - 1 / n)
+    fine.means[:] += Rotation.from_quat(fine.quats, scalar_first=True).apply(offset)
+    fine.log_scales[:] -= np.log(n) / 2
+    return fine
