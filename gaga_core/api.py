@@ -232,7 +232,7 @@ class Scene:
             describe_project(project)  # objects without a name are called by what they look like
 
     def __repr__(self) -> str:
-        n = len(self.project.scene)
+        n = np.count_nonzero(~self.project.scene.has(State.DELETED))
         return f"<Scene {self.project.name}: {n:,} splats, {len(self.objects)} objects>"
 
     def __len__(self) -> int:

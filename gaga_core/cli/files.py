@@ -165,21 +165,25 @@ def describe(path: Path) -> "Stage[dict[str, object]]":
     import numpy as np
 
     from gaga_core.pipeline.search import list_objects
-    from gaga_core.scene.frame import lengths_text, scale_of
+    from gaga_core.scene.frame import lengths_text
     from gaga_core.scene.project import open_path_stage
+    from gaga_core.scene.selection.algebra import world_means
 
     project = yield from open_path_stage(path)
     scene, gaussians = project.scene, project.scene.gaussians
-    # Outliers far away are common; percentiles say how large the scene is to a person.
-    low, high = np.percentile(gaussians.means, [1, 99], axis=0)
-    sides = (scale_of(scene.frame.world) * (high - low)).tolist()
+    rows = np.flatnonzero(scene.visible).astype(np.int32)
+    size = "nothing is visible"
+    if len(rows):
+        # Outliers far away are common; percentiles say how large the scene is to a person.
+        low, high = np.percentile(world_means(scene, rows), [1, 99], axis=0)
+        size = lengths_text((high - low).tolist(), is_metric=scene.frame.is_metric)
     values: dict[str, object] = {
         "model": str(project.model_path),
         "gaussians": len(gaussians),
-        "visible": int(scene.visible.sum()),
+        "visible": len(rows),
         "sh_degree": gaussians.sh_degree,
         "look": "antialiased" if gaussians.is_antialiased else "classic",
-        "size": lengths_text(sides, is_metric=scene.frame.is_metric),
+        "size": size,
         "extra_columns": [name for name in gaussians.extra if name not in ("nx", "ny", "nz")],
     }
     folder = project.folder

@@ -292,6 +292,7 @@ def test_masks_are_of_what_is_selected(associated: Session) -> None:
     hand.click_at(at)
     assert memory_bank.group_of_panel(associated) == group
     assert memory_bank.made_from(associated, group) == group
+    assert memory_bank.split_from(associated, group) == 0
     rows = associated.selected_indices()
     document = associated.need()
     document.select(rows[: len(rows) // 3], "set", "A part")
@@ -302,10 +303,13 @@ def test_masks_are_of_what_is_selected(associated: Session) -> None:
     assert memory_bank.group_of_panel(associated) == part
     assert not associated.decisions(part)
     assert memory_bank.made_from(associated, part) == group
+    assert memory_bank.split_from(associated, group) == 1
+    assert memory_bank.split_from(associated, part) == 0
     assert not memory_bank.is_copy(document, part)
     assert run("edit.duplicate", associated)
     (copy,) = associated.selected_groups()
     assert memory_bank.made_from(associated, copy) == group
+    assert memory_bank.split_from(associated, group) == 1
     assert memory_bank.is_copy(document, copy), "it was never a part of it"
     associated.undo()
     objects.hide(associated)

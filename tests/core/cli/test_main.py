@@ -173,6 +173,22 @@ def test_recorded_edits_give_the_edited_file(scene: Path, tmp_path: Path, capsys
     assert np.array_equal(after.extra["group"], labels[kept])
 
 
+def test_the_size_is_that_of_what_is_left(scene: Path, tmp_path: Path, capsys: Capture) -> None:
+    """Deleted splats counted, and what was moved stayed where it had been."""
+    edited = gaga_core.open(scene)
+    first, second = list(edited.objects)[:2]
+    edited.objects[first].delete()
+    edited.objects[second].move((3, 0, 0))
+    saved, out = edited.save(tmp_path / "saved.gaga"), tmp_path / "out.ply"
+    answer(capsys, "export", str(saved), "--out", str(out))
+    whole, left = answer(capsys, "info", str(saved)), answer(capsys, "info", str(out))
+    assert whole["size"] == left["size"] != answer(capsys, "info", str(scene))["size"]
+    assert f"{left['gaussians']:,} splats" in repr(edited)
+    edited.edit([{"op": "select_all"}, {"op": "delete"}])
+    edited.save()
+    assert answer(capsys, "info", str(saved))["size"] == "nothing is visible"
+
+
 def test_what_is_read_is_not_written_over(scene: Path, tmp_path: Path, capsys: Capture) -> None:
     """Saved edits fitted no file any more, and what they had hidden was gone."""
     script = tmp_path / "script.json"

@@ -331,6 +331,28 @@ def made_from(session: Session, group: int) -> int:
     return document.read.once("made from", (group, bank, scene.revision.labels), find) or group
 
 
+def split_from(session: Session, group: int) -> int:
+    """Return how many objects were split off ``group`` by hand, whose masks it still lists."""
+    document, bank = session.need(), session.need().scene.bank
+    if bank is None or session.live is not None:
+        return 0
+
+    def find() -> int:
+        scene = document.scene
+        was = spread(scene, groups_of(bank)) == group
+        others = np.setdiff1d(scene.labels[was], (0, group)).tolist()
+        return sum(
+            not document.read.decisions(other, None)
+            and not is_copy(document, other)
+            and 2 * np.count_nonzero(was[group_indices(scene, other)])
+            > np.count_nonzero(scene.labels == other)
+            for other in others
+        )
+
+    key = (group, bank, document.scene.revision.labels)
+    return document.read.once("split from", key, find)
+
+
 def is_copy(document: Document, group: int) -> bool:
     """Whether all splats of an object are duplicates of others."""
     scene = document.scene

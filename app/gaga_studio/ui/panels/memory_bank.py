@@ -71,7 +71,7 @@ def draw(session: Session, state: EvidenceState) -> None:
         hint = "Only objects that Find objects made have masks."
         widgets.empty_state(icons.MEMORY, f"{document.name_of(group)} has no masks", hint)
         return
-    _head(document, group, whole, decisions)
+    _head(session, group, whole, decisions)
     # Its room is there before a mask is chosen: a click moves no row.
     room, line = imgui.get_content_region_avail(), imgui.get_text_line_height_with_spacing()
     n_buttons, most = 3 if room.x < em(_NARROW) else 1, _CHOSEN_SHARE * room.y
@@ -86,7 +86,8 @@ def draw(session: Session, state: EvidenceState) -> None:
     imgui.end_child()
 
 
-def _head(document: Document, group: int, whole: int, decisions: Sequence[Decision]) -> None:
+def _head(session: Session, group: int, whole: int, decisions: Sequence[Decision]) -> None:
+    document = session.need()
     with theme.face(strong=True):
         widgets.line(document.name_of(group))
     n_views = len({decision.view for decision in decisions})
@@ -102,6 +103,9 @@ def _head(document: Document, group: int, whole: int, decisions: Sequence[Decisi
     if whole != group:
         how = "Copied from" if memory_bank.is_copy(document, group) else "Split from"
         widgets.dim(f"{how} {document.name_of(whole)}, whose masks these are", wrap=True)
+    elif n_parts := memory_bank.split_from(session, group):
+        parts = counted(n_parts, "object")
+        widgets.dim(f"Some of the masks show {parts} that were split from it", wrap=True)
 
 
 def _chosen(session: Session, document: Document, state: EvidenceState, n_bars: int) -> None:
