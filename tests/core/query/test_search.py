@@ -364,8 +364,11 @@ def test_what_is_called_by_a_color_is_meant_by_it(seed: int) -> None:
     for group in range(1, 41):  # of up to five colors
         own = np.flatnonzero(scene.labels == group)
         n = int(rng.integers(1, 6))
-        which = rng.choice(n, len(own), p=rng.dirichlet((2,) * n))
-        scene.gaussians.sh[own, 0] = dc_from_rgb(rng.uniform(0.1, 0.9, (n, 3)))[which]
+        which, shades = (
+            rng.choice(n, len(own), p=rng.dirichlet((2,) * n)),
+            rng.uniform(0.1, 0.9, (n, 3)),
+        )
+        scene.gaussians.sh[own, 0] = dc_from_rgb(shades.astype(np.float32))[which]
     facts = group_facts(scene, (FRONT, BACK))
     scene.described = describe_groups(scene, facts, (FRONT, BACK))
     for name in NAMES:
