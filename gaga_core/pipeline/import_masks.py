@@ -40,10 +40,12 @@ class ImportReport:
     resized: tuple[str, ...]  # views whose masks had another size (nearest neighbour)
     misfits: tuple[str, ...]  # views whose masks have another shape than the photo: left out
     n_masks: int  # in all views
+    has_tests: bool  # there are photos for tests, which need none
 
     def notes(self) -> list[str]:
         """Sentences for people."""
         found = [self.recognised]
+        which = "for training " if self.has_tests else ""
         of_them = ", those of another shape included" if self.misfits else ""
         for names, what, text in (
             (self.unmatched, "mask", "matched no photo by name"),
@@ -53,7 +55,7 @@ class ImportReport:
                 "got none, because the masks have another shape than the photo",
             ),
             (self.resized, "photo", "had masks of another size, which were resized"),
-            (self.without, "photo", f"got no masks{of_them}"),
+            (self.without, "photo", f"{which}got no masks{of_them}"),
         ):
             if names:
                 more = ", ..." if len(names) > _LISTED else ""
@@ -129,6 +131,7 @@ def import_masks(
             resized=tuple(odd["resized"]),
             misfits=tuple(odd["misfits"]),
             n_masks=sum(counts.values()),
+            has_tests=bool(folder.test),
         )
         if not report.views:
             raise GagaError(

@@ -269,7 +269,7 @@ def test_an_import_counts_photos_without_masks_as_the_card_does(
     assert offer is not None
     n = len(report.without)
     assert f" {n} photos have no masks yet." in offer.reason
-    assert report.notes()[-1].startswith(f"{n} photos got no masks (")
+    assert report.notes()[-1].startswith(f"{n} photos for training got no masks (")
 
 
 def test_what_is_no_mask_is_said_and_nothing_is_asked(bare: Session, tmp_path: Path) -> None:
