@@ -36,6 +36,7 @@ from gaga_core.scene.objects import group_indices, group_name, object_table
 from gaga_core.scene.orientation import estimate_up
 from gaga_core.scene.project import (
     Project,
+    is_saved_of,
     open_path_stage,
     require_other_file,
     save_project,
@@ -336,8 +337,15 @@ class Scene:
         return _run(stage, on_progress)
 
     def save(self, path: str | Path | None = None) -> Path:
-        """Save all edits as a project that the window opens (default: where it was opened)."""
-        return save_project(self.project, None if path is None else Path(path))
+        """Save all edits as a project that the window opens (default: where it was opened).
+
+        In place of a project of the same splats in ``path``, as a script does that runs again; a
+        folder with anything else in it is refused.
+        """
+        if path is None:
+            return save_project(self.project)
+        again = is_saved_of(self.project, Path(path))
+        return save_project(self.project, Path(path), overwrites=again)
 
     def _camera(self, view: str | int) -> Camera:
         if isinstance(view, int):

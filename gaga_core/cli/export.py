@@ -109,14 +109,14 @@ class ExportCommand:
         """Write plain 3DGS files that other tools open."""
         from gaga_core.export.page import content_of
         from gaga_core.identity.classifier_io import CLASSIFIER_FILE, write_classifier
-        from gaga_core.io.splats.splat_files import SplatFormat, form_of
+        from gaga_core.io.splats.splat_files import SplatFormat
         from gaga_core.scene.project import require_other_file
 
         self._check()
         solid = self._solid()
         form = SplatFormat(self.form) if self.form and solid is None else SplatFormat.PLY
-        if self.what == "scene" and not self.form:
-            form = form_of(self.out)  # a mistake is told before a large model is read
+        if self.what == "scene":
+            form = self._form_of_file(form)  # a mistake is told before a large model is read
         project = out.open_project(self.scene)
         require_other_file(project, self.out)
         if self.what == "masks":
@@ -156,6 +156,24 @@ class ExportCommand:
                 )
         if self.with_children and not self.only:
             raise SwitchError("--with-children goes with --only: say which objects.")
+
+    def _form_of_file(self, form: "SplatFormat") -> "SplatFormat":
+        """The form of the one file: --form, which the end of its name must not contradict."""
+        from gaga_core.io.splats.splat_files import form_of
+
+        if not self.form:
+            return form_of(self.out)
+        try:
+            named = form_of(self.out)
+        except GagaError:  # it ends in nothing that is known
+            return form
+        ends = (form.suffix, f".{form.suffix.rpartition('.')[2]}")  # a compressed .ply is a .ply
+        if named is not form and not self.out.name.lower().endswith(ends):
+            raise SwitchError(
+                f"--form {self.form} does not go with the name {self.out.name}. Leave it out, or "
+                "choose another name."
+            )
+        return form
 
     def _whole(
         self, project: "Project", form: "SplatFormat", options: "ExportOptions"

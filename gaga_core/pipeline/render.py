@@ -44,7 +44,8 @@ def render_views(
     of the expected depth, 0 = nothing there, 65535 = that or more; "identity" group ids that the
     rendered identity encodings decode to; "encodings" these as colors, as the window shows them.
     ``out`` is ``folder.work / "renders" / what`` unless given. Other files there stay. Raises
-    ``GagaError`` where there are no groups, or no lift, to draw.
+    ``GagaError`` where there are no groups, or no lift, to draw, and where photos or masks of the
+    scene are.
     """
     if what not in get_args(What):
         kinds = ", ".join(get_args(What))
@@ -54,6 +55,7 @@ def render_views(
         gaussians = yield from read_model(folder)
     paint = _painter(folder, what, gaussians, rasterizer or choose())
     target = out or folder.work / "renders" / what
+    _require_apart(folder, target)
     return (yield from _paint_views(cameras, target, f"Render {what}", paint))
 
 
@@ -102,16 +104,25 @@ def _paint_views(
     return tuple(target / names[camera.name] for camera in cameras)
 
 
+def _require_apart(folder: SceneFolder, out: Path) -> None:
+    """Raise ``GagaError`` where files in ``out`` could replace photos or masks of the scene."""
+    target, masks = out.resolve(), (folder.root / "masks").resolve()
+    is_of_masks = target.is_relative_to(masks) and target.is_dir() and any(target.iterdir())
+    if is_of_masks or target in {p.parent.resolve() for p in folder.image_paths.values()}:
+        raise GagaError(f"{out} holds photos or masks of this scene. Choose another place.")
+
+
 def export_masks(project: Project, out: Path) -> Stage[tuple[Path, ...]]:
     """Group maps of every view as the edited scene shows them: one uint16 <stem>.png a view.
 
     Maps of photos in a subfolder lie in one of its name (`view_key`). Hidden and deleted splats
     take no part, and moved ones show where they stand. Raises ``GagaError`` when the project has no
-    views or nothing is visible.
+    views or nothing is visible, or ``out`` holds photos or masks of the scene.
     """
     folder = project.placed_folder
     if folder is None or not folder.cameras:
         raise GagaError("Group maps need the views of a scene folder. Open that instead of a .ply.")
+    _require_apart(folder, out)
     shown = exported_indices(project.scene)
     if len(shown) == 0:
         raise GagaError("Nothing is visible, so there are no group maps to export.")

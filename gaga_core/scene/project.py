@@ -497,7 +497,8 @@ def _all_joined(parts: Sequence[Gaussians]) -> Gaussians:
 
 
 class SavedElsewhereError(GagaError):
-    """Another program saved to the same place since this project was opened."""
+    """Another program saved to the same place since this project was opened, or another project is
+    there."""
 
 
 def _of_training(folder: SceneFolder | None) -> tuple[Camera, ...]:
@@ -773,29 +774,51 @@ def save_project(
     """Save all edits to ``path`` (default: `Project.saves_to`).
 
     Returns the folder and remembers it in ``project``. Raises ``GagaError`` when it cannot be
-    written, ``InUseError`` when another program has it open, ``SavedElsewhereError`` when another
-    one saved there since (not with ``overwrites``, or to a ``path`` that is not the project's own),
-    and ``ModelChangedError`` when a file of splats is not the one that was opened; with
-    ``copies_model`` the splats as they were opened are written next to the project then. Files that
-    were added are copied into it. The former save stays whole in every case.
+    written or ``path`` holds other files, ``InUseError`` when another program has it open,
+    ``SavedElsewhereError`` when another one saved there since, or another project is there (not
+    with ``overwrites``), and ``ModelChangedError`` when a file of splats is not the one that was
+    opened; with ``copies_model`` the splats as they were opened are written next to the project
+    then. Files that were added are copied into it. The former save stays whole in every case.
     """
-    own = project.saves_to
-    target = Path(path or own)
+    target = Path(path or project.saves_to)
     target = target.parent if target.name == PROJECT_FILE else target
+    is_own = target.resolve() == project.saves_to.resolve()
+    if not is_own and not saved_scene(target) and _holds_files(target):
+        raise GagaError(
+            f"{target} holds other files, and would open as this project. Choose a new folder, or "
+            "an empty one."
+        )
     entries = None if copies_model else _entries(project, target, False)  # before a folder is made
     with lock_folder(target, patience_s=_PATIENCE_S):
         found = saved_scene(target)
-        if found and found not in project.known_saves and not overwrites and target == own:
-            raise SavedElsewhereError(
-                f"Another program saved a project in {target} since this one was opened. Save "
-                "elsewhere to keep both."
+        if found and found not in project.known_saves and not overwrites:
+            said = (
+                f"Another program saved a project in {target} since this one was opened."
+                if is_own
+                else f"Another project is saved in {target}."
             )
+            raise SavedElsewhereError(f"{said} Save elsewhere to keep both.")
         entries = entries or _entries(project, target, True)
         kept = (_kept_in(target, entry, project.copies) for entry in entries[1:])
         entries = [entries[0], *kept]
         _write_project(project, target, entries)
     project.path = target
     return target
+
+
+def _holds_files(folder: Path) -> bool:
+    return folder.is_dir() and any(not item.name.startswith(".") for item in folder.iterdir())
+
+
+def is_saved_of(project: Project, target: Path) -> bool:
+    """Whether ``target`` holds a saved project of the same splats."""
+    if not saved_scene(target):
+        return False
+    try:
+        saved = _document(target / PROJECT_FILE).model.fingerprint
+    except GagaError:
+        return False
+    return saved == (project.model_fingerprint or model_fingerprint(project.model_path))
 
 
 def _write_project(project: Project, target: Path, entries: list[FileEntry]) -> None:

@@ -17,7 +17,7 @@ from gaga_core.io.splats.splat_files import model_fingerprint
 from gaga_core.progress import run_stage
 from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.tree import write_streamed_sog_stage
-from gaga_core.scene.project import open_path_stage
+from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.selection import algebra
 from gaga_studio.features import objects
 from gaga_studio.features.commands import new_session
@@ -118,6 +118,28 @@ def test_reload_shows_the_changed_model_and_keeps_the_former_save(associated: Se
     associated.answer("Overwrite")
     finish(associated)
     assert len(run_stage(open_path_stage(where)).scene) == (n + 1) // 2
+
+
+def test_another_saved_project_is_asked_about(associated: Session, tmp_path: Path) -> None:
+    """Save project as… into its folder deleted its files without a word."""
+    write_ply(tmp_path / "b.ply", random_gaussians(9))
+    other = save_project(run_stage(open_path_stage(tmp_path / "b.ply")), tmp_path / "b.gaga")
+    before = {file: file.read_bytes() for file in other.glob("*.*")}
+    associated.save(other)
+    assert "Another project" in _asked(associated)
+    associated.answer("Cancel")
+    assert {file: file.read_bytes() for file in other.glob("*.*")} == before
+    associated.save(other)
+    _asked(associated)
+    associated.answer("Overwrite")
+    finish(associated)
+    assert associated.need().project.path == other
+    assert len(run_stage(open_path_stage(other)).scene) == len(scene_of(associated))
+    associated.save(tmp_path)
+    assert associated.jobs.wait()
+    assert associated.pending_question is None
+    assert "other files" in associated.notices[-1].text
+    assert not (tmp_path / "project.json").exists()
 
 
 @pytest.fixture

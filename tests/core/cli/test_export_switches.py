@@ -66,3 +66,23 @@ def test_a_switch_that_changes_nothing_is_refused_before_anything_is_read(
         assert said.err.count("\n") == 1
     assert main(call) == 1, "the scene is not there"
     assert "nowhere" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("form", "name", "fits"),
+    [
+        ("ply", "a.glb", False),
+        ("glb", "a.ply", False),
+        ("spz", "a.sog", False),
+        ("compressed-ply", "a.ply", True),
+        ("spz4", "a.spz", True),
+        ("ply", "a.point", True),
+    ],
+)
+def test_a_form_that_the_name_contradicts_is_refused(
+    form: str, name: str, fits: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A .ply was written into a .glb, and replaced a good one."""
+    call = ["export", str(tmp_path / "nowhere"), "--out", str(tmp_path / name), "--form", form]
+    assert main(call) == (1 if fits else 2)
+    assert ("nowhere" if fits else f"--form {form}") in capsys.readouterr().err

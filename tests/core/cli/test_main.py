@@ -209,6 +209,14 @@ def test_what_is_read_is_not_written_over(scene: Path, tmp_path: Path, capsys: C
     with pytest.raises(GagaError, match="Choose another name"):
         gaga_core.open(model).export(alias)
     assert model.read_bytes() == before
+    masks = scene / "masks" / "made"
+    maps = {file.name: file.read_bytes() for file in masks.iterdir()}
+    for folder in (masks, scene / "images"):
+        to = ("--what", "masks", "--out", str(folder))
+        assert "Choose another place" in refusal(capsys, "export", str(scene), *to)
+        to = ("--what", "groups", "--out", str(folder))
+        assert "Choose another place" in refusal(capsys, "render", str(scene), *to)
+    assert {file.name: file.read_bytes() for file in masks.iterdir()} == maps
 
 
 def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from gaga_core.api import Scene
 from gaga_core.errors import GagaError
 from gaga_core.evaluate.group_scores import UNANSWERED, evaluate, score_pairs
 from gaga_core.io.arrays_file import read_array, read_arrays
@@ -20,7 +21,13 @@ from gaga_core.io.masks.label_maps import read_labels, write_labels
 from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.progress import run_stage
 from gaga_core.scene.camera_path import load_path
-from gaga_core.scene.project import ModelChangedError, Project, open_path_stage, save_project
+from gaga_core.scene.project import (
+    ModelChangedError,
+    Project,
+    SavedElsewhereError,
+    open_path_stage,
+    save_project,
+)
 from tests.scenes import orbit_cameras, random_gaussians
 
 
@@ -264,10 +271,53 @@ def test_a_save_elsewhere_keeps_the_photos_and_foreign_files(tmp_path: Path) -> 
     root, other = tmp_path / "s", tmp_path / "other"
     write_colmap(root / "sparse/0", orbit_cameras(3), np.ones((1, 3)), np.ones((1, 3), np.uint8))
     write_ply(root / "point_cloud.ply", random_gaussians(9))
-    other.mkdir()
-    (other / "scene-of-mine.npz").write_bytes(b"not ours")
     save_project(opened(root), other / "project.json")
+    (other / "scene-of-mine.npz").write_bytes(b"not ours")
     again = opened(other)
     assert again.folder is not None
     assert len(again.folder.cameras) == 3
+    save_project(again)
     assert (other / "scene-of-mine.npz").read_bytes() == b"not ours"
+
+
+@pytest.mark.parametrize("there", ["project", "scene", "photos"])
+def test_a_save_elsewhere_never_takes_the_place_of_something_else(
+    tmp_path: Path, there: str
+) -> None:
+    """The files of another project were deleted, and another scene opened as this one."""
+    write_ply(tmp_path / "a.ply", random_gaussians(9))
+    other = tmp_path / "other"
+    if there == "project":
+        write_ply(tmp_path / "b.ply", random_gaussians(9, seed=1))
+        save_project(opened(tmp_path / "b.ply"), other)
+    elif there == "scene":
+        points, colors = np.ones((1, 3)), np.ones((1, 3), np.uint8)
+        write_colmap(other / "sparse/0", orbit_cameras(3), points, colors)
+        write_ply(other / "point_cloud.ply", random_gaussians(9, seed=1))
+        save_project(opened(other))
+    else:
+        other.mkdir()
+        Image.new("RGB", (8, 8)).save(other / "1.jpg")
+    before = {p: p.read_bytes() for p in other.rglob("*") if p.is_file()}
+    ours = opened(tmp_path / "a.ply")
+    for project in (ours, opened(save_project(ours, tmp_path / "ours.gaga"))):
+        refused = SavedElsewhereError if there == "project" else GagaError
+        with pytest.raises(
+            refused, match="Another project" if there == "project" else "new folder"
+        ):
+            save_project(project, other)
+        with pytest.raises(GagaError):
+            Scene(project).save(other)
+    after = {p: p.read_bytes() for p in other.rglob("*") if p.is_file()}
+    assert after.items() >= before.items()
+    if there == "project":  # that was said
+        save_project(ours, other, overwrites=True)
+        assert opened(other).model_path == tmp_path / "a.ply"
+
+
+def test_a_script_that_runs_again_saves_where_it_did(tmp_path: Path) -> None:
+    write_ply(tmp_path / "a.ply", random_gaussians(9))
+    for _ in range(2):
+        assert Scene(opened(tmp_path / "a.ply")).save(tmp_path / "x") == tmp_path / "x"
+    with pytest.raises(SavedElsewhereError):
+        save_project(opened(tmp_path / "a.ply"), tmp_path / "x")
