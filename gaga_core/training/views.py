@@ -114,7 +114,7 @@ def load_views_stage(
 def read_view(camera: Camera, path: Path, longest_side: int, mask: Path | None = None) -> TrainView:
     """One photo with its camera, shrunk so that no side is longer than ``longest_side``; where
     ``mask`` is black is its background."""
-    picture = read_rgb(path)
+    picture = read_rgb(path, shrunk_to=longest_side)
     height, width = picture.shape[:2]
     apart = (width / height) / (camera.width / camera.height)
     if not 1 / (1 + _SHAPES_APART) < apart < 1 + _SHAPES_APART:

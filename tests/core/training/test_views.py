@@ -1,18 +1,27 @@
 """Photos as a training takes them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import ExifTags, Image
 
 from gaga_core.arrays import BoolArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
-from gaga_core.io.images import write_rgb
+from gaga_core.io.images import read_rgb, write_rgb
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
-from gaga_core.training.views import TrainView, TrainViews, load_views_stage, quality_stage
+from gaga_core.training.views import (
+    TrainView,
+    TrainViews,
+    load_views_stage,
+    quality_stage,
+    read_view,
+    shrunk,
+)
 from tests.scenes import orbit_cameras, random_gaussians
 
 
@@ -59,6 +68,32 @@ def test_photos_that_cannot_be_used_are_named(tmp_path: Path) -> None:
     paths["003.png"].write_bytes(b"no picture")
     with pytest.raises(GagaError, match=r"003\.png"):
         run_stage(load_views_stage(cameras, paths, [], 640))
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+@pytest.mark.parametrize("size", [(1001, 667), (1000, 1002), (640, 480), (656, 496), (158, 120)])
+def test_a_large_jpeg_is_decoded_small_and_looks_the_same(
+    tmp_path: Path, size: tuple[int, int], orientation: int
+) -> None:
+    """Photos of 12 megapixels were decoded whole for training pictures of 640 pixels."""
+    rng, path = np.random.default_rng(0), tmp_path / "a.jpg"
+    coarse = Image.fromarray(rng.integers(0, 255, (30, 40, 3), dtype=np.uint8)).resize(size)
+    noisy = np.asarray(coarse, np.float64) + rng.normal(0, 8, (size[1], size[0], 3))
+    tags = Image.Exif()
+    tags[ExifTags.Base.Orientation] = orientation
+    picture = Image.fromarray(np.clip(noisy, 0, 255).astype(np.uint8))
+    picture.save(path, quality=92, exif=tags.tobytes())
+    wide, high = size if orientation == 1 else size[::-1]
+    camera = replace(orbit_cameras(1)[0], width=wide, height=high)
+    found = read_view(camera, path, 80)
+    whole = shrunk(read_rgb(path), found.camera.width, found.camera.height)
+    assert max(found.picture.shape) == 80
+    assert abs(80 * min(size) / max(size) - min(found.picture.shape[:2])) < 1
+    least = read_rgb(path, shrunk_to=80)
+    assert (max(least.shape) < max(size)) == (max(size) >= 4 * 80 and not any(n % 2 for n in size))
+    assert max(least.shape) >= min(2 * 80, max(size))
+    error = found.picture.astype(np.float64) - whole
+    assert np.sqrt((error**2).mean()) < 1.5  # of 255
 
 
 def test_a_view_of_one_pixel_stays_one(tmp_path: Path) -> None:
