@@ -742,8 +742,17 @@ def _open_model(path: Path, folder: SceneFolder | None = None) -> Stage[Project]
     return Project(scene, path, folder, model_fingerprint=digest)
 
 
+def is_saved_still(project: Project) -> bool:
+    """Whether ``project`` was saved, and what was saved fits the splats as they are on disk now."""
+    saved = project.path is not None and bool(saved_scene(project.path))
+    return saved and not has_changed((project.model_path, project.model_fingerprint))
+
+
 def reopen_stage(project: Project) -> Stage[Project]:
-    """Open what ``project`` was made of as it is on disk now, without saved edits."""
+    """Open ``project`` as it is on disk now: with what was saved of it where that still fits
+    (`is_saved_still`), else the splats that it was made of."""
+    if project.path is not None and is_saved_still(project):
+        return (yield from open_path_stage(project.path))
     if project.folder is not None:
         return (yield from _open_folder(project.folder.root))
     if project.manifest is not None:

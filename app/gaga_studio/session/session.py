@@ -28,6 +28,7 @@ from gaga_core.scene.project import (
     ModelChangedError,
     Project,
     SavedElsewhereError,
+    is_saved_still,
     listed_path,
     reopen_stage,
 )
@@ -513,8 +514,12 @@ class Session:
             RELOAD: reload,
         }
         text = str(error)
-        if isinstance(error, ModelChangedError) and document.unsaved:
-            text += " Reloading loses the unsaved edits."
+        if isinstance(error, ModelChangedError):
+            is_saved = document.project.path is not None
+            if is_saved and not is_saved_still(document.project):
+                text += " Reloading loses all edits: the saved ones do not fit the changed file."
+            elif document.unsaved:
+                text += " Reloading loses the unsaved edits."
         return choose_one(text, {choice: actions[choice] for choice in choices})
 
     def shut_down(self) -> None:

@@ -19,7 +19,7 @@ from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.tree import write_streamed_sog_stage
 from gaga_core.scene.project import open_path_stage, save_project
 from gaga_core.scene.selection import algebra
-from gaga_studio.features import objects
+from gaga_studio.features import files, objects
 from gaga_studio.features.commands import new_session
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import COPY, ELSEWHERE, RELOAD, Session
@@ -118,6 +118,31 @@ def test_reload_shows_the_changed_model_and_keeps_the_former_save(associated: Se
     associated.answer("Overwrite")
     finish(associated)
     assert len(run_stage(open_path_stage(where)).scene) == (n + 1) // 2
+
+
+def test_reload_brings_back_what_was_saved_where_it_fits(
+    associated: Session, tmp_path: Path
+) -> None:
+    """The bare file of splats opened in its place."""
+    more = tmp_path / "more.ply"
+    write_ply(more, random_gaussians(30))
+    objects.rename(associated, objects_of(associated)[0], "mug")
+    associated.save(tmp_path / "one.gaga")
+    finish(associated)
+    before = snapshot(scene_of(associated))
+    files.add_splats(associated, more)
+    finish(associated)
+    more.unlink()
+    associated.save()
+    assert _asked(associated).endswith("Reloading loses the unsaved edits.")
+    associated.answer(RELOAD)
+    finish(associated)
+    assert snapshot(scene_of(associated)) == before
+    assert associated.need().project.path == tmp_path / "one.gaga"
+    _change_model(associated)
+    objects.rename(associated, objects_of(associated)[0], "jug")
+    associated.save()
+    assert "Reloading loses all edits" in _asked(associated)
 
 
 def test_another_saved_project_is_asked_about(associated: Session, tmp_path: Path) -> None:
