@@ -178,6 +178,8 @@ class ReconstructCommand:
         made = out.follow(stage)
         for note in made.notes:
             out.say(note)
+        if not made.stages_run:
+            out.say(f"Nothing was missing in {self.scene}. Name a new folder for another quality.")
         values = {"scene": str(self.scene), "stages_run": list(made.stages_run)}
         figures = made.report if self.json else _figures(made.report)
         return out.result(values | figures, as_json=self.json)

@@ -97,10 +97,13 @@ def reconstruct_scene(
     Writes images/, sparse/0/, cameras.json, point_cloud.ply and the entry "reconstruct" of
     gaga/report.json. Whatever is there already is not made again, splats only where ``again`` asks
     for it: a training that was stopped, and whose splats were kept, goes on. Raises ``GagaError``
-    when the photos do not do, or when the checks find the model wrong.
+    when the photos do not do, when ``scene`` was made of others, or when the checks find the model
+    wrong.
     """
     config = config or ReconstructConfig()
     scene = Path(scene)
+    if photos is not None:
+        require_its_photos(Path(photos), scene)
     done: list[str] = []
     notes: tuple[str, ...] = ()
     if find_sparse(scene) is None and find_model(scene) is None:
@@ -533,6 +536,25 @@ def latest_of(scene: Path) -> Path:
 
     others = (scene.with_name(f"{scene.name}-{i}") for i in itertools.count(2))
     return [scene, *itertools.takewhile(is_of_them, others)][-1]
+
+
+def require_its_photos(photos: Path, scene: Path) -> None:
+    """Raise ``GagaError`` where ``scene`` is there, and was made of something else than ``photos``:
+    nothing of them would come into it."""
+    if find_sparse(scene) is None and find_model(scene) is None:
+        return
+    if not photos.exists():
+        raise GagaError(f"{photos} does not exist. Check the path.")
+    entry = _placement_entry(scene)
+    source, known = Path(str(entry.get("source", ""))), entry.get("files")
+    is_inside = photos.resolve().is_relative_to(scene.resolve())
+    is_same = source == photos.absolute() or (photos.is_file() and source.name == photos.name)
+    if isinstance(known, list) and photos.is_dir():  # they may have been moved
+        there = {path.relative_to(photos).as_posix() for path in list_photos(photos)}
+        is_same = is_same or (bool(known) and there >= {*map(str, known)})
+    if not (is_inside or is_same):
+        was = f"was made of {source}" if "source" in entry else "is there already"
+        raise GagaError(f"{scene} {was}, so nothing is made of {photos}. Name a new scene folder.")
 
 
 def _is_free(scene: Path) -> bool:

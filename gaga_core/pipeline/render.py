@@ -44,8 +44,8 @@ def render_views(
     of the expected depth, 0 = nothing there, 65535 = that or more; "identity" group ids that the
     rendered identity encodings decode to; "encodings" these as colors, as the window shows them.
     ``out`` is ``folder.work / "renders" / what`` unless given. Other files there stay. Raises
-    ``GagaError`` where there are no groups, or no lift, to draw, and where photos or masks of the
-    scene are.
+    ``GagaError`` where there are no groups, or no lift, to draw, and where ``out`` holds
+    files that the scene was given.
     """
     if what not in get_args(What):
         kinds = ", ".join(get_args(What))
@@ -104,12 +104,16 @@ def _paint_views(
     return tuple(target / names[camera.name] for camera in cameras)
 
 
+_GIVEN = ("images", "masks", "gt", "depth", "sparse")  # of a scene folder: what was not made here
+
+
 def _require_apart(folder: SceneFolder, out: Path) -> None:
-    """Raise ``GagaError`` where files in ``out`` could replace photos or masks of the scene."""
-    target, masks = out.resolve(), (folder.root / "masks").resolve()
-    is_of_masks = target.is_relative_to(masks) and target.is_dir() and any(target.iterdir())
-    if is_of_masks or target in {p.parent.resolve() for p in folder.image_paths.values()}:
-        raise GagaError(f"{out} holds photos or masks of this scene. Choose another place.")
+    """Raise ``GagaError`` where files in ``out`` could replace what the scene was given."""
+    target, root = out.resolve(), folder.root.resolve()
+    is_given = any(target.is_relative_to(root / name) for name in _GIVEN)
+    is_given = is_given and target.is_dir() and any(target.iterdir())
+    if is_given or target in {path.parent.resolve() for path in folder.image_paths.values()}:
+        raise GagaError(f"{out} holds files of this scene. Choose another place.")
 
 
 def export_masks(project: Project, out: Path) -> Stage[tuple[Path, ...]]:
@@ -117,7 +121,7 @@ def export_masks(project: Project, out: Path) -> Stage[tuple[Path, ...]]:
 
     Maps of photos in a subfolder lie in one of its name (`view_key`). Hidden and deleted splats
     take no part, and moved ones show where they stand. Raises ``GagaError`` when the project has no
-    views or nothing is visible, or ``out`` holds photos or masks of the scene.
+    views or nothing is visible, or ``out`` holds files that the scene was given.
     """
     folder = project.placed_folder
     if folder is None or not folder.cameras:

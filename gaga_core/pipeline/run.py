@@ -32,7 +32,7 @@ from gaga_core.pipeline.associate import (
 )
 from gaga_core.pipeline.lift import lift_scene
 from gaga_core.pipeline.place import find_photos
-from gaga_core.pipeline.reconstruct import reconstruct_scene
+from gaga_core.pipeline.reconstruct import reconstruct_scene, require_its_photos
 from gaga_core.pipeline.render import render_views
 from gaga_core.pipeline.segment import segment_scene
 from gaga_core.pipeline.settings import IdentitySettings, ReconstructConfig
@@ -124,6 +124,8 @@ def run_folder(
     ``photos`` is a folder of photos or a video that lies elsewhere; ``root`` is made of it.
     """
     config, done = config or RunConfig(), tuple[str, ...]()
+    if photos is not None:
+        require_its_photos(photos, root)
     if not is_scene_folder(root) and (photos or find_photos(root)) is not None:
         yield from reconstruct_scene(photos, root, config.reconstruct)
         done = ("reconstruct",)

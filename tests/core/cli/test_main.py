@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -211,12 +212,15 @@ def test_what_is_read_is_not_written_over(scene: Path, tmp_path: Path, capsys: C
     assert model.read_bytes() == before
     masks = scene / "masks" / "made"
     maps = {file.name: file.read_bytes() for file in masks.iterdir()}
-    for folder in (masks, scene / "images"):
+    (scene / "depth").mkdir()
+    (scene / "depth" / "000.png").write_bytes(b"measured")
+    for folder in (masks, scene / "images", scene / "depth"):
         to = ("--what", "masks", "--out", str(folder))
         assert "Choose another place" in refusal(capsys, "export", str(scene), *to)
         to = ("--what", "groups", "--out", str(folder))
         assert "Choose another place" in refusal(capsys, "render", str(scene), *to)
     assert {file.name: file.read_bytes() for file in masks.iterdir()} == maps
+    shutil.rmtree(scene / "depth")
 
 
 def test_folders_are_listed_and_exported(scene: Path, tmp_path: Path, capsys: Capture) -> None:

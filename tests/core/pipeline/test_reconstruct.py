@@ -41,7 +41,7 @@ from gaga_core.pipeline.reconstruct import (
     photos_since,
     reconstruct_scene,
 )
-from gaga_core.pipeline.run import missing_stages
+from gaga_core.pipeline.run import missing_stages, run_folder
 from gaga_core.pipeline.settings import ReconstructConfig
 from gaga_core.placing.checks import Verdict
 from gaga_core.progress import Progress, run_stage
@@ -168,6 +168,26 @@ def test_other_photos_or_settings_start_anew(photos: Path, tmp_path: Path) -> No
     stage = reconstruct_scene(photos, scene, SFM)
     assert next(stage).stage == "Look at photos"
     stage.close()
+
+
+def test_a_scene_of_other_photos_is_no_result(photos: Path, tmp_path: Path) -> None:
+    """It was said that nothing was left to do, and nothing of the photos was in it."""
+    scene, others = tmp_path / "scene", tmp_path / "others" / photos.name
+    run_stage(reconstruct_scene(photos, scene, SFM))
+    for same in (photos, scene / "images", shutil.copytree(photos, tmp_path / "moved")):
+        assert run_stage(reconstruct_scene(same, scene, SFM)).stages_run == ()
+    others.mkdir(parents=True)
+    for path in list(photos.iterdir())[:3]:
+        shutil.copy(path, others / f"other_{path.name}")
+    for made in (scene, tmp_path / "foreign"):
+        with pytest.raises(GagaError, match="nothing is made of"):
+            run_stage(reconstruct_scene(others, made, SFM))
+        with pytest.raises(GagaError, match="nothing is made of"):
+            run_stage(run_folder(made, photos=others))
+        with pytest.raises(GagaError, match="does not exist"):
+            run_stage(reconstruct_scene(tmp_path / "none", made, SFM))
+        if made == scene:
+            shutil.copytree(scene / "sparse", tmp_path / "foreign" / "sparse")
 
 
 def test_a_stop_before_anything_is_finished_leaves_nothing(photos: Path, tmp_path: Path) -> None:
