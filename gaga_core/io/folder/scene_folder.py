@@ -108,11 +108,21 @@ def is_scene_folder(path: Path) -> bool:
     )
 
 
+def _has_pictures(folder: Path) -> bool:
+    return folder.is_dir() and any(p.suffix.lower() in IMAGE_SUFFIXES for p in folder.iterdir())
+
+
 def _no_scene(root: Path) -> str:
-    if root.is_dir() and any(p.suffix.lower() in IMAGE_SUFFIXES for p in root.iterdir()):
+    if _has_pictures(root):
         return (
             f"{root} holds photos, but no splats and no cameras of them yet. Make them first: "
             "gaga run, or Make splats in the window."
+        )
+    inside = sorted(p.name for p in root.iterdir() if _has_pictures(p)) if root.is_dir() else []
+    if inside:
+        return (
+            f"{root} is not a scene folder, but {' and '.join(inside[:3])} in it "
+            f"{'hold' if len(inside) > 1 else 'holds'} pictures. Open the one with the photos."
         )
     return (
         f"{root} is not a scene folder: it has no point_cloud.ply, images/ or sparse/, and no "

@@ -189,6 +189,11 @@ def test_a_folder_that_is_no_scene_says_what_is_missing(tmp_path: Path) -> None:
         open_scene_folder(tmp_path / "none")
     with pytest.raises(GagaError, match=r"is not a scene folder.*no photos"):
         open_scene_folder(tmp_path)
+    for name in ("photos", "masks of mine"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "IMG_1.JPG").write_bytes(b"not read here")
+    with pytest.raises(GagaError, match=r"masks of mine and photos in it hold pictures"):
+        open_scene_folder(tmp_path)
     (tmp_path / "IMG_1.JPG").write_bytes(b"not read here")
     with pytest.raises(GagaError, match=r"holds photos, but no splats.*gaga run"):
         open_scene_folder(tmp_path)
