@@ -1,4 +1,4 @@
-"""Errors that a user can fix, and text from files as it may be shown."""
+"""Errors that a user can fix, text from files as it may be shown, and names of options in both."""
 
 import logging
 import re
@@ -107,3 +107,42 @@ def _shown(character: str) -> str:
     if character in _JOINERS or not (kind[0] == "C" or kind in ("Zl", "Zp")):
         return character
     return character.encode("unicode_escape").decode("ascii")
+
+
+# --- Names of the options that messages recommend, in the command and in the window.
+# The window's names are those of its sheet "Make splats" (Settings next to the offer).
+
+
+IN_WINDOW = {
+    "--quality": "Quality",
+    "--focal": "Focal length, pixels",
+    "--video-fps": "Frames of each second",
+    "--foreground": "Masks of the object",
+    "--turntable": "Object on a turntable",
+    "--poses": "Poses next to the photos",
+    "--poses-from": "File of the poses",
+    "--scene": "Scene",
+    "--place-minutes": "Minutes for placing",
+}
+QUALITY_TITLES = {"draft": "Quick look", "standard": "Good", "full": "Best"}  # names in the window
+
+
+def option(name: str, value: str = "") -> str:
+    """``name`` with its control: "--quality standard (Quality in the window's settings)"."""
+    shown = f"{name} {value}".strip()
+    return f"{shown} ({IN_WINDOW[name]} in the window's settings)"
+
+
+def in_window(text: str) -> str:
+    """A message as the window says it: "Quality: Best in Settings" for an `option`."""
+
+    def control(found: re.Match[str]) -> str:
+        value, name = found[1], found[2]
+        return (
+            f"{name}: {QUALITY_TITLES.get(value, value)} in Settings"
+            if value
+            else f"{name} in Settings"
+        )
+
+    text = re.sub(r"--[a-z-]+(?: (\S+))? \(([^()]*) in the window's settings\)", control, text)
+    return re.sub(r"gaga models get (\S+) \(Models in the window\)", r"\1, in Find, Models", text)

@@ -20,7 +20,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from gaga_core.errors import CancelledError, GagaError, plain_text
+from gaga_core.errors import CancelledError, GagaError, option, plain_text
 from gaga_core.io.cameras.given import GivenPose, GivenPoses
 from gaga_core.io.cameras.poses import find_poses, read_poses
 from gaga_core.io.depth_maps import read_depth, write_scene_depth
@@ -68,7 +68,7 @@ from gaga_core.placing.photos import (
     unread_kinds,
 )
 from gaga_core.placing.recordings import is_recording, unpack_stage
-from gaga_core.placing.sfm import MATCH_SIDE, option, pictures_of, run_matching, run_step
+from gaga_core.placing.sfm import MATCH_SIDE, pictures_of, run_matching, run_step
 from gaga_core.placing.undistort import ORIGINALS, require_room, undistort_into, write_upright
 from gaga_core.placing.video import (
     extract_frames,

@@ -67,7 +67,7 @@ class ReconstructConfig:
     """sfm: place the photos and stop before the training."""
     accept_wrong: bool = False
     """Keep a placement of the photos that the checks refuse."""
-    hold_out: bool = setting(True, "Hold the test photos out, to measure on")
+    hold_out: bool = setting(True, "Hold test photos out")
     """Keep the test views out of the training, to measure on."""
 
     def __post_init__(self) -> None:

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
 from gaga_core.arrays import BoolArray, DoubleArray, LongArray
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, option
 from gaga_core.geometry import fit_similarity
 from gaga_core.io.arrays_file import TEXT, Column, read_columns
 from gaga_core.io.files import refuse_links
@@ -32,7 +32,7 @@ from gaga_core.placing.metrics import (
     pair_agreement,
 )
 from gaga_core.placing.photos import prepare_photos
-from gaga_core.placing.sfm import SfmConfig, option, run_matching, run_step
+from gaga_core.placing.sfm import SfmConfig, run_matching, run_step
 from gaga_core.progress import Stage, mapped
 
 # --- The relative placement of two clusters of cameras, by points that each sees alone.

@@ -12,10 +12,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from gaga_core.arrays import BoolArray, DoubleArray, LongArray
+from gaga_core.errors import option
 from gaga_core.io.arrays_file import TEXT, Column, read_columns
 from gaga_core.placing.metrics import AGAIN, PAIRS
 from gaga_core.placing.photos import PhotoSet
-from gaga_core.placing.sfm import option
 
 # --- Do the rotations between three photos close? Where objects repeat, good matches are wrong.
 # A pair of photos that matched says how one camera is turned against the other. Around three

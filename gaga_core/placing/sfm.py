@@ -12,51 +12,13 @@ from typing import Literal
 
 import msgspec
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, option
 from gaga_core.io.cameras.colmap import require_pycolmap
 from gaga_core.io.folder.processes import follow
 from gaga_core.io.json_file import decode_json
 from gaga_core.placing.photos import Photo, PhotoSet
 from gaga_core.progress import Progress, Stage
 from gaga_core.threads import n_threads
-
-# --- Names of the options that messages recommend, in the command and in the window.
-# The window's names are those of its sheet "Make splats" (Settings next to the offer).
-
-
-IN_WINDOW = {
-    "--quality": "Quality",
-    "--focal": "Focal length, pixels",
-    "--video-fps": "Frames of each second",
-    "--foreground": "Masks of the object",
-    "--turntable": "Object on a turntable",
-    "--poses": "Poses next to the photos",
-    "--scene": "Scene",
-    "--place-minutes": "Minutes for placing",
-}
-
-
-QUALITIES = {"draft": "Quick look", "standard": "Good", "full": "Best"}  # names in the window
-
-
-def option(name: str, value: str = "") -> str:
-    """``name`` with its control: "--quality standard (Quality in the window's settings)"."""
-    shown = f"{name} {value}".strip()
-    return f"{shown} ({IN_WINDOW[name]} in the window's settings)"
-
-
-def in_window(text: str) -> str:
-    """A message as the window says it: "Quality: Best in Settings" for an `option`."""
-
-    def control(found: re.Match[str]) -> str:
-        value, name = found[1], found[2]
-        return (
-            f"{name}: {QUALITIES.get(value, value)} in Settings" if value else f"{name} in Settings"
-        )
-
-    text = re.sub(r"--[a-z-]+(?: (\S+))? \(([^()]*) in the window's settings\)", control, text)
-    return re.sub(r"gaga models get (\S+) \(Models in the window\)", r"\1, in Find, Models", text)
-
 
 TITLES = {
     "features": "Find features",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from gaga_core.camera import Camera
-from gaga_core.errors import GagaError, counted
+from gaga_core.errors import GagaError, counted, in_window
 from gaga_core.io.folder.scene_folder import find_model, known_world, place_aside
 from gaga_core.progress import Progress, Stage, mapped
 from gaga_core.scene.camera_path import CameraPath, turntable
@@ -179,7 +179,9 @@ def found_text(found: "PhotoFind") -> str:
         return f"{found.name} is a video of about {found.n_photos} useful frames."
     if found.is_placed:
         return f"{counted(found.n_photos, 'photo')} with known cameras, no splats yet."
-    return f"{counted(found.n_photos, 'photo')}, and no splats yet. {found.poses}".strip()
+    return (
+        f"{counted(found.n_photos, 'photo')}, and no splats yet. {in_window(found.poses)}".strip()
+    )
 
 
 def make(
@@ -195,7 +197,6 @@ def make(
         return
     plan = plan or plan_of(found)
     from gaga_core.pipeline.reconstruct import Estimate
-    from gaga_core.placing.sfm import in_window
 
     stopped = session.training
     training = TrainingPreview(found.name, plan.config.train().iterations)
@@ -413,7 +414,6 @@ def keep_stopped(session: Session) -> None:
 
 
 def _ask(session: Session, plan: ReconstructionPlan, finding: str) -> None:
-    from gaga_core.placing.sfm import in_window
 
     def chosen(choice: str) -> None:
         if choice == _ANYWAY:
@@ -438,7 +438,6 @@ def _stage(
     former: TrainingUpdate | None,
 ) -> "Stage[Reconstruction | _Refused]":
     """`_splats_stage`, whose errors name the window's controls."""
-    from gaga_core.placing.sfm import in_window
 
     try:
         return (yield from _splats_stage(found, plan, estimate, former))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, option
 from gaga_core.io.arrays_file import read_array
 from gaga_core.io.cameras.cameras_json import read_cameras_json
 from gaga_core.io.cameras.colmap import has_colmap, read_colmap
@@ -203,12 +203,13 @@ def find_poses(folder: Path) -> GivenPoses | None:
         if one is not None and other is not None:
             raise GagaError(
                 f"{one.file} ({one.program}) and {other.file} ({other.program}) both have poses "
-                "of the photos. Name one with --poses-from, or --poses ignore."
+                f"of the photos. Name one with {option('--poses-from')}, or "
+                f"{option('--poses', 'ignore')}."
             )
         if one is not None:
             return one
         if errors:
-            raise GagaError(f"{errors[0]} Or leave it out: --poses ignore.")
+            raise GagaError(f"{errors[0]} Or leave it out: {option('--poses', 'ignore')}.")
     return None
 
 

@@ -12,7 +12,7 @@ import psutil
 import pytest
 from PIL import Image
 
-from gaga_core.errors import GagaError
+from gaga_core.errors import GagaError, in_window, option
 from gaga_core.placing.metrics import centres_of
 from gaga_core.placing.photos import (
     VIEWS,
@@ -22,7 +22,7 @@ from gaga_core.placing.photos import (
     prepare_photos,
     turn_of_view,
 )
-from gaga_core.placing.sfm import SfmConfig, in_window, option
+from gaga_core.placing.sfm import SfmConfig
 from gaga_core.placing.worker import similar_pairs
 from gaga_core.progress import Progress, run_stage
 from tests.captures.placing import off_after_alignment

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from gaga_core.errors import GagaError, counted
+from gaga_core.errors import QUALITY_TITLES, GagaError, counted
 from gaga_core.settings import setting_of
 from gaga_studio.features import commands, reconstruction
 from gaga_studio.features.find import association
@@ -184,10 +184,15 @@ def draw_photos(session: Session) -> None:
         return
     room = imgui.get_content_region_avail()
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + max((room.y - em(9)) * 0.42, em(0.5)))
+    buttons = 2 * imgui.get_frame_height_with_spacing() + em(1.4)
+    most = ImVec2(room.x, max(room.y - imgui.get_cursor_pos_y() - buttons, em(3)))
+    imgui.set_next_window_size_constraints(ImVec2(0, 0), most)
+    imgui.begin_child("Photos", ImVec2(0, 0), imgui.ChildFlags_.auto_resize_y)
     with theme.face(strong=True, scale=1.35):
         widgets.wrapped(found.name, theme.TEXT)
     missing = reconstruction.too_few(found)
     widgets.wrapped(missing or reconstruction.found_text(found), theme.DIM)
+    imgui.end_child()
     imgui.dummy(ImVec2(0, em(0.6)))
     labels = _labels(session, found)
     wide = [imgui.calc_text_size(label).x + em(4.5) for label in labels]
@@ -405,11 +410,10 @@ def _photo_row(session: Session, found: "PhotoFind") -> None:
 def _fields(
     session: Session, held: PlanSheet, plan: ReconstructionPlan, found: "PhotoFind"
 ) -> ReconstructionPlan:
-    from gaga_core.placing.sfm import QUALITIES
 
     config, choices = plan.config, []
     for name, hint in _QUALITIES:
-        title = QUALITIES[name]
+        title = QUALITY_TITLES[name]
         other = plan if name == config.quality else reconstruction.plan_with(plan, "quality", name)
         seconds = reconstruction.seconds_of(session, found, other)
         took = association.duration_text(seconds).removeprefix("about ")
