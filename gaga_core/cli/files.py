@@ -27,7 +27,7 @@ class EditCommand:
 
     input: AnyScene
     output: Positional[Path]
-    """The .ply, .compressed.ply, .splat, .spz, .sog, .glb or .html to write."""
+    """The .ply, .compressed.ply, .splat, .spz, .sog, .glb, .usd or .html to write."""
     script: Path
     """JSON list of edits, for example [{"op": "delete", "groups": [3]}]."""
     groups: bool = False

@@ -14,6 +14,7 @@ without it acts on the selection. What the window records (`History.recorded`) a
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import get_args, get_type_hints
 
 import msgspec
@@ -120,8 +121,9 @@ def _parsed(at: int, item: object, n_rows: int | None) -> Step:
     if kind == "edit":
         return Step(at, kind, None, None if n_rows is None else of_json(item, n_rows))
     if kind not in OPERATION_TYPES:
-        known = ", ".join(sorted(OPERATION_TYPES))
-        raise GagaError(f'Operation {at}: "{kind}" is unknown; known are {known}.')
+        near = " or ".join(get_close_matches(kind, OPERATION_TYPES, 3))
+        meant = f"Do you mean {near}?" if near else "The page on scripting lists what there is."
+        raise GagaError(f'Operation {at}: "{kind}" is unknown. {meant}')
     try:
         return Step(at, kind, msgspec.convert(item, OPERATION_TYPES[kind]))
     except (msgspec.ValidationError, ValueError, RecursionError) as error:

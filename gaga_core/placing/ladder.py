@@ -435,4 +435,7 @@ def _begin(folder: Path, former: Path, rung: Rung) -> None:
 
 
 def _labelled(label: str) -> Callable[[Progress], Progress]:
-    return lambda step: replace(step, message=f"{step.message}{label}".strip())
+    def labelled(step: Progress) -> Progress:
+        return replace(step, message=f"{step.message}{label}" if step.message else label[2:-1])
+
+    return labelled

@@ -900,13 +900,25 @@ def _open_folder(root: Path) -> Stage[Project]:
     return (yield from _open_model(folder.model_path, folder))
 
 
+def _renamed(path: Path, digest: str) -> Path | None:
+    """The file next to ``path`` with this fingerprint, of the same kind under another name."""
+    if path.name in (META, LOD_META) or not path.parent.is_dir():
+        return None
+    for other in sorted(path.parent.iterdir()):
+        with suppress(GagaError):  # it cannot be read
+            if other.suffix == path.suffix and not has_changed((other, digest)):
+                return other
+    return None
+
+
 def _open_saved(file: Path) -> Stage[Project]:
     document, arrays = read_project_file(file)
     entry = document.model
     model_path = _resolve(file.parent, entry.path)
     beside = file.parent / model_path.name  # where a later training put it aside with the project
-    if is_file(beside) and has_changed((model_path, entry.fingerprint)):
-        model_path = beside
+    if has_changed((model_path, entry.fingerprint)):
+        renamed = _renamed(model_path, entry.fingerprint)
+        model_path = beside if is_file(beside) else renamed or model_path
     if not is_file(model_path):
         raise GagaError(
             f"The splats of this project are gone: {model_path}. Put the file back, or open "
@@ -990,6 +1002,10 @@ def _entries(project: Project, target: Path, copies_model: bool) -> list[FileEnt
             continue
         rows = (item.first, item.first + item.n) if copies_model else None
         wanted = Path(item.path), item.fingerprint
+        if item is not opened and has_changed(wanted):  # a save may have copied it
+            copies = project.copies.files
+            kept = (file for (_, of), file in copies.items() if of == wanted[1])
+            wanted = next((file for file in kept if not has_changed(file)), wanted)
         path, digest = current_file(wanted, target, scene, rows, project.copies)
         entries.append(FileEntry(_shown(path, target), digest, item.n, item.axes, item.frame))
     return entries

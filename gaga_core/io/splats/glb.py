@@ -14,6 +14,7 @@ glTF. We read as they do, unless the SPZ says which way its axes point.
 """
 
 import base64
+import glob
 import io
 import json
 import struct
@@ -237,7 +238,8 @@ def _why_no_splats(path: Path, *, has_meshes: bool) -> str:
     """The sentence on a glTF without splats; of a mesh it names a file of splats next to it."""
     if not has_meshes:
         return f"{path.name} holds no splats ({_EXTENSION}). Choose another file."
-    near = sorted(path.parent.iterdir(), key=lambda file: (file.stem != path.stem, file.name))
+    name = path.name.partition(".")[0]  # of the object: the files of an export share it
+    near = sorted(path.parent.glob(f"{glob.escape(name)}.*"))
     splats = [file.name for file in near if file.suffix.lower() in _SPLATS_ALONE and file.is_file()]
     cure = "Export the object as splats (.ply, .spz, .sog, ...) and open that."
     return (

@@ -193,7 +193,7 @@ def test_a_mesh_that_is_opened_is_called_one_and_names_the_splats_next_to_it(
     write_mesh(path, sphere, MeshFile.GLB, "cup")
     for file, cure in (
         ("groups.json", "Export the object as splats"),
-        ("a.ply", "Try a.ply next to it"),
+        ("a.ply", "Export the object as splats"),
         ("cup.spz", "Try cup.spz next to it"),
     ):
         (tmp_path / file).touch()

@@ -315,6 +315,29 @@ def test_a_save_elsewhere_never_takes_the_place_of_something_else(
         assert opened(other).model_path == tmp_path / "a.ply"
 
 
+@pytest.mark.parametrize("takes_its_name", [False, True])
+def test_a_project_finds_its_splats_under_another_name(
+    tmp_path: Path, takes_its_name: bool
+) -> None:
+    """Nothing led back to the project of a file that was renamed."""
+    old, new = tmp_path / "a.ply", tmp_path / "renamed.ply"
+    write_ply(old, random_gaussians(9))
+    write_ply(tmp_path / "0.ply", random_gaussians(8))
+    project = opened(old)
+    project.scene.names = {1: "mug"}
+    saved = save_project(project)
+    old.rename(new)
+    if takes_its_name:
+        write_ply(old, random_gaussians(10))
+    again = opened(saved)
+    assert (again.model_path, again.scene.names) == (new, {1: "mug"})
+    save_project(again, saved)
+    assert opened(saved).model_path == new
+    new.unlink()
+    with pytest.raises(GagaError, match=r"renamed\.ply"):
+        opened(saved)
+
+
 def test_a_script_that_runs_again_saves_where_it_did(tmp_path: Path) -> None:
     write_ply(tmp_path / "a.ply", random_gaussians(9))
     for _ in range(2):

@@ -95,6 +95,7 @@ _WORDS = {
     "object.fill": "remove erase inpaint hole",
     "object.clean": "floaters edge noise remove",
     "object.simulate": "drop fall gravity physics settle simulate",
+    "view.color": "colors colours rgb",
     "view.home": "reset camera",
     "view.frame_all": "reset fit zoom extents",
     "view.frame_selected": "fit zoom center centre look at",

@@ -190,6 +190,18 @@ def test_a_project_keeps_what_was_added(room: Path, chair: Path, end: str) -> No
     assert snapshot(opened(other).scene) == before
 
 
+def test_a_save_elsewhere_takes_the_copy_that_was_made(room: Path, chair: Path) -> None:
+    """It was said that the project could not be opened again, next to a copy of the file."""
+    project = opened(room)
+    add(History(project.scene), project.scene, chair)
+    where, before = save_project(project), snapshot(project.scene)
+    chair.unlink()
+    other = save_project(project, where.with_name("other.gaga"))
+    shutil.rmtree(where)
+    assert snapshot(opened(other).scene) == before
+    assert _copy_in(other).name == chair.name
+
+
 def test_a_copy_goes_with_what_was_added(room: Path, chair: Path) -> None:
     project = opened(room)
     history = History(project.scene)
