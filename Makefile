@@ -23,6 +23,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
+# Whatever the environment says: tests start the program hundreds of times, and it was compiled each time.
+export PYTHONDONTWRITEBYTECODE :=
 PEERS := @playcanvas/splat-transform@3.7.0 gltf-validator@2.0.0-dev.3.10
 
 .PHONY: bench-peers wheels test-gl33 app app-models test-app test-browsers test-portable studio test quick peers browser kernels fuzz soak faults cluster captures check demo style types imports pages docs setup bench screenshots clean

@@ -72,7 +72,7 @@ def test_photos_that_another_program_placed_are_placed(tmp_path: Path, capsys: C
     write_scene(tmp_path / "a", 0)
     write_posed(tmp_path / "b", 1, world=world, k1=0.3)
     in_scene, _ = run_stage(align.open_capture_stage(tmp_path / "b"))
-    assert len(in_scene.cameras) == len(in_scene.lenses) == 5
+    assert len(in_scene.cameras) == len(in_scene.lenses) == 4
     # A folder of photos, and no scene folder.
     second = (tmp_path / "b" / "images").rename(tmp_path / "walk")
     (tmp_path / "b" / "transforms.json").rename(second / "transforms.json")
@@ -108,9 +108,9 @@ def test_what_moved_is_listed_and_both_are_written(tmp_path: Path, capsys: Captu
 def test_lone_files_are_aligned_by_their_surfaces(
     tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The demo's splats, and the same turned about the vertical, in pictures of half the size;
+    """The demo's splats, and the same turned about the vertical, in smaller pictures;
     nobody asked what changed."""
-    monkeypatch.setattr(align, "_SIDE", 320)
+    monkeypatch.setattr(align, "_SIDE", 240)
     files, world = (tmp_path / "a.ply", tmp_path / "b.ply"), np.eye(4)
     world[:3, :3] = 1.7 * Rotation.from_euler("z", 35, degrees=True).as_matrix()
     world[:3, 3] = 0.5, -1, 2

@@ -23,7 +23,7 @@ from gaga_core.placing.poses import moved_by, pairs_by_pose, similarity_between
 from gaga_core.progress import run_stage
 from tests.core.placing.photo_scenes import FOCAL, write_photos
 
-N = 8
+N = 6
 
 
 def _noisy(cameras: tuple[Camera, ...], degrees: float, way: float) -> tuple[Camera, ...]:
@@ -70,7 +70,7 @@ def placed(tmp_path: Path) -> Placed:
         if not has_lens:
             words = re.sub(r'"fl_[xy]": [\d.]+,', "", file.read_text())
             file.write_text(words)
-        config = ReconstructConfig(poses=mode, threads=1)  # type: ignore[arg-type]
+        config = ReconstructConfig(quality="draft", poses=mode, threads=1)  # type: ignore[arg-type]
         run_stage(place_photos(tmp_path / "shots" / "images", tmp_path / "scene", config))
         folder = open_scene_folder(tmp_path / "scene")
         entry = read_entry(tmp_path / "scene")["sfm"]
@@ -214,7 +214,7 @@ def test_given_masks_and_depth_come_into_the_scene_as_its_pictures_lie(tmp_path:
             frame["mask_path"] = f"masks/{i}.png"
             Image.fromarray(mask).save(shots / f"masks/{i}.png")
     file.write_text(json.dumps(whole))
-    config = ReconstructConfig(poses="keep", threads=1, accept_wrong=True)
+    config = ReconstructConfig(quality="draft", poses="keep", threads=1, accept_wrong=True)
     run_stage(place_photos(shots / "images", tmp_path / "scene", config))
     folder = open_scene_folder(tmp_path / "scene")
     entry = read_entry(tmp_path / "scene")["sfm"]

@@ -39,7 +39,7 @@ def any_similarity(rng: np.random.Generator) -> DoubleArray:
 
 
 def write_scene(
-    folder: Path, every: int, *, n: int = 10, seed: int = 0, world: np.ndarray | None = None
+    folder: Path, every: int, *, n: int = 8, seed: int = 0, world: np.ndarray | None = None
 ) -> None:
     """Half of ``n`` photos of a corner of a room, placed: from ``every`` on each second one."""
     (folder / "images").mkdir(parents=True)
@@ -82,13 +82,13 @@ def splats_of(
     rng = np.random.default_rng(seed)
     means, colors, labels = [], [], []
     for k, (axis, at) in enumerate(((2, 0.0), (1, 2.0), (0, -2.0))):
-        place = rng.uniform([-2, -2, 0], [3, 2, 3], (9000, 3))
+        place = rng.uniform([-2, -2, 0], [3, 2, 3], (4000, 3))
         place[:, axis] = at
         means.append(place)
         colors.append(texture(np.delete(place, axis, axis=1), k))
         labels.append(np.full(len(place), 1, np.int32))
     for group, middle in balls.items():
-        out = rng.normal(size=(900, 3))
+        out = rng.normal(size=(600, 3))
         means.append(middle + 0.25 * out / np.linalg.norm(out, axis=1, keepdims=True))
         colors.append(np.tile(_BALLS[group][1], (len(out), 1)))
         labels.append(np.full(len(out), group, np.int32))
@@ -97,7 +97,7 @@ def splats_of(
     gaussians = Gaussians(
         points,
         np.tile(np.array([1, 0, 0, 0], np.float32), (n, 1)),
-        np.full((n, 3), np.log(0.03), np.float32),
+        np.full((n, 3), np.log(0.045), np.float32),
         np.full(n, 3.0, np.float32),
         ((np.concatenate(colors)[:, None] - 0.5) / SH_C0).astype(np.float32),
     )
