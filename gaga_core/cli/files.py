@@ -100,6 +100,7 @@ class LodCommand:
 
         Of a saved project to which files were added: lod-added there, of all of them.
         """
+        from gaga_core.io.splats.sog import LOD_META
         from gaga_core.pipeline.level_of_detail import (
             build_project_lod_stage,
             open_project_lod,
@@ -107,8 +108,11 @@ class LodCommand:
             rows_of_files,
         )
         from gaga_core.scene.lod.tree import write_streamed_sog_stage
+        from gaga_core.scene.project import require_other_file
 
         project = out.open_project(self.scene)
+        if self.sog is not None:
+            require_other_file(project, self.sog / LOD_META)
         tree = None if self.again else open_project_lod(project)
         is_new = tree is None or len(tree) < rows_of_files(project.scene)
         if tree is None or is_new:

@@ -11,7 +11,7 @@ from gaga_core.progress import run_stage
 from gaga_core.scene.lod.tree import FILE
 from gaga_core.scene.project import Project, open_path_stage
 from gaga_core.scene.scene import Scene
-from tests.core.cli.calls import Capture, answer
+from tests.core.cli.calls import Capture, answer, refusal
 from tests.gltf_files import write_gltf
 from tests.scenes import random_gaussians
 
@@ -33,7 +33,9 @@ def test_lod_is_built_once_and_again_when_the_model_changed(model: Path, capsys:
     assert answer(capsys, "lod", str(model))["built"] is False
     again = answer(capsys, "lod", str(model), "--again", "--sog", str(model.parent / "web"))
     assert again["built"] is True
-    assert answer(capsys, "info", str(again["streamed_sog"]))["gaussians"] == 6_000
+    web = str(again["streamed_sog"])
+    assert answer(capsys, "info", web)["gaussians"] == 6_000
+    assert "read from" in refusal(capsys, "lod", web, "--sog", str(Path(web).parent))
     assert str(folder) in str(answer(capsys, "info", str(model))["level_of_detail"])
     write_ply(model, random_gaussians(6_000, seed=2))
     assert answer(capsys, "info", str(model))["level_of_detail"] == "none"
