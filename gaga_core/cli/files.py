@@ -208,8 +208,13 @@ def describe(path: Path) -> "Stage[dict[str, object]]":
         "objects": objects,
         "folders": {path: list(scene.folders.groups(path)) for path in scene.folders.paths},
         "level_of_detail": _level_of_detail(project),
-        "saved_project": str(project.path) if project.path else "none",
+        "saved_project": str(project.path) if project.path else _other_project(project),
     }
+
+
+def _other_project(project: "Project") -> str:
+    saved = project.saved_of_file
+    return "none" if saved is None else f"{saved} (of this file; open it for its edits)"
 
 
 def _level_of_detail(project: "Project") -> str:

@@ -610,13 +610,17 @@ class Project:
     def saved_of_file(self) -> Path | None:
         """The project that was saved last of the file, or of the manifest, that is open.
 
-        None without one, and of a scene folder. Files of the same name in two formats, and a
+        None without one, and of a scene folder; one that was saved before the file was renamed
+        counts where none has its name. Files of the same name in two formats, and a
         manifest and a file that it names, have projects of their own.
         """
         if self.folder is not None or self.path is not None:
             return None
-        former = reversed(self._free_path()[1])
-        return next((path for path in former if self._is_source_of(path)), None)
+        former = [path for path in self._free_path()[1] if self._is_source_of(path)]
+        if former or self.manifest is not None:
+            return former[-1] if former else None
+        others = sorted(self.model_path.parent.glob(f"*{SUFFIX}"))
+        return next((path for path in others if self._was_source_of(path)), None)
 
     def opened_again_by(self, path: Path) -> Path:
         """The one path, of all that open this as ``path`` did, that a list of scenes names.
@@ -650,6 +654,13 @@ class Project:
             return self.manifest is not None and of == self.manifest.resolve()
         model = _resolve(saved, document.model.path)
         return model.parent == saved.resolve() or model == self.model_path.resolve()
+
+    def _was_source_of(self, saved: Path) -> bool:
+        """Whether the project in ``saved`` is of this file under another name that it had."""
+        if not is_saved_of(self, saved):
+            return False
+        document = _document(saved / PROJECT_FILE)
+        return not document.manifest and not is_file(_resolve(saved, document.model.path))
 
 
 def listed_path(path: Path) -> Path:

@@ -331,6 +331,8 @@ def test_a_project_finds_its_splats_under_another_name(
         write_ply(old, random_gaussians(10))
     again = opened(saved)
     assert (again.model_path, again.scene.names) == (new, {1: "mug"})
+    assert opened(new).saved_of_file == (None if takes_its_name else saved)
+    assert opened(tmp_path / "0.ply").saved_of_file is None
     save_project(again, saved)
     assert opened(saved).model_path == new
     new.unlink()
