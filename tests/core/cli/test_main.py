@@ -185,8 +185,8 @@ def test_the_size_is_that_of_what_is_left(scene: Path, tmp_path: Path, capsys: C
     whole, left = answer(capsys, "info", str(saved)), answer(capsys, "info", str(out))
     assert whole["size"] == left["size"] != answer(capsys, "info", str(scene))["size"]
     assert f"{left['gaussians']:,} splats" in repr(edited)
-    first = gaga_core.open(out).save()
-    assert str(answer(capsys, "info", str(out))["saved_project"]).startswith(str(first))
+    of_export = gaga_core.open(out).save()
+    assert str(answer(capsys, "info", str(out))["saved_project"]).startswith(str(of_export))
     edited.edit([{"op": "select_all"}, {"op": "delete"}])
     edited.save()
     assert answer(capsys, "info", str(saved))["size"] == "nothing is visible"
