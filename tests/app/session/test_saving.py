@@ -101,6 +101,26 @@ def test_the_focus_notices_a_change_once_and_reload_opens_it(associated: Session
     assert len(scene_of(associated)) == n  # it is gone: what is open stays
 
 
+def test_a_save_that_fits_no_file_any_more_is_unsaved(associated: Session) -> None:
+    """The program ended without a question, with the last copy of the splats."""
+    associated.save()
+    finish(associated)
+    assert not associated.unsaved
+    _change_model(associated)
+    assert associated.look_at_files()
+    associated.answer("Cancel")
+    assert associated.unsaved
+    associated.quit()
+    assert not associated.should_quit
+    associated.answer("Save")
+    _asked(associated)
+    associated.answer(COPY)
+    finish(associated)
+    assert associated.should_quit
+    again = run_stage(open_path_stage(_root(associated))).scene
+    assert snapshot(again) == snapshot(scene_of(associated))
+
+
 def test_reload_shows_the_changed_model_and_keeps_the_former_save(associated: Session) -> None:
     n, where = len(scene_of(associated)), _root(associated) / "gaga" / "project.json"
     before = where.read_bytes()
