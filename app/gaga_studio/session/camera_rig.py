@@ -17,7 +17,7 @@ from gaga_core.scene.orientation import (
 )
 from gaga_core.scene.scene import Scene
 from gaga_core.scene.selection.bounds import object_box
-from gaga_core.scene.selection.clear_view import clearest_view, clearest_view_of
+from gaga_core.scene.selection.clear_view import Clearest, clearest_view, clearest_view_of
 
 FLY_KEYS = frozenset("WASDQE")  # by their place on a US keyboard
 _JUMP_S = 0.35  # time of an animated jump
@@ -27,10 +27,11 @@ _ZOOM_PER_NOTCH = 0.15
 _FAR = 300.0  # scene radii between the pivot and an orthographic camera: 0.3 % of perspective left
 _LEVEL_PER_DRAG = 0.85  # share of a training camera's roll that an orbit step leaves
 _SIDES = 8  # from which a scene without photos may be seen first
-_NEARER = (1, 2, 4)  # times, to come inside of what surrounds a scene
-# Share of the middle's splats: where less is seen, something hides it. Of a scene of 12 photos
-# 0.013 are seen from outside and 0.17 from inside of its shell, of four lone objects 0.1 and more.
-_ENCLOSED = 0.02
+_NEARER = (1, 2, 3, 4, 6)  # times, to come inside of what surrounds a scene
+# Share of the picture that splats cover there. Inside of seven trainings 0.73 to 0.96; of three
+# lone objects up to 0.63 where as much of their middle is seen as from afar.
+_FILLED = 0.7
+_MORE, _NEARLY = 1.03, 0.95  # so much more than from afar is seen; of all such the farthest, nearly
 _THREE_QUARTERS = np.radians(30.0)  # from the front, of the first view without photos
 
 
@@ -304,16 +305,18 @@ class CameraRig:
 
     def turn_to_clearest(self, scene: Scene, box: tuple[DoubleArray, DoubleArray]) -> None:
         """Look at the scene from the side that is open, of eight all around: the present one,
-        unless another shows much more of its middle. From nearer where something hides that on all
-        sides, as the far shell of a training does (`gaga_core.training.start`)."""
-        start, found = self.pose, list[tuple[float, Pose]]()
+        unless another shows much more of its middle. From nearer where that is surrounded, as by
+        the far shell of a training (`gaga_core.training.start`): where splats fill the picture, and
+        more of the middle is seen."""
+        start, found = self.pose, list[tuple[Pose, Clearest]]()
         for nearness in _NEARER:
             poses, views = self._around(replace(start, distance=start.distance / nearness))
-            best, share = clearest_view(scene, box, views)
-            found.append((share, poses[best]))
-            if share > _ENCLOSED:
-                break
-        self.pose = found[-1][1] if found[-1][0] > _ENCLOSED else found[0][1]
+            clearest = clearest_view(scene, box, views)
+            found.append((poses[clearest.number], clearest))
+        least = _MORE * found[0][1].share
+        inside = [one for one in found if one[1].covered >= _FILLED and one[1].share >= least]
+        enough = _NEARLY * max((one.share for _, one in inside), default=0.0)
+        self.pose = next((pose for pose, one in inside if one.share >= enough), found[0][0])
 
     def focus_clearly(self, scene: Scene, indices: IntArray) -> None:
         """Show splats (K,) from the present direction, or from the clearest of eight around them

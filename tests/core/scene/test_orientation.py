@@ -244,13 +244,13 @@ def test_a_room_is_looked_into_and_what_stands_free_is_seen_as_it_comes(
     )
     box, up = (np.full(3, -2.0), np.full(3, 2.0)), np.array([0, 0, 1.0])
     views = views_around(box, up, ((20.0, 8),), side=200, field=np.radians(50), room=1.0)
-    chosen, share = clearest_view(Scene.of(splats), box, views)
-    assert share > 0.1
+    clearest = clearest_view(Scene.of(splats), box, views)
+    assert clearest.share > 0.1
     if is_room:
-        eye = views[chosen].position
+        eye = views[clearest.number].position
         assert eye @ -inwards > 0.6 * np.linalg.norm(eye)
     else:
-        assert chosen == 0
+        assert clearest.number == 0
 
 
 @pytest.mark.parametrize("turn", [0, 3, 6])
