@@ -35,7 +35,9 @@ from gaga_core.scene.object_picture import object_picture, object_view
 from gaga_core.scene.objects import group_indices, group_name, object_table
 from gaga_core.scene.orientation import estimate_up
 from gaga_core.scene.project import (
+    PROJECT_FILE,
     Project,
+    files_read,
     is_saved_of,
     open_path_stage,
     require_other_file,
@@ -333,7 +335,8 @@ class Scene:
         from gaga_core.export.options import ExportOptions
 
         options = ExportOptions(up=self.project.up)
-        stage = export_objects_stage(self.project.scene, Path(folder), options=options)
+        kept = files_read(self.project)
+        stage = export_objects_stage(self.project.scene, Path(folder), options=options, kept=kept)
         return _run(stage, on_progress)
 
     def save(self, path: str | Path | None = None) -> Path:
@@ -344,8 +347,10 @@ class Scene:
         """
         if path is None:
             return save_project(self.project)
-        again = is_saved_of(self.project, Path(path))
-        return save_project(self.project, Path(path), overwrites=again)
+        target = Path(path).parent if Path(path).name == PROJECT_FILE else Path(path)
+        is_own = target.resolve() == self.project.saves_to.resolve()
+        again = not is_own and is_saved_of(self.project, target)
+        return save_project(self.project, target, overwrites=again)
 
     def _camera(self, view: str | int) -> Camera:
         if isinstance(view, int):

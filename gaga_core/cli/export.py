@@ -167,8 +167,9 @@ class ExportCommand:
             named = form_of(self.out)
         except GagaError:  # it ends in nothing that is known
             return form
-        ends = (form.suffix, f".{form.suffix.rpartition('.')[2]}")  # a compressed .ply is a .ply
-        if named is not form and not self.out.name.lower().endswith(ends):
+        # A compressed .ply is a .ply, and both versions of .spz have one ending.
+        ends = form.suffix.endswith(named.suffix)
+        if named is not form and not ends:
             raise SwitchError(
                 f"--form {self.form} does not go with the name {self.out.name}. Leave it out, or "
                 "choose another name."
@@ -213,11 +214,18 @@ class ExportCommand:
     ) -> dict[str, object]:
         from gaga_core.export.export import export_objects_stage, least_psnr, objects_losses
         from gaga_core.scene.export_manifest import listed_files, read_manifest
+        from gaga_core.scene.project import files_read
 
         scene, only = project.scene, self._only(project)
         say_losses(objects_losses(scene, form, only, options))
         stage = export_objects_stage(
-            scene, self.out, only, source=str(self.scene), form=form, options=options
+            scene,
+            self.out,
+            only,
+            source=str(self.scene),
+            form=form,
+            options=options,
+            kept=files_read(project),
         )
         manifest = out.follow(stage)
         missing = read_manifest(manifest).left_out

@@ -3,7 +3,7 @@
 import re
 import tempfile
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import count
@@ -280,6 +280,7 @@ def export_objects_stage(
     source: str = "",
     form: SplatFormat | MeshExport = SplatFormat.PLY,
     options: ExportOptions = _AS_IS,
+    kept: Collection[Path] = (),
 ) -> Stage[Path]:
     """Write one file per group into ``folder``, and ``groups.json``; returns the manifest's path.
 
@@ -290,11 +291,14 @@ def export_objects_stage(
     The manifest is a `gaga_core.scene.export_manifest.Manifest`.
     Files appear all together at the end; a cancel or a full disk leaves nothing. ``options`` change
     what is written, with one origin for all files. Raises ``GagaError`` when none of the groups is
-    visible.
+    visible, or a file would replace one that is to be ``kept``.
     """
     objects = _objects(scene, groups, form.suffix, options)
     if not objects:
         raise GagaError("None of these objects is visible, so there is nothing to export.")
+    stay = {path.resolve() for path in kept}
+    if taken := next((e.file for e, _ in objects if (folder / e.file).resolve() in stay), ""):
+        raise GagaError(f"This scene is read from {folder / taken}. Choose another folder.")
     written: list[ManifestEntry] = []
     left_out: list[str] = []
     origin = options.origin(world_means(scene, np.concatenate([rows for _, rows in objects])))

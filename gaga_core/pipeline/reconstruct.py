@@ -545,16 +545,31 @@ def require_its_photos(photos: Path, scene: Path) -> None:
         return
     if not photos.exists():
         raise GagaError(f"{photos} does not exist. Check the path.")
-    entry = _placement_entry(scene)
-    source, known = Path(str(entry.get("source", ""))), entry.get("files")
-    is_inside = photos.resolve().is_relative_to(scene.resolve())
-    is_same = source == photos.absolute() or (photos.is_file() and source.name == photos.name)
-    if isinstance(known, list) and photos.is_dir():  # they may have been moved
-        there = {path.relative_to(photos).as_posix() for path in list_photos(photos)}
-        is_same = is_same or (bool(known) and there >= {*map(str, known)})
-    if not (is_inside or is_same):
-        was = f"was made of {source}" if "source" in entry else "is there already"
+    if not _is_made_of(photos, scene):
+        source = _placement_entry(scene).get("source")
+        was = "is there already" if source is None else f"was made of {source}"
         raise GagaError(f"{scene} {was}, so nothing is made of {photos}. Name a new scene folder.")
+
+
+def _is_made_of(photos: Path, scene: Path) -> bool:
+    """Whether ``photos`` are those of ``scene``: by where they are, else by their names."""
+    place = photos.resolve()
+    own = (scene, scene / "images", scene / ORIGINALS)
+    if any(place.is_relative_to(folder.resolve()) for folder in own):
+        return True
+    entry = _placement_entry(scene)
+    source, files = Path(str(entry.get("source", ""))), entry.get("files")
+    if is_recording(photos):  # it was unpacked into the scene
+        return source.resolve() == (scene / ORIGINALS).resolve()
+    if "source" in entry and source.exists():
+        return source.resolve() == place
+    if not photos.is_dir():
+        return source.name == photos.name
+    known = {*map(str, files)} if isinstance(files, list) else set()
+    if "source" not in entry:  # another program placed them
+        known = {camera.name for camera in open_scene_folder(scene).cameras}
+    there = {path.relative_to(photos).as_posix() for path in list_photos(photos)}
+    return 2 * len(known & there) >= max(len(known), 1)  # some were left out, or removed
 
 
 def _is_free(scene: Path) -> bool:

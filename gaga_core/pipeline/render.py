@@ -13,7 +13,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.identity.field import encoding_colors
-from gaga_core.io.folder.scene_folder import SceneFolder, read_model, select_views
+from gaga_core.io.folder.scene_folder import GIVEN, SceneFolder, read_model, select_views
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks.label_maps import view_keys, write_labels
@@ -104,15 +104,13 @@ def _paint_views(
     return tuple(target / names[camera.name] for camera in cameras)
 
 
-_GIVEN = ("images", "masks", "gt", "depth", "sparse")  # of a scene folder: what was not made here
-
-
 def _require_apart(folder: SceneFolder, out: Path) -> None:
     """Raise ``GagaError`` where files in ``out`` could replace what the scene was given."""
     target, root = out.resolve(), folder.root.resolve()
-    is_given = any(target.is_relative_to(root / name) for name in _GIVEN)
+    is_given = any(target.is_relative_to(root / name) for name in GIVEN)
     is_given = is_given and target.is_dir() and any(target.iterdir())
-    if is_given or target in {path.parent.resolve() for path in folder.image_paths.values()}:
+    of_photos = {path.parent for path in folder.image_paths.values()}
+    if is_given or target in {parent.resolve() for parent in of_photos}:
         raise GagaError(f"{out} holds files of this scene. Choose another place.")
 
 

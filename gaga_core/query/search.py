@@ -390,7 +390,8 @@ def _trait_score(trait: Trait, around: Searched) -> DoubleArray | None:
         for color in trait.words:  # "orange" is a fruit too, "green apple" a name
             score = np.maximum(score, _own_names(color, around))
             called = [color in words_of(text) for text in around.described]
-            score = np.where(called, np.maximum(score, FITS), score) if called else score
+            if called and not trait.together:
+                score = np.where(called, np.maximum(score, FITS), score)
         return score
     return _noun_scores(trait.words[0], around)
 

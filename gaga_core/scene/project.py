@@ -39,7 +39,12 @@ from gaga_core.identity.field import LABELLING, encoding_colors
 from gaga_core.io.arrays_file import Column, checked, damage, read_arrays, read_columns
 from gaga_core.io.files import atomic_write, explain_os_error, fingerprint, is_file
 from gaga_core.io.folder.lock import lock_folder
-from gaga_core.io.folder.scene_folder import SceneFolder, is_scene_folder, open_scene_folder
+from gaga_core.io.folder.scene_folder import (
+    GIVEN,
+    SceneFolder,
+    is_scene_folder,
+    open_scene_folder,
+)
 from gaga_core.io.json_file import PathText, decode_json, read_json
 from gaga_core.io.splats.packing import READS
 from gaga_core.io.splats.ply import write_ply
@@ -755,8 +760,13 @@ def _open_model(path: Path, folder: SceneFolder | None = None) -> Stage[Project]
 
 def is_saved_still(project: Project) -> bool:
     """Whether ``project`` was saved, and what was saved fits the splats as they are on disk now."""
-    saved = project.path is not None and bool(saved_scene(project.path))
-    return saved and not has_changed((project.model_path, project.model_fingerprint))
+    if project.path is None or not saved_scene(project.path):
+        return False
+    try:
+        _model_of(project.path / PROJECT_FILE, _document(project.path / PROJECT_FILE).model)
+    except GagaError:
+        return False
+    return True
 
 
 def reopen_stage(project: Project) -> Stage[Project]:
@@ -771,17 +781,26 @@ def reopen_stage(project: Project) -> Stage[Project]:
     return (yield from _open_model(project.model_path))
 
 
-def require_other_file(project: Project, path: Path) -> None:
-    """Raise ``GagaError`` where an export to ``path`` would replace what ``project`` is read from.
-
-    Its saved edits would fit no file then, and what they hid or deleted would be gone.
-    """
-    if not path.exists():
-        return
+def files_read(project: Project) -> tuple[Path, ...]:
+    """Files of splats that ``project`` is read from, and the photos of its scene."""
     added = (Path(item.path) for item in project.scene.added if not item.is_made)
-    for model in (project.model_path, *added):
-        if any(file.exists() and file.samefile(path) for file in files_of_model(model)):
-            raise GagaError(f"This scene is read from {path}. Choose another name.")
+    models = (file for model in (project.model_path, *added) for file in files_of_model(model))
+    photos = project.folder.image_paths.values() if project.folder is not None else ()
+    return (*models, *photos)
+
+
+def require_other_file(project: Project, path: Path) -> None:
+    """Raise ``GagaError`` where an export to ``path`` would replace what ``project`` is read from,
+    or a saved project. Saved edits would fit no file then, and what they hid would be gone."""
+    if not is_file(path):
+        return
+    if any(is_file(file) and file.samefile(path) for file in files_read(project)):
+        raise GagaError(f"This scene is read from {path}. Choose another name.")
+    given = [] if project.folder is None else [project.folder.root / name for name in GIVEN]
+    if any(path.resolve().is_relative_to(part.resolve()) for part in given):
+        raise GagaError(f"{path} belongs to this scene. Choose another place.")
+    if is_file(path.parent / PROJECT_FILE):
+        raise GagaError(f"{path.parent} holds a saved project. Choose another place.")
 
 
 def save_project(
@@ -802,8 +821,9 @@ def save_project(
     """
     target = Path(path or project.saves_to)
     target = target.parent if target.name == PROJECT_FILE else target
-    is_own = target.resolve() == project.saves_to.resolve()
-    if not is_own and not saved_scene(target) and _holds_files(target):
+    own = {project.saves_to.resolve(), project.first_path.resolve()}
+    is_own = target.resolve() in own
+    if not (is_own or overwrites or saved_scene(target)) and _holds_files(target):
         raise GagaError(
             f"{target} holds other files, and would open as this project. Choose a new folder, or "
             "an empty one."
@@ -827,7 +847,9 @@ def save_project(
 
 
 def _holds_files(folder: Path) -> bool:
-    return folder.is_dir() and any(not item.name.startswith(".") for item in folder.iterdir())
+    """Whether there is something in it that is not hidden, nor left by a save that failed."""
+    names = [item.name for item in folder.iterdir()] if folder.is_dir() else []
+    return any(not re.match(_OF_A_SAVE, name) for name in names)
 
 
 def is_saved_of(project: Project, target: Path) -> bool:
@@ -922,24 +944,31 @@ def _renamed(path: Path, digest: str) -> Path | None:
     return None
 
 
+def _model_of(file: Path, entry: FileEntry) -> Path:
+    """The splats of the project ``file`` as they were. ``GagaError``: they are gone, or changed."""
+    path, digest = _resolve(file.parent, entry.path), entry.fingerprint
+    if not has_changed((path, digest)):
+        return path
+    beside = file.parent / path.name  # where a later training put it aside with the project
+    if not is_file(path) and not is_file(beside) and (renamed := _renamed(path, digest)):
+        return renamed
+    path = beside if is_file(beside) else path
+    if not is_file(path):
+        raise GagaError(
+            f"The splats of this project are gone: {path}. Put the file back, or open another one."
+        )
+    if not is_same_model(path, digest):
+        raise GagaError(
+            f"{path} changed since this project was saved, so its edits do not fit. "
+            f"Put the previous file back, or move {file} away to open the model without edits."
+        )
+    return path
+
+
 def _open_saved(file: Path) -> Stage[Project]:
     document, arrays = read_project_file(file)
     entry = document.model
-    model_path = _resolve(file.parent, entry.path)
-    beside = file.parent / model_path.name  # where a later training put it aside with the project
-    if has_changed((model_path, entry.fingerprint)):
-        renamed = _renamed(model_path, entry.fingerprint)
-        model_path = beside if is_file(beside) else renamed or model_path
-    if not is_file(model_path):
-        raise GagaError(
-            f"The splats of this project are gone: {model_path}. Put the file back, or open "
-            "another one."
-        )
-    if not is_same_model(model_path, entry.fingerprint):
-        raise GagaError(
-            f"{model_path} changed since this project was saved, so its edits do not fit. "
-            f"Put the previous file back, or move {file} away to open the model without edits."
-        )
+    model_path = _model_of(file, entry)
     root = _resolve(file.parent, document.folder) if document.folder else None
     folder = None
     if root is not None and not is_file(root) and is_scene_folder(root):
@@ -1014,8 +1043,8 @@ def _entries(project: Project, target: Path, copies_model: bool) -> list[FileEnt
         rows = (item.first, item.first + item.n) if copies_model else None
         wanted = Path(item.path), item.fingerprint
         if item is not opened and has_changed(wanted):  # a save may have copied it
-            copies = project.copies.files
-            kept = (file for (_, of), file in copies.items() if of == wanted[1])
+            copies = list(project.copies.files.items())  # an autosave may add to it
+            kept = (file for (_, of), file in copies if of == wanted[1])
             wanted = next((file for file in kept if not has_changed(file)), wanted)
         path, digest = current_file(wanted, target, scene, rows, project.copies)
         entries.append(FileEntry(_shown(path, target), digest, item.n, item.axes, item.frame))
@@ -1023,6 +1052,7 @@ def _entries(project: Project, target: Path, copies_model: bool) -> list[FileEnt
 
 
 _ADDED_COPY = r"added-[0-9a-f]{16}"  # folder of an added file in the project's
+_OF_A_SAVE = rf"\.|{_ADDED_COPY}$|model-[0-9a-f]{{12}}\.ply$|{_SCENE_FILE}$"
 
 
 def _kept_in(target: Path, entry: FileEntry, known: KnownCopies) -> FileEntry:

@@ -208,7 +208,7 @@ class Autosave:
         note = RecoveryNote(os.getpid(), document.name, place, time.time())
 
         def write() -> None:
-            save_project(project, self._folder, copies_model=True)
+            save_project(project, self._folder, copies_model=True, overwrites=True)
             write_history(self._folder, history, saved_scene(self._folder))
             _write_note(self._folder, note)
             self._remove_copies()

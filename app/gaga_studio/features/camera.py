@@ -21,6 +21,7 @@ from gaga_core.scene.camera_path import (
 )
 from gaga_core.scene.objects import group_indices
 from gaga_core.scene.orientation import upright_basis
+from gaga_core.scene.project import require_other_file
 from gaga_core.scene.selection.bounds import object_box, subject_box
 from gaga_studio.features.base import Command, ask, first_of, needs, no_photos, no_scene
 from gaga_studio.session.notices import Level, Request, notifies
@@ -338,6 +339,7 @@ def make_turntable(session: Session, seconds: float = TURN_SECONDS) -> None:
 @notifies
 def save_path_file(session: Session, file: Path) -> None:
     """Write the path as JSON, for ``gaga render --path``."""
+    require_other_file(session.need().project, file)
     session.notify(Level.INFO, f"Saved the path to {save_path(path_of(session), file)}.")
 
 

@@ -1,6 +1,6 @@
 """One export: what, in which form, how changed, where to; and what it will be like."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -43,7 +43,7 @@ from gaga_core.progress import Progress, Stage, portion
 from gaga_core.scene import cleanup as cleanup_edits
 from gaga_core.scene.export_manifest import listed_files, read_manifest
 from gaga_core.scene.objects import selected_groups
-from gaga_core.scene.project import require_other_file
+from gaga_core.scene.project import files_read, require_other_file
 from gaga_core.scene.scene import Scene, State
 from gaga_studio.features import camera, cleanup, folders, measure, simulate, split_view
 from gaga_studio.features.base import (
@@ -311,11 +311,12 @@ def export(
         return
     session.need().settled()
     options = options or ExportOptions(up=camera.up_of(session))
+    kept = files_read(session.need().project)
     groups = cleanup.to_clean(session) if what != "scene" else ()
     if not groups:
         scene = replace(folders.scene_along(session))  # as it is now: the job may wait
         listed = selected_groups(scene).tolist()
-        start_export(session, path, export_stage(scene, what, path, listed, form, options))
+        start_export(session, path, export_stage(scene, what, path, listed, form, options, kept))
         return
     scene, also = replace(session.scene), folders.locked_along(session)
     chosen = (*groups, *np.unique(scene.labels[also]).tolist())
@@ -327,7 +328,7 @@ def export(
         state = copy.state.copy()
         state[also] |= np.uint8(State.SELECTED)  # written as they are
         copy.state = state
-        writing = export_stage(copy, what, path, chosen, form, options)
+        writing = export_stage(copy, what, path, chosen, form, options, kept)
         return (yield from portion(writing, _CLEANED, 1, STAGE))
 
     start_export(session, path, stage())
@@ -359,10 +360,14 @@ def export_stage(
     chosen: Sequence[int],
     form: SplatFormat | MeshExport,
     options: ExportOptions,
+    kept: Collection[Path],
 ) -> Stage[str]:
-    """Export, and return a sentence on what was written. ``form`` is that of objects' files."""
+    """Export, and return a sentence on what was written. ``form`` is that of objects' files, which
+    replace none that is ``kept``."""
     if what == "objects":
-        stage = export_objects_stage(scene, path, list(chosen) or None, form=form, options=options)
+        stage = export_objects_stage(
+            scene, path, list(chosen) or None, form=form, options=options, kept=kept
+        )
         manifest = yield from stage
         n_files, where = len(listed_files(manifest)), paths.shown(manifest.parent)
         said = f"Exported {counted(n_files, 'file')} and {manifest.name} to {where}."
@@ -398,6 +403,7 @@ def export_film(
     ``before``: left of the line of ``config.split`` is the scene before its last edit.
     """
     document = session.need()
+    require_other_file(document.project, target)
     settled = document.settled()
     camera_path = camera.path_of(session)
     earlier = split_view.scene_before(session) if before and config.split is not None else None
@@ -458,6 +464,7 @@ def save_picture(
 ) -> bool:
     """Write what the camera sees at any size as .png or .jpg, as a job."""
     video.check_picture(target, size, transparent)
+    require_other_file(session.need().project, target)
     scene = session.need().settled().scene
     view, requests = session.view, session.render_requests
     camera = session.rig.shot().camera(*size)

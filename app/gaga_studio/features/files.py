@@ -15,6 +15,7 @@ from gaga_core.io.images import IMAGE_SUFFIXES
 from gaga_core.io.splats.splat_files import READ_SUFFIXES
 from gaga_core.scene import edits
 from gaga_core.scene.edits.values import read_added_stage
+from gaga_core.scene.project import require_other_file
 from gaga_studio.features import level_of_detail
 from gaga_studio.features.base import (
     Command,
@@ -35,6 +36,7 @@ from gaga_studio.system import paths
 def save_script(session: Session, path: Path) -> bool:
     """Write every edit since the scene was opened as a script for ``gaga edit``."""
     document = session.need()
+    require_other_file(document.project, path)
     document.settled()
     recorded = document.history.recorded()
     with atomic_write(path) as temporary:

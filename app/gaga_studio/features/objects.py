@@ -334,7 +334,7 @@ _nothing_hidden = needs(
     "Nothing is hidden.",
 )
 _nothing_deleted = needs(
-    lambda session: session.need().scene.has(State.DELETED).any(), "Nothing is deleted."
+    lambda session: edits.has_deleted(session.need().scene), "Nothing is deleted."
 )
 _nothing_locked = needs(
     lambda session: session.need().scene.has(State.LOCKED).any(), "Nothing is locked."

@@ -414,7 +414,6 @@ def keep_stopped(session: Session) -> None:
 
 
 def _ask(session: Session, plan: ReconstructionPlan, finding: str) -> None:
-
     def chosen(choice: str) -> None:
         if choice == _ANYWAY:
             make(session, replace(plan, config=replace(plan.config, accept_wrong=True)))

@@ -322,6 +322,21 @@ def sentences(world: World, how: str = HOW_TO_SCALE) -> tuple[str, ...]:
     return tuple(sentence for sentence in said if sentence)
 
 
+_FILES = {SimulatorForm.MJCF: "scene.xml", SimulatorForm.USD: "scene.usd"}
+_FILES[SimulatorForm.URDF] = "static.urdf"
+
+
+def why_not_into(folder: Path, forms: Sequence[SimulatorForm]) -> str:
+    """A sentence where ``folder`` has files of these names that no export wrote; else ""."""
+    if (folder / MANIFEST).is_file():
+        return ""
+    taken = [name for name in map(_FILES.__getitem__, forms) if (folder / name).exists()]
+    taken += [name for name in ("meshes", "splats") if (folder / name).exists()]
+    if not taken:
+        return ""
+    return f"{folder} holds {' and '.join(taken)} of something else. Choose another folder."
+
+
 def export_simulation_stage(
     scene: Scene,
     folder: Path,
@@ -333,8 +348,10 @@ def export_simulation_stage(
     """Write bodies and what stays into ``folder``; the manifest's path, and what was written.
 
     ``world``: what `world_stage` made of the same, where it is there.
-    Raises ``GagaError`` as `world_stage` does.
+    Raises ``GagaError`` as `world_stage` does, and for a ``folder`` with files of something else.
     """
+    if taken := why_not_into(folder, how.forms):
+        raise GagaError(taken)
     if SimulatorForm.USD in how.forms:
         usd.check()
     world = world or (yield from world_stage(scene, how, groups))

@@ -13,6 +13,7 @@ SCENE/gaga/                       all that we write
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
@@ -39,6 +40,9 @@ from gaga_core.progress import Stage
 T = TypeVar("T")
 WORLD = "world.json"  # in gaga/
 FOREGROUND = "foreground"  # folder of a scene: masks of the object
+
+
+GIVEN = ("images", "masks", "gt", "depth", "sparse", "split.json")  # what was not made here
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +113,9 @@ def is_scene_folder(path: Path) -> bool:
 
 
 def _has_pictures(folder: Path) -> bool:
-    return folder.is_dir() and any(p.suffix.lower() in IMAGE_SUFFIXES for p in folder.iterdir())
+    with suppress(PermissionError):  # it is not for us
+        return folder.is_dir() and any(p.suffix.lower() in IMAGE_SUFFIXES for p in folder.iterdir())
+    return False
 
 
 def _no_scene(root: Path) -> str:

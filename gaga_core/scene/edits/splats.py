@@ -115,8 +115,18 @@ def delete(scene: Scene, indices: AnyArray, title: str = "Delete") -> FlipState 
 
 
 def restore(scene: Scene, title: str = "Restore deleted") -> FlipState | None:
-    """Bring back everything that was deleted."""
-    return set_state(scene, scene.has(State.DELETED), _NOTHING, State.DELETED, title)
+    """Bring back everything that was deleted; what `gaga_core.scene.reduce` merged of it goes."""
+    if not has_deleted(scene):
+        return None
+    merged = _made(scene, merged=True)
+    changed = np.where(scene.has(State.DELETED) != merged, np.uint8(State.DELETED), np.uint8(0))
+    changed[merged & scene.has(State.SELECTED)] |= np.uint8(State.SELECTED)
+    return FlipState.of(title, changed)
+
+
+def has_deleted(scene: Scene) -> bool:
+    """Whether `restore` brings something back."""
+    return bool((scene.has(State.DELETED) & ~_made(scene, merged=True)).any())
 
 
 # --- splats of other files ----------------------------------------------------------------------

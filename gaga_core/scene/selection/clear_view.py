@@ -63,7 +63,8 @@ def clearest_view(
     middle, half = (box[0] + box[1]) / 2, _CORE * (box[1] - box[0]) / 2
     is_core: BoolArray = np.logical_and.reduce(np.abs(means - middle) <= half, axis=1)
     margin = _BEHIND * float(np.linalg.norm(box[1] - box[0]))
-    sample = _Sample(means, scale_of(world) * sizes, gaussians.opacities[rows], is_core, margin)
+    opacities = gaussians.opacities[rows].astype(np.float64)
+    sample = _Sample(means, scale_of(world) * sizes, opacities, is_core, margin)
     shown, covered = zip(*(_shown(sample, view.at_most(_CELLS)) for view in views), strict=True)
     best = int(np.argmax(shown))
     is_hidden = shown[0] < _HIDDEN * shown[best]
@@ -83,7 +84,8 @@ def clearest_view_of(scene: Scene, indices: IntArray, views: Sequence[Camera]) -
     means = world_means(scene, rows).astype(np.float64)
     scale = scale_of(scene.frame.world)
     size = float(np.linalg.norm(np.ptp(means[is_of[rows]], axis=0))) if len(indices) else 0.0
-    sample = _Sample(means, scale * sizes, splats.opacities[rows], is_of[rows], _BEHIND * size)
+    opacities = splats.opacities[rows].astype(np.float64)
+    sample = _Sample(means, scale * sizes, opacities, is_of[rows], _BEHIND * size)
     shown = [_shown(sample, view.at_most(_CELLS))[0] for view in views]
     best = int(np.argmax(shown))
     return best if shown[0] < _HIDDEN * shown[best] else 0

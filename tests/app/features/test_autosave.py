@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from gaga_core.io.splats.ply import write_ply
-from gaga_core.scene.project import save_project, saved_scene
+from gaga_core.progress import run_stage
+from gaga_core.scene.project import open_path_stage, save_project, saved_scene
 from gaga_studio.features import autosave as autosave_actions
 from gaga_studio.features import files, level_of_detail, objects, selection, transform
 from gaga_studio.features.autosave import (
@@ -59,6 +60,29 @@ def _crash() -> None:
         content = json.loads(note.read_text())
         content["pid"] = ended.pid
         note.write_text(json.dumps(content))
+
+
+def test_another_scene_is_autosaved_where_the_first_was(
+    associated: Session, tmp_path: Path
+) -> None:
+    """What was written of the first while the second opened kept the second from being saved."""
+    saver = Autosave(0.0)
+    _edit_and_wait(associated)
+    saver.tick(associated)
+    saver.wait()
+    write_ply(tmp_path / "b.ply", random_gaussians(30))
+    associated.open(tmp_path / "b.ply")
+    finish(associated)
+    associated.answer("Discard")
+    finish(associated)
+    selection.select_all(associated)
+    objects.delete(associated)
+    for _ in range(3):
+        saver.tick(associated)
+        saver.wait()
+    assert not [n for n in associated.notices if "kept safe" in n.text]
+    (kept,) = autosave_actions.root().iterdir()
+    assert len(run_stage(open_path_stage(kept)).scene) == 30
 
 
 def test_without_edits_nothing_is_written(associated: Session) -> None:

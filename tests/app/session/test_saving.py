@@ -14,12 +14,13 @@ from gaga_core.errors import GagaError
 from gaga_core.io.files import fingerprint
 from gaga_core.io.splats.ply import read_ply, write_ply
 from gaga_core.io.splats.splat_files import model_fingerprint
+from gaga_core.pipeline.film import FilmConfig
 from gaga_core.progress import run_stage
 from gaga_core.scene.lod.build import build_lod_stage
 from gaga_core.scene.lod.tree import write_streamed_sog_stage
-from gaga_core.scene.project import open_path_stage, save_project
+from gaga_core.scene.project import open_path_stage, reopen_stage, save_project
 from gaga_core.scene.selection import algebra
-from gaga_studio.features import files, objects
+from gaga_studio.features import camera, export, files, objects
 from gaga_studio.features.commands import new_session
 from gaga_studio.session.notices import Request
 from gaga_studio.session.session import COPY, ELSEWHERE, RELOAD, Session
@@ -163,6 +164,11 @@ def test_reload_brings_back_what_was_saved_where_it_fits(
     objects.rename(associated, objects_of(associated)[0], "jug")
     associated.save()
     assert "Reloading loses all edits" in _asked(associated)
+    associated.answer(COPY)  # from now on it fits the copy
+    finish(associated)
+    before = snapshot(scene_of(associated))
+    associated.need().project.model_path.unlink()
+    assert snapshot(run_stage(reopen_stage(associated.need().project)).scene) == before
 
 
 def test_another_saved_project_is_asked_about(associated: Session, tmp_path: Path) -> None:
@@ -185,6 +191,24 @@ def test_another_saved_project_is_asked_about(associated: Session, tmp_path: Pat
     assert associated.pending_question is None
     assert "other files" in associated.notices[-1].text
     assert not (tmp_path / "project.json").exists()
+
+
+def test_no_file_of_a_scene_or_project_is_written_over(associated: Session, tmp_path: Path) -> None:
+    """After "exists already" a script took the place of a project, a picture that of a photo."""
+    write_ply(tmp_path / "b.ply", random_gaussians(9))
+    other = save_project(run_stage(open_path_stage(tmp_path / "b.ply")))
+    root = _root(associated)
+    (root / "split.json").write_text("{}")
+    photo = next((root / "images").iterdir())
+    for path in (other / "project.json", root / "split.json", photo, root / "point_cloud.ply"):
+        before = path.read_bytes()
+        assert not files.save_script(associated, path)
+        export.save_picture(associated, path.with_suffix(".png"), (64, 48))
+        export.export_film(associated, path, FilmConfig())
+        camera.save_path_file(associated, path)
+        assert associated.jobs.wait()
+        assert path.read_bytes() == before
+    assert files.save_script(associated, root / "script.json")
 
 
 @pytest.fixture

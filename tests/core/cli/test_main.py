@@ -211,6 +211,15 @@ def test_what_is_read_is_not_written_over(scene: Path, tmp_path: Path, capsys: C
         gaga_core.open(scene).objects[1].export(model)
     with pytest.raises(GagaError, match="Choose another name"):
         gaga_core.open(model).export(alias)
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "robot" / "scene.xml").write_text("mine")
+    robot = ("--what", "simulation", "--to", "mjcf", "--out", str(tmp_path / "robot"))
+    assert "Choose another folder" in refusal(capsys, "export", str(scene), *robot)
+    assert (tmp_path / "robot" / "scene.xml").read_text() == "mine"
+    parts = tmp_path / "parts"
+    answer(capsys, "export", str(scene), "--what", "objects", "--out", str(parts))
+    again = ("export", str(parts), "--what", "objects", "--out", str(parts))
+    assert "Choose another folder" in refusal(capsys, *again)
     assert model.read_bytes() == before
     masks = scene / "masks" / "made"
     maps = {file.name: file.read_bytes() for file in masks.iterdir()}

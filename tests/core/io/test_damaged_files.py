@@ -301,12 +301,10 @@ def test_a_save_elsewhere_never_takes_the_place_of_something_else(
     before = {p: p.read_bytes() for p in other.rglob("*") if p.is_file()}
     ours = opened(tmp_path / "a.ply")
     for project in (ours, opened(save_project(ours, tmp_path / "ours.gaga"))):
-        refused = SavedElsewhereError if there == "project" else GagaError
-        with pytest.raises(
-            refused, match="Another project" if there == "project" else "new folder"
-        ):
+        said = "Another project" if there == "project" else "Choose a new folder"
+        with pytest.raises(GagaError, match=said):
             save_project(project, other)
-        with pytest.raises(GagaError):
+        with pytest.raises(GagaError, match=said):
             Scene(project).save(other)
     after = {p: p.read_bytes() for p in other.rglob("*") if p.is_file()}
     assert after.items() >= before.items()
@@ -315,10 +313,7 @@ def test_a_save_elsewhere_never_takes_the_place_of_something_else(
         assert opened(other).model_path == tmp_path / "a.ply"
 
 
-@pytest.mark.parametrize("takes_its_name", [False, True])
-def test_a_project_finds_its_splats_under_another_name(
-    tmp_path: Path, takes_its_name: bool
-) -> None:
+def test_a_project_finds_its_splats_under_another_name(tmp_path: Path) -> None:
     """Nothing led back to the project of a file that was renamed."""
     old, new = tmp_path / "a.ply", tmp_path / "renamed.ply"
     write_ply(old, random_gaussians(9))
@@ -327,11 +322,9 @@ def test_a_project_finds_its_splats_under_another_name(
     project.scene.names = {1: "mug"}
     saved = save_project(project)
     old.rename(new)
-    if takes_its_name:
-        write_ply(old, random_gaussians(10))
     again = opened(saved)
     assert (again.model_path, again.scene.names) == (new, {1: "mug"})
-    assert opened(new).saved_of_file == (None if takes_its_name else saved)
+    assert opened(new).saved_of_file == saved
     assert opened(tmp_path / "0.ply").saved_of_file is None
     save_project(again, saved)
     assert opened(saved).model_path == new
@@ -340,9 +333,33 @@ def test_a_project_finds_its_splats_under_another_name(
         opened(saved)
 
 
+def test_splats_that_were_trained_again_are_no_renamed_ones(tmp_path: Path) -> None:
+    """A backup opened in their place without a word."""
+    write_ply(tmp_path / "a.ply", random_gaussians(9))
+    saved = save_project(opened(tmp_path / "a.ply"))
+    (tmp_path / "a.ply").rename(tmp_path / "backup.ply")
+    write_ply(tmp_path / "a.ply", random_gaussians(10))
+    with pytest.raises(GagaError, match=r"a\.ply changed"):
+        opened(saved)
+
+
+def test_what_a_failed_save_left_blocks_no_later_one(tmp_path: Path) -> None:
+    write_ply(tmp_path / "a.ply", random_gaussians(9))
+    where = tmp_path / "b"
+    for name in ("added-0123456789abcdef/c.ply", "model-0123456789ab.ply", ".gaga.lock"):
+        (where / name).parent.mkdir(parents=True, exist_ok=True)
+        (where / name).touch()
+    assert save_project(opened(tmp_path / "a.ply"), where) == where
+
+
 def test_a_script_that_runs_again_saves_where_it_did(tmp_path: Path) -> None:
     write_ply(tmp_path / "a.ply", random_gaussians(9))
-    for _ in range(2):
-        assert Scene(opened(tmp_path / "a.ply")).save(tmp_path / "x") == tmp_path / "x"
+    for name in ("x", "x/project.json"):
+        assert Scene(opened(tmp_path / "a.ply")).save(tmp_path / name) == tmp_path / "x"
+    one, other = opened(tmp_path / "x"), opened(tmp_path / "x")
+    save_project(other)
+    for path in (None, tmp_path / "x"):
+        with pytest.raises(SavedElsewhereError):  # its own place is no other one
+            Scene(one).save(path)
     with pytest.raises(SavedElsewhereError):
         save_project(opened(tmp_path / "a.ply"), tmp_path / "x")

@@ -40,6 +40,7 @@ from gaga_core.pipeline.reconstruct import (
     photos_again,
     photos_since,
     reconstruct_scene,
+    require_its_photos,
 )
 from gaga_core.pipeline.run import missing_stages, run_folder
 from gaga_core.pipeline.settings import ReconstructConfig
@@ -174,11 +175,10 @@ def test_a_scene_of_other_photos_is_no_result(photos: Path, tmp_path: Path) -> N
     """It was said that nothing was left to do, and nothing of the photos was in it."""
     scene, others = tmp_path / "scene", tmp_path / "others" / photos.name
     run_stage(reconstruct_scene(photos, scene, SFM))
-    for same in (photos, scene / "images", shutil.copytree(photos, tmp_path / "moved")):
+    (tmp_path / "link").symlink_to(photos)
+    for same in (photos, scene / "images", tmp_path / "link"):
         assert run_stage(reconstruct_scene(same, scene, SFM)).stages_run == ()
-    others.mkdir(parents=True)
-    for path in list(photos.iterdir())[:3]:
-        shutil.copy(path, others / f"other_{path.name}")
+    shutil.copytree(photos, others)  # of the same names: the first are still there
     for made in (scene, tmp_path / "foreign"):
         with pytest.raises(GagaError, match="nothing is made of"):
             run_stage(reconstruct_scene(others, made, SFM))
@@ -188,6 +188,24 @@ def test_a_scene_of_other_photos_is_no_result(photos: Path, tmp_path: Path) -> N
             run_stage(reconstruct_scene(tmp_path / "none", made, SFM))
         if made == scene:
             shutil.copytree(scene / "sparse", tmp_path / "foreign" / "sparse")
+            for path in others.iterdir():
+                path.rename(path.with_stem(f"other_{path.stem}"))
+    moved = photos.rename(tmp_path / "moved")
+    next(moved.iterdir()).unlink()  # it was blurred
+    assert run_stage(reconstruct_scene(moved, scene, SFM)).stages_run == ()
+
+
+def test_a_recording_may_be_given_again(made: Path, tmp_path: Path) -> None:
+    """Its frames lie in the scene, which the report names as where they are from."""
+    scene, recording = shutil.copytree(made, tmp_path / "scene"), tmp_path / "a.r3d"
+    recording.touch()
+    known = read_entry(scene)["sfm"]
+    assert isinstance(known, dict)
+    write_entry(scene, {"sfm": known | {"source": str(scene / "input")}})
+    require_its_photos(recording, scene)
+    write_entry(scene, {"sfm": known | {"source": str(tmp_path)}})
+    with pytest.raises(GagaError, match="nothing is made of"):
+        require_its_photos(recording, scene)
 
 
 def test_a_stop_before_anything_is_finished_leaves_nothing(photos: Path, tmp_path: Path) -> None:

@@ -185,3 +185,18 @@ def test_objects_found_after_a_reduction_hold_what_became_of_their_splats(
     filled = scene.gaussians.take(ball[:9])
     History(scene).do(append_made(scene, filled, np.zeros(9, np.int32), "Fill"))
     assert 4 not in spread(scene, balls.labels)[-9:], "what fills a hole is not what was there"
+
+
+def test_restoring_what_was_deleted_takes_back_what_was_merged(balls: Synthetic) -> None:
+    """Both lay over one another."""
+    scene = Scene.of(balls.gaussians, balls.labels)
+    history, n = History(scene), len(scene)
+    whole = np.arange(n, dtype=np.int32)
+    found = run_stage(reduce_stage(scene, whole, 0.3, balls.cameras, CpuRasterizer()))
+    assert history.do(reduced_edit(scene, found, "Reduce"))
+    assert history.do(edits.delete(scene, np.flatnonzero(scene.visible)[:9]))
+    assert edits.has_deleted(scene)
+    assert history.do(edits.restore(scene))
+    assert np.flatnonzero(scene.visible).tolist() == list(range(n))
+    assert not edits.has_deleted(scene)
+    assert edits.restore(scene) is None

@@ -4,6 +4,7 @@ import time
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -75,10 +76,15 @@ class SceneMeasurements:
     description: Description  # what groups without a name are called, and which are background
     problem: str = ""  # why the index cannot be used
 
+    @cached_property
+    def without_words(self) -> tuple[int, ...]:
+        """Groups that had a name then."""
+        words = self.description.words
+        return tuple(g for g in self.facts.ids.tolist() if g and g not in words)
+
     def describes(self, scene: Scene) -> bool:
         """Whether it has words for all that has no name: not after a name was taken back."""
-        words = self.description.words
-        return all(g in words or g in scene.names for g in self.facts.ids.tolist() if g)
+        return all(group in scene.names for group in self.without_words)
 
     @property
     def n_unknown(self) -> int:

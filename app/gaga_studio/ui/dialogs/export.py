@@ -10,7 +10,7 @@ from gaga_core.errors import counted
 from gaga_core.export.cameras import CameraForm, camera_form_of
 from gaga_core.export.export import MeshExport, MeshForm
 from gaga_core.export.options import ExportOptions, Point
-from gaga_core.export.simulation.export import SimulationExport, SimulatorForm
+from gaga_core.export.simulation.export import SimulationExport, SimulatorForm, why_not_into
 from gaga_core.io.files import too_long
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import WRITE_SUFFIXES, SplatFormat
@@ -522,7 +522,7 @@ def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> st
 
 def _why_no_bodies(session: Session, sheet: ExportSheet) -> str:
     forms = sheet.simulation.forms
-    return "" if forms else "Choose a form."
+    return why_not_into(_plan(sheet).path, forms) if forms else "Choose a form."
 
 
 def _why_no_cameras(sheet: ExportSheet) -> str:

@@ -105,7 +105,7 @@ def _head(session: Session, group: int, whole: int, decisions: Sequence[Decision
         widgets.dim(f"{how} {document.name_of(whole)}, whose masks these are", wrap=True)
     elif n_parts := memory_bank.split_from(session, group):
         parts = counted(n_parts, "object")
-        widgets.dim(f"Some of the masks show {parts} that were split from it", wrap=True)
+        widgets.dim(f"Some of the masks show what was split from it ({parts})", wrap=True)
 
 
 def _chosen(session: Session, document: Document, state: EvidenceState, n_bars: int) -> None:
