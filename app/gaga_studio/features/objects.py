@@ -261,7 +261,7 @@ def choose_level(session: Session, level: int) -> None:
     """Give every splat its group of this level, as one edit.
 
     Corrections by hand of the groups before are replaced, too. Groups that are there at both
-    levels keep their names.
+    levels keep their names, and those of any level have them again when it is chosen.
     """
     cancel_level(session)
     scene = session.need().settled().scene
@@ -270,6 +270,10 @@ def choose_level(session: Session, level: int) -> None:
     labels, others = regrouped(scene, found)
     kept = {group: group for group in np.unique(found[found > 0]).tolist()} | others
     names = {kept[group]: name for group, name in scene.names.items() if group in kept}
+    away = scene.names.keys() - kept.keys()
+    if bank.levels and away:
+        of_any = np.flatnonzero(np.bincount(bank.levels.labels.ravel()))  # one id at all levels
+        names |= {group: scene.names[group] for group in away & set(of_any.tolist())}
     sure = (
         None if scene.confidence is None else scene.confidence.astype(np.float32) / np.float32(255)
     )

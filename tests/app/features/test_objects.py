@@ -231,6 +231,29 @@ def test_names_and_masks_stay_with_groups_that_are_there_at_both_levels(session:
     assert session.decisions(group)
 
 
+def test_names_come_back_with_the_level_that_has_the_objects(session: Session) -> None:
+    """The slider once to its end and back took the names of all objects between."""
+    levels = object_list.levels_of(session)
+    assert levels is not None
+    first, finest = levels.chosen, len(levels.labels) - 1
+    own = set(np.unique(_scene(session).labels).tolist()) - {0}
+    for group in own:
+        assert objects.rename(session, group, f"object {group}")
+    names = dict(_scene(session).names)
+    for level in (0, finest, first):
+        objects.choose_level(session, level)
+        shown = {int(g): session.need().name_of(int(g)) for g in session.objects().ids if g}
+        assert all(shown[g] == names[g] for g in own & shown.keys())
+        assert not {name for g, name in shown.items() if g not in own} & set(names.values())
+    assert own <= shown.keys()
+    session.save()
+    assert session.jobs.wait()
+    session.tick(0.1)
+    where = session.need().project.path
+    assert where is not None
+    assert run_stage(open_path_stage(where)).scene.names == names
+
+
 def test_masks_follow_their_groups_to_a_coarser_level(session: Session) -> None:
     bank = _bank(session)
     assert bank.levels is not None
