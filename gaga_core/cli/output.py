@@ -206,6 +206,15 @@ def say_what_a_project_keeps(scene: Path, *, adds: bool) -> None:
         say(f"The saved project of this scene keeps its own groups until you {cure} there.")
 
 
+def say_what_is_not_drawn(scene: Path) -> None:
+    """Say that pictures show the scene without the edits that were saved of it."""
+    if (scene / "gaga" / "project.json").is_file():
+        say(
+            "Edits and objects of the saved project are not drawn. A film (--video) and gaga "
+            "export --what masks show them."
+        )
+
+
 class Scores(Protocol):
     """A report that can be a table or plain values."""
 

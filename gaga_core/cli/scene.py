@@ -195,6 +195,7 @@ class RenderCommand:
         from gaga_core.raster import choose
 
         folder = open_scene_folder(self.scene, model=self.model)
+        out.say_what_is_not_drawn(self.scene)
         engine = choose(self.backend)
         stage = render_views(folder, self.out, what=self.what, views=self.views, rasterizer=engine)
         written = out.follow(stage, compiles=True)

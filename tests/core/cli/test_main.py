@@ -17,7 +17,7 @@ import pytest
 
 import gaga_core
 from gaga_core.cli.main import AnyCommand, main
-from gaga_core.cli.output import follow, say_what_a_project_keeps
+from gaga_core.cli.output import follow, say_what_a_project_keeps, say_what_is_not_drawn
 from gaga_core.errors import GagaError
 from gaga_core.io.masks.label_maps import read_labels
 from gaga_core.io.splats.ply import read_ply
@@ -61,6 +61,8 @@ def test_it_is_said_how_a_saved_project_gets_new_groups(
     assert capsys.readouterr().err == ""
     say_what_a_project_keeps(tmp_path, adds=adds)
     assert cure in capsys.readouterr().err
+    say_what_is_not_drawn(tmp_path)
+    assert "not drawn" in capsys.readouterr().err
 
 
 def test_info_counts_what_there_is(scene: Path, capsys: Capture) -> None:
