@@ -140,7 +140,11 @@ def free_group(scene: Scene) -> int:
         (*scene.names, *scene.weights, *order.home, *order.parent, *order.parent.values()),
         default=0,
     )
-    in_bank = scene.bank.n_groups if scene.bank is not None else 0
+    in_bank = 0
+    if scene.bank is not None:  # groups of other levels come back when these are chosen
+        levels = scene.bank.levels
+        of_levels = 0 if levels is None else int(levels.labels.max(initial=0))
+        in_bank = max(scene.bank.n_groups, of_levels)
     other = scene.identities.other  # its groups come back when labels are switched
     waiting = int(other.labels.max(initial=0)) if other is not None else 0
     return max(int(scene.labels.max(initial=0)), named, in_bank, waiting) + 1
@@ -385,7 +389,7 @@ def _free_ids(scene: Scene, levels: Levels, parts: LongArray) -> IntArray:
     order = scene.folders
     taken = {*np.unique(scene.labels).tolist(), *scene.names, *order.home, *order.parent}
     taken |= {*order.parent.values()}
-    top = max(free_group(scene), int(levels.labels.max()) + 1)
+    top = free_group(scene)
     ids = []
     for part in parts.tolist():
         is_free = part not in taken

@@ -240,12 +240,20 @@ def test_names_come_back_with_the_level_that_has_the_objects(session: Session) -
     for group in own:
         assert objects.rename(session, group, f"object {group}")
     names = dict(_scene(session).names)
+    objects.choose_level(session, 0)
+    rows = np.flatnonzero(_scene(session).labels == levels.labels[0].max())
+    session.need().select(rows[: len(rows) // 2], "set", "A part")
+    assert objects.separate(session)
+    made = int(_scene(session).labels[rows[0]])
+    assert objects.rename(session, made, "by hand")  # has no id of any level
+    names[made] = "by hand"
     for level in (0, finest, first):
         objects.choose_level(session, level)
         shown = {int(g): session.need().name_of(int(g)) for g in session.objects().ids if g}
         assert all(shown[g] == names[g] for g in own & shown.keys())
         assert not {name for g, name in shown.items() if g not in own} & set(names.values())
     assert own <= shown.keys()
+    assert names.pop(made) not in shown.values()
     session.save()
     assert session.jobs.wait()
     session.tick(0.1)
