@@ -296,7 +296,10 @@ def search_words(
     known = frozenset(word for name in shown for word in words_of(name))
     words = tuple((described or {}).get(int(g), "") for g in facts.ids)
     around = Searched(facts, shown, seen, by, look_up, words)
-    return _answer(parse(text, known), around)
+    phrase = parse(text, known)
+    if phrase.is_empty and known.intersection(words_of(text)):  # a name such as "Second"
+        phrase = Phrase((Trait("noun", (text.strip().lower(),)),))
+    return _answer(phrase, around)
 
 
 def _answer(phrase: Phrase, around: Searched) -> Answer:

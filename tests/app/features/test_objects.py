@@ -242,7 +242,7 @@ def test_names_come_back_with_the_level_that_has_the_objects(session: Session) -
     names = dict(_scene(session).names)
     objects.choose_level(session, 0)
     rows = np.flatnonzero(_scene(session).labels == levels.labels[0].max())
-    session.need().select(rows[: len(rows) // 2], "set", "A part")
+    session.need().select(rows[: len(rows) // 2].astype(np.int32), "set", "A part")
     assert objects.separate(session)
     made = int(_scene(session).labels[rows[0]])
     assert objects.rename(session, made, "by hand")  # has no id of any level

@@ -355,6 +355,14 @@ def test_canonical_view_is_the_one_that_shows_most(table: Scene) -> None:
     assert canonical_view(facts, ()) is None
 
 
+def test_a_name_of_words_that_say_nothing_alone_is_found() -> None:
+    """ "Nothing to look for", though an object was called so."""
+    scene = boxes_scene(TABLE)
+    for group, name in enumerate(("Second", "the other", "of and"), 1):
+        scene.names = {group: name}
+        assert meant(ask(scene, name)) == {group}
+
+
 @pytest.mark.parametrize("seed", [0, 1, 3])
 def test_what_is_called_by_a_color_is_meant_by_it(seed: int) -> None:
     """Four objects were called red, and "red" counted three."""
