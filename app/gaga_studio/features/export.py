@@ -350,7 +350,7 @@ def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
         session.has_exported = True
         session.notify(Level.INFO, text, shows=path)
 
-    session.jobs.start(f"Export to {path.name}", stage, on_done=done, waits=True)
+    session.jobs.start(f"Export to {path.name}", stage, on_done=done, waits=True, writes=True)
 
 
 def export_stage(
@@ -421,6 +421,7 @@ def export_film(
         f"Film {target.name}",
         _drawn(session, stage, _film_amount(session, config, target.suffix, (painter, left))),
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
+        writes=True,
     )
 
 
@@ -455,6 +456,7 @@ def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, v
         f"Film {target.name}",
         _drawn(session, stage, _photo_film_amount(session, config, views, target.suffix)),
         on_done=lambda path: session.notify(Level.INFO, f"Saved the film to {path}.", shows=path),
+        writes=True,
     )
 
 
@@ -491,6 +493,7 @@ def save_picture(
         on_done=lambda path: session.notify(
             Level.INFO, f"Saved the picture to {path}.", shows=path
         ),
+        writes=True,
     )
 
 

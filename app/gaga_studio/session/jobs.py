@@ -100,12 +100,14 @@ class JobRunner:
         gives_way: bool = False,
         waits: bool = False,
         resumes: bool = False,
+        writes: bool = False,
     ) -> bool:
         """Run ``stage`` in a thread; False, and a notice, when another job runs.
 
         A job that ``gives_way`` ends, without a value, for any other that is started; one that
         ``waits`` starts after the one that runs, so it must work on values of its own. Of one that
-        ``resumes`` another run goes on where it ended.
+        ``resumes`` another run goes on where it ended. What one that ``writes`` files has made is
+        there, and told, also where the user's Cancel came in its last step.
 
         ``on_progress`` gets the newest payload, ``on_done`` the value; ``on_end`` is called last
         in every case: done, failed, cancelled. All are called by ``poll``.
@@ -120,7 +122,7 @@ class JobRunner:
             self._notify(Level.HINT, f"Waits for {ahead[-1].title}: {title}.")
         self._begins(title)
         worker = _Worker(title, _Delivery(stage, on_progress, on_done, on_end))
-        worker.gives_way, worker.resumes = gives_way, resumes
+        worker.gives_way, worker.resumes, worker.writes = gives_way, resumes, writes
         if self._worker is not None and self._worker.gives_way:
             self._worker.cancel()
         self._waiting.append(worker)
@@ -272,7 +274,7 @@ class JobRunner:
             elif error is not None:
                 _LOG.error("%s failed", worker.title, exc_info=error)
                 self._failed(worker.title, failure(worker.title))
-            elif worker.has_value and not worker.is_cancelling:
+            elif worker.has_value and (worker.writes or not worker.is_cancelling):
                 self._deliver(worker)
             elif worker.says_cancelled:
                 self._notify(Level.HINT, f"Cancelled: {worker.title}.")
@@ -402,7 +404,7 @@ class _Worker(threading.Thread):
         self.title = title
         self.delivery = delivery
         self.on_error = on_error
-        self.gives_way = self.resumes = False
+        self.gives_way = self.resumes = self.writes = False
         self.says_cancelled = False  # the user asked for it
         self.error: Exception | None = None
         self.said: list[str] = []  # sentences for the user: what readers left out, say

@@ -54,6 +54,28 @@ def test_value_and_newest_payload_arrive_in_the_polling_thread() -> None:
     assert runner.running is None
 
 
+@pytest.mark.parametrize("writes", [True, False])
+def test_what_is_written_is_told_though_cancel_came_in_the_last_step(writes: bool) -> None:
+    """A film that was cancelled at its end had taken the place of the old one without a word."""
+    runner, said = _runner()
+    begun, goes_on = threading.Event(), threading.Event()
+    values: list[int] = []
+
+    def stage() -> Stage[int]:
+        yield Progress("Write", 0, 1)
+        begun.set()
+        assert goes_on.wait(10)
+        return 1
+
+    runner.start("Write", stage(), on_done=values.append, writes=writes)
+    assert begun.wait(10)
+    runner.cancel()
+    goes_on.set()
+    assert runner.wait(5)
+    assert values == [1] * writes
+    assert [text for _, text in said] == ["Cancelled: Write."] * (not writes)
+
+
 def test_cancel_closes_the_stage_and_delivers_no_value() -> None:
     runner, said = _runner()
     closed: list[bool] = []
