@@ -89,7 +89,7 @@ class JobRunner:
             return None
         return replace(ahead[0].describe(), resumes=all(one.resumes for one in ahead))
 
-    def start(
+    def start(  # noqa: PLR0913 - all that a job may be
         self,
         title: str,
         stage: Stage[T],
