@@ -15,7 +15,7 @@ from gaga_core.io.cameras.colmap import count_points, has_colmap, note_of, read_
 from gaga_core.io.cameras.transforms_json import write_transforms_json
 from gaga_core.io.folder.scene_folder import SceneFolder, find_sparse, sparse_folders
 from gaga_core.scene.frame import carried_cameras
-from gaga_core.scene.project import Project
+from gaga_core.scene.project import Project, require_other_file
 from gaga_core.scene.selection.algebra import world_means
 
 # Measured on garden, ycb_table and ycb_crowd: 469 to 497, 565 to 621, some 200; 44 to 46 a point.
@@ -52,6 +52,7 @@ def export_cameras(project: Project, path: Path, options: ExportOptions | None =
     if folder is None or not folder.cameras:
         raise GagaError("Cameras belong to a scene folder with photos. Name that instead.")
     form = camera_form_of(path)
+    require_other_file(project, path)
     _check_target(folder, path, form)
     scene = project.scene
     splats = options.inside(scene, exported_indices(scene))

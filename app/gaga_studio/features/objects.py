@@ -4,6 +4,7 @@ Each edit is one entry of the history.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from gaga_core.scene import edits
 from gaga_core.scene.edits.splats import regrouped
 from gaga_core.scene.folders import name_of
 from gaga_core.scene.objects import group_indices
-from gaga_core.scene.scene import Scene, State, Weight
+from gaga_core.scene.scene import Revision, Scene, State, Weight
 from gaga_core.scene.selection import algebra
 from gaga_studio.features import folders
 from gaga_studio.features.base import (
@@ -303,11 +304,15 @@ def split_here(session: Session) -> bool:
 def join_here(session: Session) -> bool:
     """Join the selected object with those that are one object with it one level coarser."""
     group = one_object(session)
-    name = session.need().name_of(group)
-    edit = edits.join_here(session.need().settled().scene, group, f"Join {name} here")
+    name, scene = session.need().name_of(group), session.need().settled().scene
+    title = f"Join {name} here"
+    edit = edits.join_here(scene, group, title)
     if edit is None:
         raise GagaError(f"{name} is one object at all levels. Select others too, and use Merge.")
-    return session.need().do(edit)
+    joined = replace(scene, revision=Revision())
+    edit.apply(joined)
+    whole = edits.select(scene, np.flatnonzero(joined.labels == group), title=title)
+    return session.need().do(edits.together(title, (edit, whole)))
 
 
 def _bank(session: Session) -> MemoryBank:

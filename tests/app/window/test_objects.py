@@ -489,6 +489,7 @@ def _split_and_join(d: Driver) -> None:
     d.select(group)
     assert d.on_main(lambda: run("object.join_here", session))
     assert (document.scene.labels[before == group] == group).all()
+    assert np.array_equal(session.selected_indices(), np.flatnonzero(before == group)), "whole"
     for _ in ("join", "select", "split"):
         session.undo()
     assert np.array_equal(document.scene.labels, before)
@@ -611,7 +612,7 @@ def test_the_selected_row_of_a_reopened_scene_is_in_view(display: str, grouped_c
 
     def reopened(d: Driver) -> None:
         d.until(lambda: bool(d.scene.described), "the objects are described")
-        d.frames(4)
+        d.frames(12)
         assert d.session.selected_groups() == (1,)
         row = d.engine.item_info("//Objects/**/object 1/##row")
         assert row.rect_clipped.get_height() == row.rect_full.get_height() > 0

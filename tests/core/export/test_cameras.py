@@ -175,6 +175,17 @@ def test_a_model_exported_from_another_scene_stays(project: Project, tmp_path: P
     export_cameras(run_stage(open_path_stage(moved)), tmp_path / "model")  # placed once more
 
 
+def test_cameras_are_not_written_over_a_scene_or_a_project(project: Project) -> None:
+    assert project.folder is not None
+    saved, split = save_project(project), project.folder.root / "split.json"
+    split.write_text("{}")
+    for file in (saved / "project.json", split):
+        before = file.read_bytes()
+        with pytest.raises(GagaError, match="Choose another"):
+            export_cameras(project, file)
+        assert file.read_bytes() == before
+
+
 @pytest.mark.parametrize("name", ["cameras.json", "transforms.json", "model"])
 def test_the_size_of_exported_cameras_is_about_what_was_estimated(
     project: Project, tmp_path: Path, name: str

@@ -504,7 +504,7 @@ def _why_not(session: Session, sheet: ExportSheet, summary: ExportSummary) -> st
     if reason:
         return reason
     if sheet.what == "cameras":
-        return _why_no_cameras(sheet)
+        return _why_no_cameras(session, sheet)
     if summary.n_splats == 0:
         return "Nothing of it is visible, so nothing can be written."
     if not sheet.path.strip():
@@ -525,9 +525,9 @@ def _why_no_bodies(session: Session, sheet: ExportSheet) -> str:
     return why_not_into(_plan(sheet).path, forms) if forms else "Choose a form."
 
 
-def _why_no_cameras(sheet: ExportSheet) -> str:
+def _why_no_cameras(session: Session, sheet: ExportSheet) -> str:
     if not sheet.path.strip():
         return "Say where to write."
     if camera_form_of(_plan(sheet).path) is sheet.cameras:
-        return ""
+        return export.why_not_there(session, _plan(sheet).path)
     return f"The name must end in {sheet.cameras}." if not _is_folder(sheet) else _NO_FOLDER
