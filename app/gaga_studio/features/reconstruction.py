@@ -176,7 +176,8 @@ def found_text(found: "PhotoFind") -> str:
         share = 100 * found.iteration / found.going_on.train().iterations
         return f"The training of {found.name} stopped at {share:.0f} %. You can continue it."
     if found.is_video:
-        return f"{found.name} is a video of about {found.n_photos} useful frames."
+        about = f"about {found.n_photos} useful frames, more where the camera moves fast"
+        return f"{found.name} is a video of {about}."
     if found.is_placed:
         return f"{counted(found.n_photos, 'photo')} with known cameras, no splats yet."
     return (
