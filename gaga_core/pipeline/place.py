@@ -25,6 +25,7 @@ from gaga_core.io.cameras.given import GivenPose, GivenPoses
 from gaga_core.io.cameras.poses import find_poses, read_poses
 from gaga_core.io.depth_maps import read_depth, write_scene_depth
 from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
+from gaga_core.io.folder.lock import note_owner
 from gaga_core.io.folder.scene_folder import (
     SceneFolder,
     World,
@@ -354,6 +355,7 @@ def place_photos(
             source = scene / ORIGINALS
         given = _given_poses(source, config)
         _claim(workspace, _fingerprint(source, config, given))
+        note_owner(workspace)
         photos_there = list_photos(source) if source.is_dir() else ()
         files = [path.relative_to(source).as_posix() for path in photos_there]
         require_room(scene, source, workspace)

@@ -26,6 +26,7 @@ from gaga_core.io.cameras.cameras_json import write_cameras_json
 from gaga_core.io.cameras.colmap import read_colmap
 from gaga_core.io.cameras.poses import find_poses
 from gaga_core.io.files import atomic_write, explain_os_error
+from gaga_core.io.folder.lock import OWNER, note_owner, working_in
 from gaga_core.io.folder.scene_folder import (
     WORLD,
     SceneFolder,
@@ -104,10 +105,13 @@ def reconstruct_scene(
     scene = Path(scene)
     if photos is not None:
         require_its_photos(Path(photos), scene)
+    is_team = int(os.environ.get("WORLD_SIZE", "1")) > 1
+    if not is_team and (other := working_in(scene / WORKSPACE)):
+        raise GagaError(f"{other} is making {scene} now. Wait for it, or end it.")
     done: list[str] = []
     notes: tuple[str, ...] = ()
     if find_sparse(scene) is None and find_model(scene) is None:
-        if int(os.environ.get("WORLD_SIZE", "1")) > 1:
+        if is_team:
             raise GagaError("Place the photos first, without torchrun: gaga reconstruct --only sfm")
         notes = yield from place_photos(photos, scene, config)
         done.append("sfm")
@@ -237,6 +241,7 @@ def train_scene(
     with _tidied(workspace), joined_team() as team:
         with atomic_write(workspace / SETTINGS) as temporary:
             temporary.write_text(json.dumps(asdict(config)), encoding="utf-8")
+        note_owner(workspace)
         trained = yield from train_stage(
             initial, views, settings, engine, checkpoint=workspace / CHECKPOINT, team=team
         )
@@ -265,7 +270,7 @@ def _tidied(workspace: Path) -> Iterator[None]:
     except OSError as error:
         raise GagaError(explain_os_error(error, workspace.parent)) from error
     finally:
-        if workspace.is_dir() and {path.name for path in workspace.iterdir()} <= {SETTINGS}:
+        if workspace.is_dir() and {path.name for path in workspace.iterdir()} <= {SETTINGS, OWNER}:
             shutil.rmtree(workspace, ignore_errors=True)
 
 
@@ -722,7 +727,7 @@ def source_of(path: Path) -> tuple[Path | None, Path]:
 def _left_training(scene: Path) -> tuple[ReconstructConfig | None, int]:
     """Settings of the training of ``scene`` that was stopped, and how far it came."""
     iteration = iteration_of(scene / WORKSPACE / CHECKPOINT)
-    if iteration is None:
+    if iteration is None or working_in(scene / WORKSPACE):  # the other has not stopped
         return None, 0
     try:
         config = read_foreign_json(scene / WORKSPACE / SETTINGS, ReconstructConfig)

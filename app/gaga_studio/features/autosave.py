@@ -9,11 +9,9 @@ or discarded.
 import logging
 import os
 import shutil
-import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -26,6 +24,7 @@ from gaga_core.arrays import AnyArray, check_shape
 from gaga_core.errors import GagaError
 from gaga_core.io.arrays_file import TEXT, Column, checked, read_arrays
 from gaga_core.io.files import atomic_write, set_aside
+from gaga_core.io.folder.lock import is_running
 from gaga_core.io.json_file import PathText, read_json
 from gaga_core.progress import Progress, Stage
 from gaga_core.scene.edits.history import History, HistoryRecord, history_arrays, history_of
@@ -127,7 +126,6 @@ def resume_history(document: Document, copied: HistoryCopy) -> None:
 # --- the autosaved project
 
 EVERY_S = 60.0  # at most this much work is lost in a crash
-_CLOCK_S = 60.0  # a clock that is put right meanwhile is, most often, put right by less
 _NOTE = "recovery.json"
 
 
@@ -266,7 +264,7 @@ def left_over() -> tuple[tuple[Recovery, ...], tuple[str, ...]]:
                 f"edits may be whole: open {file.parent} with Open scene folder."
             )
             continue
-        if not _is_running(note.pid, file.stat().st_mtime):
+        if not is_running(note.pid, file.stat().st_mtime):
             project = Path(note.project) if note.project else None
             found.append(Recovery(file.parent, note.name, project, note.saved_at))
     return tuple(sorted(found, key=lambda r: -r.saved_at)), tuple(problems)
@@ -346,37 +344,3 @@ def _write_note(folder: Path, note: RecoveryNote) -> None:
 
 def _remover(folder: Path) -> Callable[[], None]:
     return lambda: shutil.rmtree(folder, ignore_errors=True)
-
-
-def _is_running(pid: int, noted_at: float) -> bool:
-    """Whether the program runs that wrote its number ``pid`` at ``noted_at`` (seconds since the
-    epoch). On Linux one that has ended and waits for its parent, or that began later and was given
-    the same number, after a restart of the machine say, does not count."""
-    if pid == os.getpid():
-        return True
-    if sys.platform == "win32":
-        import ctypes
-
-        handle = ctypes.windll.kernel32.OpenProcess(0x1000, False, pid)
-        if handle:
-            ctypes.windll.kernel32.CloseHandle(handle)
-        return bool(handle)
-    with suppress(OSError, ValueError, StopIteration):  # another system
-        words = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
-        state, *_, ticks = words.rpartition(")")[2].split()[:20]
-        began_at = _booted_at() + int(ticks) / os.sysconf("SC_CLK_TCK")
-        if state in "ZX" or began_at > noted_at + _CLOCK_S:
-            return False
-    with suppress(ProcessLookupError):
-        try:
-            os.kill(pid, 0)
-        except PermissionError:
-            return True
-        return True
-    return False
-
-
-def _booted_at() -> float:
-    """When a Linux machine was started, seconds since the epoch."""
-    lines = Path("/proc/stat").read_text(encoding="ascii").splitlines()
-    return float(next(line for line in lines if line.startswith("btime")).split()[1])

@@ -18,6 +18,7 @@ from gaga_core.io.json_file import read_json
 
 LOCK, OWNER = ".gaga.lock", ".gaga.owner.json"
 _POLL_S = 0.02
+_CLOCK_S = 60.0  # a clock that is put right meanwhile is, most often, put right by less
 
 
 class Owner(msgspec.Struct, frozen=True):
@@ -105,8 +106,7 @@ def lock_folder(folder: Path, *, patience_s: float = 0.0) -> FolderLock:
         raise GagaError(explain_os_error(error, folder)) from error
     mine = FolderLock(key)
     try:
-        with atomic_write(key / OWNER) as temporary:
-            temporary.write_bytes(msgspec.json.encode(_me()))
+        note_owner(key)
     except GagaError:  # the disk is full: the lock alone keeps others out
         mine.release()
         raise
@@ -130,3 +130,51 @@ def _me() -> Owner:
     except (OSError, KeyError, ImportError):  # no name for this number of a user
         user = str(os.getuid()) if hasattr(os, "getuid") else "someone"
     return Owner(Path(sys.argv[0]).name or "python", user, socket.gethostname(), os.getpid())
+
+
+def note_owner(folder: Path) -> None:
+    """Say in ``folder`` that this program works there, for `working_in`."""
+    with atomic_write(folder / OWNER) as temporary:
+        temporary.write_bytes(msgspec.json.encode(_me()))
+
+
+def working_in(folder: Path) -> Owner | None:
+    """The other program of this machine that said it works in ``folder``, while it runs."""
+    owner, me = owner_of(folder), _me()
+    if owner is None or owner.host != me.host or owner.pid == me.pid:
+        return None
+    return owner if is_running(owner.pid, (folder / OWNER).stat().st_mtime) else None
+
+
+def is_running(pid: int, noted_at: float) -> bool:
+    """Whether the program runs that wrote its number ``pid`` at ``noted_at`` (seconds since the
+    epoch). On Linux one that has ended and waits for its parent, or that began later and was given
+    the same number, after a restart of the machine say, does not count."""
+    if pid == os.getpid():
+        return True
+    if sys.platform == "win32":
+        import ctypes
+
+        handle = ctypes.windll.kernel32.OpenProcess(0x1000, False, pid)
+        if handle:
+            ctypes.windll.kernel32.CloseHandle(handle)
+        return bool(handle)
+    with suppress(OSError, ValueError, StopIteration):  # another system
+        words = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
+        state, *_, ticks = words.rpartition(")")[2].split()[:20]
+        began_at = _booted_at() + int(ticks) / os.sysconf("SC_CLK_TCK")
+        if state in "ZX" or began_at > noted_at + _CLOCK_S:
+            return False
+    with suppress(ProcessLookupError):
+        try:
+            os.kill(pid, 0)
+        except PermissionError:
+            return True
+        return True
+    return False
+
+
+def _booted_at() -> float:
+    """When a Linux machine was started, seconds since the epoch."""
+    lines = Path("/proc/stat").read_text(encoding="ascii").splitlines()
+    return float(next(line for line in lines if line.startswith("btime")).split()[1])

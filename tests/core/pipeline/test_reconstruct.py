@@ -1,7 +1,10 @@
 """From photos to a scene folder: complete, taken up after a stop, never over a person's files."""
 
 import json
+import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -13,6 +16,7 @@ from PIL import Image
 
 from gaga_core.errors import GagaError
 from gaga_core.io.cameras.cameras_json import read_cameras_json
+from gaga_core.io.folder.lock import OWNER, working_in
 from gaga_core.io.folder.scene_folder import (
     AssociateEntry,
     open_scene_folder,
@@ -193,6 +197,23 @@ def test_a_scene_of_other_photos_is_no_result(photos: Path, tmp_path: Path) -> N
     moved = photos.rename(tmp_path / "moved")
     next(moved.iterdir()).unlink()  # it was blurred
     assert run_stage(reconstruct_scene(moved, scene, SFM)).stages_run == ()
+
+
+def test_what_another_program_makes_is_not_made_next_to_it(photos: Path, tmp_path: Path) -> None:
+    """It was called stopped, and both trained in one folder."""
+    scene = tmp_path / "scene"
+    stage = reconstruct_scene(photos, scene, SFM)
+    next(step for step in stage if step.stage == "Find features")
+    other = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    note = scene / WORKSPACE / OWNER
+    note.write_text(note.read_text().replace(f"{os.getpid()}", f"{other.pid}"))
+    with pytest.raises(GagaError, match=r"is making .* now"):
+        run_stage(reconstruct_scene(photos, scene, SFM))
+    assert working_in(scene / WORKSPACE) is not None
+    other.communicate(b"\n")
+    assert working_in(scene / WORKSPACE) is None
+    assert next(reconstruct_scene(photos, scene, SFM)).stage
+    stage.close()
 
 
 def test_a_recording_may_be_given_again(made: Path, tmp_path: Path) -> None:
