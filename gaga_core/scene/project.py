@@ -801,6 +801,20 @@ def require_other_file(project: Project, path: Path) -> None:
         raise GagaError(f"{path} belongs to this scene. Choose another place.")
     if is_file(path.parent / PROJECT_FILE):
         raise GagaError(f"{path.parent} holds a saved project. Choose another place.")
+    for saved in (path.parent / "gaga", *path.parent.glob(f"*{SUFFIX}")):
+        if _is_model_of(path, saved):
+            raise GagaError(f"The project saved in {saved} is read from it. Choose another name.")
+
+
+def _is_model_of(path: Path, saved: Path) -> bool:
+    """Whether the project in ``saved`` is of the file ``path``; False if it cannot be read."""
+    if not saved_scene(saved):
+        return False
+    try:
+        model = _resolve(saved, _document(saved / PROJECT_FILE).model.path)
+    except GagaError:
+        return False
+    return any(is_file(file) and file.samefile(path) for file in files_of_model(model))
 
 
 def save_project(

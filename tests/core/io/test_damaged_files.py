@@ -333,6 +333,19 @@ def test_a_project_finds_its_splats_under_another_name(tmp_path: Path) -> None:
         opened(saved)
 
 
+def test_an_export_keeps_the_splats_of_other_projects(tmp_path: Path) -> None:
+    """They fitted no file any more; without a project a file is replaced."""
+    for name in ("a.ply", "b.ply", "free.ply"):
+        write_ply(tmp_path / name, random_gaussians(9, seed=len(name)))
+    save_project(opened(tmp_path / "b.ply"), tmp_path / "other.gaga")
+    scene = Scene(opened(tmp_path / "a.ply"))
+    before = (tmp_path / "b.ply").read_bytes()
+    with pytest.raises(GagaError, match="Choose another name"):
+        scene.export(tmp_path / "b.ply")
+    assert (tmp_path / "b.ply").read_bytes() == before
+    assert scene.export(tmp_path / "free.ply").is_file()
+
+
 def test_splats_that_were_trained_again_are_no_renamed_ones(tmp_path: Path) -> None:
     """A backup opened in their place without a word."""
     write_ply(tmp_path / "a.ply", random_gaussians(9))
