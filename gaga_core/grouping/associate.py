@@ -35,7 +35,7 @@ from gaga_core.grouping.views import (
     GatedViews,
     has_further,
     load_further,
-    views_with_masks,
+    views_as_masked,
     vote_with_bank,
 )
 from gaga_core.grouping.votes import HISTOGRAM_BYTES, Votes, VoteSums
@@ -191,7 +191,7 @@ def associate_stage(
     Raises ``GagaError`` when there is nothing to associate.
     """
     config = config or AssociateConfig()
-    views = views_with_masks(cameras, masks)
+    views = views_as_masked(cameras, masks, config.preset)
     if len(gaussians) == 0:
         raise GagaError("The model holds no Gaussians. Choose another .ply file.")
     chunks = SpatialChunks.of(gaussians)

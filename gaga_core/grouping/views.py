@@ -19,12 +19,22 @@ from gaga_core.grouping.gate import (
     open_bounds,
     patches_of_masks,
 )
-from gaga_core.grouping.memory_bank import MemoryBank, groups_of_masks
+from gaga_core.grouping.memory_bank import MemoryBank, Preset, groups_of_masks
 from gaga_core.grouping.robust.surface_points import DepthMaps
 from gaga_core.grouping.votes import Votes, VoteSums, associated_labels
 from gaga_core.masks import MaskSet, resize_labels
 from gaga_core.progress import Stage
 from gaga_core.raster.base import Rasterizer, SpatialChunks
+
+LARGEST = 1600  # pixels: masks are made of photos of this size, and larger views tell no more
+
+
+def views_as_masked(
+    cameras: Sequence[Camera], masks: MaskSet, preset: Preset
+) -> tuple[Camera, ...]:
+    """`views_with_masks`, no larger than `LARGEST` but for the paper and its released code."""
+    views = views_with_masks(cameras, masks)
+    return tuple(view.at_most(LARGEST) for view in views) if preset == "robust" else views
 
 
 def views_with_masks(cameras: Sequence[Camera], masks: MaskSet) -> tuple[Camera, ...]:

@@ -13,7 +13,7 @@ from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import bank_digest
 from gaga_core.grouping.memory_bank import MemoryBank, Preset, groups_of_masks
-from gaga_core.grouping.views import load_labels, views_with_masks
+from gaga_core.grouping.views import load_labels, views_as_masked
 from gaga_core.grouping.votes import LabelMap, associated_labels, splat_groups
 from gaga_core.identity.closed_form import STAGE as FITS
 from gaga_core.identity.closed_form import (
@@ -144,7 +144,7 @@ def task_of_association(
     config = config or LiftConfig()
     if bank.n_groups == 0 or len(bank.group) != len(gaussians):
         raise GagaError("There are no groups of this model to lift. Find objects first.")
-    views = views_with_masks(cameras, masks)
+    views = views_as_masked(cameras, masks, bank.preset)
     groups: Mapping[str, IntArray] = groups_of_masks(bank, [camera.name for camera in views])
 
     def of_masks(camera: Camera) -> IntArray:

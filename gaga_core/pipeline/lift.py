@@ -9,7 +9,7 @@ from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
 from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import load_bank, read_groups
-from gaga_core.grouping.views import load_labels, views_with_masks
+from gaga_core.grouping.views import load_labels, views_as_masked
 from gaga_core.grouping.votes import VOID_BELOW
 from gaga_core.identity.field import (
     FILE,
@@ -159,7 +159,7 @@ def _task(
 
     task = LiftTask(
         gaussians=gaussians,
-        cameras=views_with_masks(cameras, masks),
+        cameras=views_as_masked(cameras, masks, bank.preset),
         labels=labels,
         confidence=confidence,
         bank=bank,

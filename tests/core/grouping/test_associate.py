@@ -8,7 +8,9 @@ import pytest
 from gaga_core.arrays import IntArray
 from gaga_core.camera import Camera
 from gaga_core.errors import GagaError
+from gaga_core.grouping import views
 from gaga_core.grouping.associate import AssociateConfig, Association, BankSnapshot, associate_stage
+from gaga_core.grouping.views import views_as_masked
 from gaga_core.masks import MaskSet
 from gaga_core.progress import run_stage
 from gaga_core.raster import choose
@@ -162,3 +164,22 @@ def test_all_gaussians_ablation_ignores_depth(scene: Synthetic) -> None:
 def test_config_is_checked(bad: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=r"threshold|depth|histogram"):
         AssociateConfig(**bad)  # type: ignore[arg-type]
+
+
+def test_views_larger_than_masks_are_made_tell_no_more(
+    scene: Synthetic, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Photos of 12 megapixels took ten times as long; the paper's way looks at all pixels."""
+    masks, side = (
+        masks_of(scene, scene.cameras),
+        max(scene.cameras[0].width, scene.cameras[0].height),
+    )
+    monkeypatch.setattr(views, "LARGEST", side)
+    larger = tuple(camera.resized(3 * camera.width, 3 * camera.height) for camera in scene.cameras)
+    config = AssociateConfig.of("robust")
+    one, other = (
+        run_stage(associate_stage(scene.gaussians, cameras, masks, choose(), config))
+        for cameras in (scene.cameras, larger)
+    )
+    assert np.array_equal(one.labels, other.labels)
+    assert views_as_masked(larger, masks, "paper")[0].width == 3 * scene.cameras[0].width
