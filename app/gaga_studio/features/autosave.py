@@ -203,7 +203,7 @@ class Autosave:
         project = replace(document.project, scene=replace(document.history.base))
         place = str(project.path) if project.path is not None else None
         history = copy_history(document)
-        note = RecoveryNote(os.getpid(), document.name, place, time.time())
+        note = RecoveryNote(os.getpid(), document.title_name, place, time.time())
 
         def write() -> None:
             save_project(project, self._folder, copies_model=True, overwrites=True)
