@@ -270,7 +270,8 @@ def _tidied(workspace: Path) -> Iterator[None]:
     except OSError as error:
         raise GagaError(explain_os_error(error, workspace.parent)) from error
     finally:
-        if workspace.is_dir() and {path.name for path in workspace.iterdir()} <= {SETTINGS, OWNER}:
+        (workspace / OWNER).unlink(missing_ok=True)
+        if workspace.is_dir() and {path.name for path in workspace.iterdir()} <= {SETTINGS}:
             shutil.rmtree(workspace, ignore_errors=True)
 
 

@@ -803,7 +803,9 @@ def require_other_file(project: Project, path: Path) -> None:
         raise GagaError(f"{path.parent} holds a saved project. Choose another place.")
     for saved in (path.parent / "gaga", *path.parent.glob(f"*{SUFFIX}")):
         if _is_model_of(path, saved):
-            raise GagaError(f"The project saved in {saved} is read from it. Choose another name.")
+            raise GagaError(
+                f"The project saved in {saved} is read from {path}. Choose another name."
+            )
 
 
 def _is_model_of(path: Path, saved: Path) -> bool:

@@ -214,6 +214,7 @@ def test_what_another_program_makes_is_not_made_next_to_it(photos: Path, tmp_pat
     assert working_in(scene / WORKSPACE) is None
     assert next(reconstruct_scene(photos, scene, SFM)).stage
     stage.close()
+    assert not note.exists(), "it is stopped, and goes on in any program"
 
 
 def test_a_recording_may_be_given_again(made: Path, tmp_path: Path) -> None:
