@@ -317,7 +317,7 @@ class ModelChangedError(GagaError):
 def has_changed(wanted: File) -> bool:
     """Whether a file is not there or has another content than its fingerprint says."""
     path, digest = wanted
-    return not path.is_file() or not is_same_model(path, digest)
+    return not is_file(path) or not is_same_model(path, digest)
 
 
 def current_file(

@@ -136,7 +136,7 @@ def delete_floaters(session: Session) -> bool:
 @notifies
 def restore(session: Session) -> bool:
     """Bring back everything that was deleted."""
-    return session.edit(edits.restore)
+    return session.edit(edits.restore_originals)
 
 
 @notifies

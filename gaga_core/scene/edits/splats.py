@@ -115,6 +115,11 @@ def delete(scene: Scene, indices: AnyArray, title: str = "Delete") -> FlipState 
 
 
 def restore(scene: Scene, title: str = "Restore deleted") -> FlipState | None:
+    """Bring back everything that was deleted."""
+    return set_state(scene, scene.has(State.DELETED), _NOTHING, State.DELETED, title)
+
+
+def restore_originals(scene: Scene, title: str = "Restore deleted") -> FlipState | None:
     """Bring back everything that was deleted; what `gaga_core.scene.reduce` merged of it goes."""
     if not has_deleted(scene):
         return None
@@ -125,7 +130,7 @@ def restore(scene: Scene, title: str = "Restore deleted") -> FlipState | None:
 
 
 def has_deleted(scene: Scene) -> bool:
-    """Whether `restore` brings something back."""
+    """Whether `restore_originals` brings something back."""
     return bool((scene.has(State.DELETED) & ~_made(scene, merged=True)).any())
 
 

@@ -17,7 +17,10 @@ from gaga_core.scene.selection.algebra import world_means
 _SAMPLE = 8_000  # splats that are sampled; 20,000 in 64 cells choose the same on eight scenes
 _FAINT = 0.05  # opacity from which on splats count: many of them are fog
 _CORE = 0.6  # share of the sides of a scene's box that is its middle: no walls
-_CELLS = 32  # cells across a view in which splats hide each other
+# Cells across what is looked at, in which splats hide each other: from nearer a view has fewer of
+# the same size, or more would seem to be seen there.
+_CELLS, _FEWEST = 128, 16
+_ROUGH = 32  # cells across a view of a single object
 _LEVELS = 6  # sizes of cells, each twice the one before: a splat covers about one of its size
 _BEHIND = 0.02  # of the size of what is looked at: what is so little behind a surface is part of it
 _CLEARER = 0.05  # share of all splats that another view has to show more of in the middle
@@ -62,10 +65,12 @@ def clearest_view(
         return Clearest(0, 1.0, 0.0)
     middle, half = (box[0] + box[1]) / 2, _CORE * (box[1] - box[0]) / 2
     is_core: BoolArray = np.logical_and.reduce(np.abs(means - middle) <= half, axis=1)
-    margin = _BEHIND * float(np.linalg.norm(box[1] - box[0]))
+    size = float(np.linalg.norm(box[1] - box[0]))
     opacities = gaussians.opacities[rows].astype(np.float64)
-    sample = _Sample(means, scale_of(world) * sizes, opacities, is_core, margin)
-    shown, covered = zip(*(_shown(sample, view.at_most(_CELLS)) for view in views), strict=True)
+    sample = _Sample(means, scale_of(world) * sizes, opacities, is_core, _BEHIND * size)
+    cells = [round(_CELLS * float(np.linalg.norm(v.position - middle)) / size) for v in views]
+    seen = [v.at_most(max(n, _FEWEST)) for v, n in zip(views, cells, strict=True)]
+    shown, covered = zip(*(_shown(sample, view) for view in seen), strict=True)
     best = int(np.argmax(shown))
     is_hidden = shown[0] < _HIDDEN * shown[best]
     best = best if is_hidden or shown[best] - shown[0] > _CLEARER * len(rows) else 0
@@ -86,7 +91,7 @@ def clearest_view_of(scene: Scene, indices: IntArray, views: Sequence[Camera]) -
     size = float(np.linalg.norm(np.ptp(means[is_of[rows]], axis=0))) if len(indices) else 0.0
     opacities = splats.opacities[rows].astype(np.float64)
     sample = _Sample(means, scale * sizes, opacities, is_of[rows], _BEHIND * size)
-    shown = [_shown(sample, view.at_most(_CELLS))[0] for view in views]
+    shown = [_shown(sample, view.at_most(_ROUGH))[0] for view in views]
     best = int(np.argmax(shown))
     return best if shown[0] < _HIDDEN * shown[best] else 0
 

@@ -54,7 +54,8 @@ def write(root: Path, name: str) -> None:
 
 
 def save(root: Path) -> None:
-    save_project(run_stage(open_path_stage(root / "point_cloud.ply")), root / "gaga")
+    project = run_stage(open_path_stage(root / "point_cloud.ply"))
+    save_project(project, root / "gaga", overwrites=True)
 
 
 def claim(root: Path) -> None:

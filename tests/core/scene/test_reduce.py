@@ -196,7 +196,7 @@ def test_restoring_what_was_deleted_takes_back_what_was_merged(balls: Synthetic)
     assert history.do(reduced_edit(scene, found, "Reduce"))
     assert history.do(edits.delete(scene, np.flatnonzero(scene.visible)[:9]))
     assert edits.has_deleted(scene)
-    assert history.do(edits.restore(scene))
+    assert history.do(edits.restore_originals(scene))
     assert np.flatnonzero(scene.visible).tolist() == list(range(n))
     assert not edits.has_deleted(scene)
-    assert edits.restore(scene) is None
+    assert edits.restore_originals(scene) is None
