@@ -36,7 +36,7 @@ from gaga_core.grouping.memory_bank import (
 from gaga_core.grouping.robust.consensus import ConsensusConfig, consensus_stage
 from gaga_core.grouping.robust.label_masks import voting_labels
 from gaga_core.grouping.robust.surface_points import DepthMaps, Leaders
-from gaga_core.grouping.views import GatedViews, load_labels, views_with_masks, vote_with_bank
+from gaga_core.grouping.views import GatedViews, load_labels, views_as_masked, vote_with_bank
 from gaga_core.grouping.votes import Votes, VoteSums, splat_groups
 from gaga_core.masks import MaskSet
 from gaga_core.progress import Progress, Stage, mapped, part
@@ -73,7 +73,8 @@ def add_views_stage(
     levels of detail are made by all views together.
     """
     known = {decision.view for decision in former.bank.log}
-    others = [camera for camera in views_with_masks(cameras, masks) if camera.name not in known]
+    views = views_as_masked(cameras, masks, former.bank.preset)
+    others = [camera for camera in views if camera.name not in known]
     # A label map without any mask leaves no decision: it would be new for ever.
     new = [camera for camera in others if load_labels(masks, camera)[0].any()]
     if not new:
@@ -97,7 +98,7 @@ def add_views_stage(
         bank=bank,
         labels=labels,
         confidence=merged.confidence,
-        mask_groups=groups_of_masks(bank, [c.name for c in views_with_masks(cameras, masks)]),
+        mask_groups=groups_of_masks(bank, [camera.name for camera in views]),
         views_per_group=views_per_group(bank),
         notes=(f"Views that were added: {len(new)}, to {len(known)} before.",),
         weight=merged.weight,
@@ -374,7 +375,8 @@ def add_to_edited_stage(
     (`EditedGroups.by_hand`) stays there. Raises ``GagaError`` as `add_views_stage` does.
     """
     known = {decision.view for decision in edited.bank.log}
-    former_views = [c for c in views_with_masks(cameras, masks) if c.name in known]
+    views = views_as_masked(cameras, masks, edited.bank.preset)
+    former_views = [camera for camera in views if camera.name in known]
     weight = yield from part(_weights(gaussians, former_views, masks, rasterizer), 0, 2, STAGE)
     of_masks = [np.array([(d.group, d.runner_up) for d in edited.bank.log], np.int64).ravel()]
     held = edited.bank.shared[:, 1]

@@ -25,7 +25,7 @@ from gaga_core.io.cameras.given import GivenPose, GivenPoses
 from gaga_core.io.cameras.poses import find_poses, read_poses
 from gaga_core.io.depth_maps import read_depth, write_scene_depth
 from gaga_core.io.files import atomic_write, explain_os_error, is_link, refuse_links
-from gaga_core.io.folder.lock import OWNER, note_owner
+from gaga_core.io.folder.lock import forget_owner, note_owner
 from gaga_core.io.folder.scene_folder import (
     SceneFolder,
     World,
@@ -396,7 +396,7 @@ def place_photos(
     except OSError as error:
         raise GagaError(explain_os_error(error, scene)) from error
     finally:
-        (workspace / OWNER).unlink(missing_ok=True)
+        forget_owner(workspace)
         if not (workspace / "photos.json").is_file():
             shutil.rmtree(workspace, ignore_errors=True)
             if not existed and scene.is_dir() and not any(scene.iterdir()):

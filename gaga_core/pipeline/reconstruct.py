@@ -26,7 +26,7 @@ from gaga_core.io.cameras.cameras_json import write_cameras_json
 from gaga_core.io.cameras.colmap import read_colmap
 from gaga_core.io.cameras.poses import find_poses
 from gaga_core.io.files import atomic_write, explain_os_error
-from gaga_core.io.folder.lock import OWNER, note_owner, working_in
+from gaga_core.io.folder.lock import forget_owner, note_owner, working_in
 from gaga_core.io.folder.scene_folder import (
     WORLD,
     SceneFolder,
@@ -270,7 +270,7 @@ def _tidied(workspace: Path) -> Iterator[None]:
     except OSError as error:
         raise GagaError(explain_os_error(error, workspace.parent)) from error
     finally:
-        (workspace / OWNER).unlink(missing_ok=True)
+        forget_owner(workspace)
         if workspace.is_dir() and {path.name for path in workspace.iterdir()} <= {SETTINGS}:
             shutil.rmtree(workspace, ignore_errors=True)
 

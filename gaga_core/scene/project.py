@@ -837,9 +837,9 @@ def save_project(
     """
     target = Path(path or project.saves_to)
     target = target.parent if target.name == PROJECT_FILE else target
-    own = {project.saves_to.resolve(), project.first_path.resolve()}
-    is_own = target.resolve() in own
-    if not (is_own or overwrites or saved_scene(target)) and _holds_files(target):
+    is_own = target.resolve() == project.saves_to.resolve()
+    may_hold = is_own or overwrites or target.resolve() == project.first_path.resolve()
+    if not (may_hold or saved_scene(target)) and _holds_files(target):
         raise GagaError(
             f"{target} holds other files, and would open as this project. Choose a new folder, or "
             "an empty one."

@@ -31,7 +31,7 @@ from gaga_core.export.options import ExportOptions, PageContent
 from gaga_core.export.page import content_of
 from gaga_core.export.simulation.export import SimulationExport, unit_sentence
 from gaga_core.export.solids import MOST_OVER
-from gaga_core.io.files import explain_os_error, safe_name
+from gaga_core.io.files import explain_os_error, is_file, safe_name
 from gaga_core.io.meshes import MeshFile
 from gaga_core.io.splats.splat_files import SplatFormat, form_of
 from gaga_core.io.video import video_suffix
@@ -335,12 +335,18 @@ def export(
 
 
 def why_not_there(session: Session, path: Path) -> str:
-    """Why nothing may be exported to ``path``; empty when it may."""
-    try:
-        require_other_file(session.need().project, path)
-    except GagaError as error:
-        return str(error)
-    return ""
+    """Why nothing may be exported to ``path``; empty when it may. Looked for once."""
+    document = session.need()
+
+    def find() -> str:
+        try:
+            require_other_file(document.project, path)
+        except GagaError as error:
+            return str(error)
+        return ""
+
+    stamp = path.stat().st_mtime_ns if is_file(path) else 0
+    return document.read.once("why not there", (path, stamp, document.project.path), find)
 
 
 def start_export(session: Session, path: Path, stage: Stage[str]) -> None:
@@ -450,6 +456,7 @@ def photos_of(session: Session, views: str) -> tuple[str, ...]:
 def export_photo_film(session: Session, target: Path, config: PhotoFilmConfig, views: str) -> bool:
     """Write a film through photos as a job: what is chosen of them left of a line."""
     video_suffix(target)
+    require_other_file(session.need().project, target)
     names = photos_of(session, views)
     stage = photo_film_stage(session.need().settled(), target, config, names)
     return session.jobs.start(

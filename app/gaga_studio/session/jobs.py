@@ -196,8 +196,8 @@ class JobRunner:
             self._next()
 
     def cancel(self) -> None:
-        """Ask the job to stop at its next step; everything stays as it was before it, which is said
-        when it has ended."""
+        """Ask the job to stop at its next step; all stays as it was before it, but for what one
+        that writes has written. That is said when it has ended."""
         worker = self._worker or self._saver
         if worker is not None:
             worker.says_cancelled = True

@@ -469,7 +469,7 @@ class Session:
             return False
         changed = document.changed_file()
         if changed is not None:
-            if document.project.path is not None:
+            if document.project.path is not None and not is_saved_still(document.project):
                 document.save_state.saved(None)  # what was saved cannot be opened any more
             error = ModelChangedError(changed)
             question = self._save_question(document, error, None, None, HowToSave())

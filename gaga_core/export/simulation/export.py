@@ -322,8 +322,11 @@ def sentences(world: World, how: str = HOW_TO_SCALE) -> tuple[str, ...]:
     return tuple(sentence for sentence in said if sentence)
 
 
-_FILES = {SimulatorForm.MJCF: "scene.xml", SimulatorForm.USD: "scene.usd"}
-_FILES[SimulatorForm.URDF] = "static.urdf"
+_FILES = {
+    SimulatorForm.MJCF: "scene.xml",
+    SimulatorForm.USD: "scene.usd",
+    SimulatorForm.URDF: "static.urdf",
+}
 
 
 def why_not_into(folder: Path, forms: Sequence[SimulatorForm]) -> str:
@@ -331,7 +334,8 @@ def why_not_into(folder: Path, forms: Sequence[SimulatorForm]) -> str:
     if (folder / MANIFEST).is_file():
         return ""
     taken = [name for name in map(_FILES.__getitem__, forms) if (folder / name).exists()]
-    taken += [name for name in ("meshes", "splats") if (folder / name).exists()]
+    folders = ("splats",) if set(forms) == {SimulatorForm.USD} else ("meshes", "splats")
+    taken += [name for name in folders if (folder / name).exists()]
     if not taken:
         return ""
     return f"{folder} holds {' and '.join(taken)} of something else. Choose another folder."

@@ -143,7 +143,16 @@ def working_in(folder: Path) -> Owner | None:
     owner, me = owner_of(folder), _me()
     if owner is None or owner.host != me.host or owner.pid == me.pid:
         return None
-    return owner if is_running(owner.pid, (folder / OWNER).stat().st_mtime) else None
+    with suppress(OSError):  # it has just ended
+        return owner if is_running(owner.pid, (folder / OWNER).stat().st_mtime) else None
+    return None
+
+
+def forget_owner(folder: Path) -> None:
+    """Take back what `note_owner` said."""
+    if owner_of(folder) == _me():
+        with suppress(OSError):  # a disk that cannot be written
+            (folder / OWNER).unlink()
 
 
 def is_running(pid: int, noted_at: float) -> bool:

@@ -42,7 +42,8 @@ WORLD = "world.json"  # in gaga/
 FOREGROUND = "foreground"  # folder of a scene: masks of the object
 
 
-GIVEN = ("images", "masks", "gt", "depth", "sparse", "split.json")  # what was not made here
+# Of a scene folder: photos and what other programs, or a placement, made of them.
+GIVEN = ("input", "images", "foreground", "masks", "gt", "depth", "sparse", "split.json")
 
 
 @dataclass(frozen=True, eq=False)

@@ -115,7 +115,7 @@ def delete(scene: Scene, indices: AnyArray, title: str = "Delete") -> FlipState 
 
 
 def restore(scene: Scene, title: str = "Restore deleted") -> FlipState | None:
-    """Bring back everything that was deleted."""
+    """Bring back everything that was deleted, merged splats included: what scripts do."""
     return set_state(scene, scene.has(State.DELETED), _NOTHING, State.DELETED, title)
 
 

@@ -61,11 +61,11 @@ def clearest_view(
     means = turned(gaussians.means[rows].astype(np.float64), world[:3, :3]) + world[:3, 3]
     finite = np.isfinite(means).all(axis=1)
     rows, sizes, means = rows[finite], sizes[finite], means[finite]
-    if len(rows) == 0:
+    size = float(np.linalg.norm(box[1] - box[0]))
+    if len(rows) == 0 or size == 0:
         return Clearest(0, 1.0, 0.0)
     middle, half = (box[0] + box[1]) / 2, _CORE * (box[1] - box[0]) / 2
     is_core: BoolArray = np.logical_and.reduce(np.abs(means - middle) <= half, axis=1)
-    size = float(np.linalg.norm(box[1] - box[0]))
     opacities = gaussians.opacities[rows].astype(np.float64)
     sample = _Sample(means, scale_of(world) * sizes, opacities, is_core, _BEHIND * size)
     cells = [round(_CELLS * float(np.linalg.norm(v.position - middle)) / size) for v in views]
@@ -88,7 +88,10 @@ def clearest_view_of(scene: Scene, indices: IntArray, views: Sequence[Camera]) -
     rows, sizes = (np.concatenate(found) for found in zip(*parts, strict=True))
     means = world_means(scene, rows).astype(np.float64)
     scale = scale_of(scene.frame.world)
-    size = float(np.linalg.norm(np.ptp(means[is_of[rows]], axis=0))) if len(indices) else 0.0
+    own = means[is_of[rows]]
+    if len(own) == 0:  # hidden, or too faint
+        return 0
+    size = float(np.linalg.norm(np.ptp(own, axis=0)))
     opacities = splats.opacities[rows].astype(np.float64)
     sample = _Sample(means, scale * sizes, opacities, is_of[rows], _BEHIND * size)
     shown = [_shown(sample, view.at_most(_ROUGH))[0] for view in views]
@@ -97,7 +100,8 @@ def clearest_view_of(scene: Scene, indices: IntArray, views: Sequence[Camera]) -
 
 
 def _sampled(splats: Gaussians, chosen: BoolArray) -> tuple[IntArray, DoubleArray]:
-    """Some of the ``chosen`` splats (N,), and their middle standard deviations."""
+    """Some of the ``chosen`` splats (N,), and their middle standard deviations, enlarged: fewer
+    splats cover as much."""
     all_rows = np.flatnonzero(chosen).astype(np.int32)
     rows = all_rows[:: max(1, len(all_rows) // _SAMPLE)]
     middle = np.sort(splats.log_scales[rows], axis=1)[:, 1].astype(np.float64)

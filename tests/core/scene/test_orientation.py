@@ -274,3 +274,8 @@ def test_an_object_is_looked_at_from_where_nothing_hides_it(turn: int) -> None:
     assert clearest_view_of(scene, indices, views[chosen:]) == 0, "what shows it stays"
     scene.state[300:] = State.HIDDEN
     assert clearest_view_of(scene, indices, views) == 0, "what is hidden hides nothing"
+    scene.state[:] = State.HIDDEN
+    assert clearest_view_of(scene, indices, views) == 0, "nor is it seen itself"
+    one = Scene.of(splats.take(np.array([0])))
+    lo = hi = splats.means[0].astype(np.float64)
+    assert clearest_view(one, (lo, hi), views).number == 0, "one splat has no size"
