@@ -387,7 +387,7 @@ def _free_ids(scene: Scene, levels: Levels, parts: LongArray) -> IntArray:
     """Ids (P,) of new groups: the parts' own ids of the levels where no group has them, so that
     names stay when the level of detail of all changes later."""
     order = scene.folders
-    taken = {*np.unique(scene.labels).tolist(), *order.home, *order.parent}
+    taken = {*np.unique(scene.labels).tolist(), *scene.names, *order.home, *order.parent}
     taken |= {*order.parent.values()}
     top = free_group(scene)
     ids = []
