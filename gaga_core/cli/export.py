@@ -168,8 +168,7 @@ class ExportCommand:
         except GagaError:  # it ends in nothing that is known
             return form
         # A compressed .ply is a .ply, and both versions of .spz have one ending.
-        ends = form.suffix.endswith(named.suffix)
-        if named is not form and not ends:
+        if not form.suffix.endswith(named.suffix):
             raise SwitchError(
                 f"--form {self.form} does not go with the name {self.out.name}. Leave it out, or "
                 "choose another name."

@@ -26,7 +26,9 @@ from gaga_core.masks import MaskSet, resize_labels
 from gaga_core.progress import Stage
 from gaga_core.raster.base import Rasterizer, SpatialChunks
 
-LARGEST = 1600  # pixels: masks are made of photos of this size, and larger views tell no more
+# Pixels: at this size masks are made by default (`pipeline.settings`); depths in between tell no
+# more, and finer masks of other programs are taken at it.
+LARGEST = 1600
 
 
 def views_as_masked(

@@ -13,7 +13,7 @@ from gaga_core.gaussians import Gaussians
 from gaga_core.grouping.bank_file import read_groups
 from gaga_core.grouping.votes import splat_groups
 from gaga_core.identity.field import encoding_colors
-from gaga_core.io.folder.scene_folder import GIVEN, SceneFolder, read_model, select_views
+from gaga_core.io.folder.scene_folder import SCENE_INPUTS, SceneFolder, read_model, select_views
 from gaga_core.io.folder.staging import publish_all, staging_folder
 from gaga_core.io.images import write_rgb
 from gaga_core.io.masks.label_maps import view_keys, write_labels
@@ -107,7 +107,7 @@ def _paint_views(
 def _require_apart(folder: SceneFolder, out: Path) -> None:
     """Raise ``GagaError`` where files in ``out`` could replace what the scene was given."""
     target, root = out.resolve(), folder.root.resolve()
-    is_given = any(target.is_relative_to(root / name) for name in GIVEN)
+    is_given = any(target.is_relative_to(root / name) for name in SCENE_INPUTS)
     is_given = is_given and target.is_dir() and any(target.iterdir())
     of_photos = {path.parent for path in folder.image_paths.values()}
     if is_given or target in {parent.resolve() for parent in of_photos}:

@@ -40,7 +40,7 @@ from gaga_core.io.arrays_file import Column, checked, damage, read_arrays, read_
 from gaga_core.io.files import atomic_write, explain_os_error, fingerprint, is_file
 from gaga_core.io.folder.lock import lock_folder
 from gaga_core.io.folder.scene_folder import (
-    GIVEN,
+    SCENE_INPUTS,
     SceneFolder,
     is_scene_folder,
     open_scene_folder,
@@ -796,7 +796,7 @@ def require_other_file(project: Project, path: Path) -> None:
         return
     if any(is_file(file) and file.samefile(path) for file in files_read(project)):
         raise GagaError(f"This scene is read from {path}. Choose another name.")
-    given = [] if project.folder is None else [project.folder.root / name for name in GIVEN]
+    given = [] if project.folder is None else [project.folder.root / name for name in SCENE_INPUTS]
     if any(path.resolve().is_relative_to(part.resolve()) for part in given):
         raise GagaError(f"{path} belongs to this scene. Choose another place.")
     if is_file(path.parent / PROJECT_FILE):
@@ -965,10 +965,10 @@ def _model_of(file: Path, entry: FileEntry) -> Path:
     path, digest = _resolve(file.parent, entry.path), entry.fingerprint
     if not has_changed((path, digest)):
         return path
-    beside = file.parent / path.name  # where a later training put it aside with the project
-    if not is_file(path) and not is_file(beside) and (renamed := _renamed(path, digest)):
+    aside = file.parent / path.name  # where a later training puts it, with the project
+    if not is_file(path) and not is_file(aside) and (renamed := _renamed(path, digest)):
         return renamed
-    path = beside if is_file(beside) else path
+    path = aside if is_file(aside) else path
     if not is_file(path):
         raise GagaError(
             f"The splats of this project are gone: {path}. Put the file back, or open another one."

@@ -43,7 +43,7 @@ FOREGROUND = "foreground"  # folder of a scene: masks of the object
 
 
 # Of a scene folder: photos and what other programs, or a placement, made of them.
-GIVEN = ("input", "images", "foreground", "masks", "gt", "depth", "sparse", "split.json")
+SCENE_INPUTS = ("input", "images", "foreground", "masks", "gt", "depth", "sparse", "split.json")
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,6 +43,15 @@ def _edit_and_wait(session: Session) -> None:
     objects.delete(session)
 
 
+def _place_of_save(session: Session) -> Path:
+    """Save; where that is."""
+    session.save()
+    finish(session)
+    place = session.need().project.path
+    assert place is not None
+    return place
+
+
 def _saved(session: Session) -> Autosave:
     """Autosave once, as if the time had come."""
     autosave = Autosave(0.0)
@@ -118,10 +127,7 @@ def test_a_program_that_was_killed_or_has_the_number_of_another_does_not_run(
 def test_edits_of_a_crashed_program_come_back_unsaved(
     associated: Session, new_session: Callable[[], Session]
 ) -> None:
-    associated.save()
-    finish(associated)
-    place = associated.need().project.path
-    assert place is not None
+    place = _place_of_save(associated)
     before = {p.name: p.read_bytes() for p in place.glob("*.json")}
     _edit_and_wait(associated)
     state = associated.need().scene.state.copy()
@@ -360,10 +366,7 @@ def test_a_recovery_record_of_an_older_version_is_read(
 def test_the_question_says_that_the_project_was_saved_since(
     associated: Session, new_session: Callable[[], Session]
 ) -> None:
-    associated.save()
-    finish(associated)
-    place = associated.need().project.path
-    assert place is not None
+    place = _place_of_save(associated)
     _edit_and_wait(associated)
     _saved(associated)
     _crash()

@@ -13,6 +13,7 @@ from gaga_studio.session.session import Session
 from gaga_studio.ui.chrome import command_buttons
 from gaga_studio.ui.kit import icons, theme, widgets
 from gaga_studio.ui.kit.modal import (
+    EDGE,
     QUESTION,
     begin_modal,
     body,
@@ -176,7 +177,7 @@ def _question(session: Session) -> None:
     choices = question.choices if question is not None else ()
     style = imgui.get_style()
     widths = [max(em(6), imgui.calc_text_size(c).x + 2 * style.frame_padding.x) for c in choices]
-    in_one_row = sum(widths) + len(widths) * style.item_spacing.x + 2 * em(1.1)
+    in_one_row = sum(widths) + len(widths) * style.item_spacing.x + 2 * em(EDGE)
     width = max(em(28), in_one_row)
     if not begin_modal(name, width, is_possible=question is not None) or question is None:
         return

@@ -16,6 +16,7 @@ _MODAL = (
     | imgui.WindowFlags_.no_move
 )
 QUESTION = "Question"  # the sheet that Escape answers instead of closing it
+EDGE = 1.1  # left and right of what a sheet holds, ems
 HIGH = 0.92  # of the window's height: the highest sheet
 
 
@@ -51,7 +52,7 @@ def begin_modal(
     imgui.set_next_window_size_constraints(ImVec2(fitting, 0), ImVec2(fitting, highest()))
     imgui.push_style_var(imgui.StyleVar_.window_rounding, theme.scaled(8))
     # Whole pixels: half of one is enough for a scroll bar.
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(round(em(1.1)), round(em(0.9))))
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(round(em(EDGE)), round(em(0.9))))
     is_open, _ = imgui.begin_popup_modal(name, None, _MODAL)
     imgui.pop_style_var(2)
     if is_open:
